@@ -1,0 +1,5 @@
+"""The messages between processes: name, version, fields, units; msgpack encode and decode."""
+
+from typing import Any
+
+Message = Any

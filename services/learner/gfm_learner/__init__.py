@@ -1,0 +1,1 @@
+"""Learns from replayed sequences and broadcasts the policy."""

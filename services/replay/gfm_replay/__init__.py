@@ -1,0 +1,1 @@
+"""Keeps sequences and hands out batches of them."""

@@ -1,0 +1,1 @@
+"""Stands between policies and the robot: commands in, observations and recordings out."""

@@ -1,0 +1,46 @@
+"""The values everyone speaks. NumPy only; no file, socket, clock or random state of its own."""
+
+from gfm.core.clock import Clock, ManualClock, MonotonicClock
+from gfm.core.errors import (
+    BadInputError,
+    ConfigError,
+    GfmError,
+    RecordingError,
+    RefusedError,
+    ShapeError,
+    StaleWeightsError,
+    UnknownNameError,
+    UnreachableError,
+    WireError,
+)
+from gfm.core.robot import Command, CommandKind, Observation
+from gfm.core.sequence import Batch, EnvironmentSpec, Sequence
+from gfm.core.status import Status
+from gfm.core.trajectory import ObjectTrack, Trajectory
+from gfm.core.weights import Weights
+
+__all__ = [
+    "BadInputError",
+    "Batch",
+    "Clock",
+    "Command",
+    "CommandKind",
+    "ConfigError",
+    "EnvironmentSpec",
+    "GfmError",
+    "ManualClock",
+    "MonotonicClock",
+    "ObjectTrack",
+    "Observation",
+    "RecordingError",
+    "RefusedError",
+    "Sequence",
+    "ShapeError",
+    "StaleWeightsError",
+    "Status",
+    "Trajectory",
+    "UnknownNameError",
+    "UnreachableError",
+    "Weights",
+    "WireError",
+]

@@ -1,0 +1,113 @@
+"""What actors send and the learner learns from.
+
+Shape letters: T transitions of a sequence, B sequences of a batch, O observation size, A action
+size.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gfm.core.checks import Array32, check_shapes
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvironmentSpec:
+    """What an environment takes and gives. Actions are in [-1, 1].
+
+    Attributes:
+        name: The environment's registered name.
+        observation_size: O.
+        action_size: A.
+    """
+
+    name: str
+    observation_size: int
+    action_size: int
+
+    @property
+    def digest(self) -> str:
+        """A short hash: two sides that compare it agree on what they exchange."""
+        text = f"{self.name}/{self.observation_size}/{self.action_size}"
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sequence:
+    """T consecutive transitions of one environment instance, never across a reset.
+
+    Attributes:
+        actor: Who made it.
+        epoch: Distinguishes lives of the same actor name (start time).
+        number: Counts the sequences of one actor and epoch from 0, so that gaps show.
+        weights_version: Version of the policy that acted.
+        spec_digest: EnvironmentSpec.digest of the environment.
+        observation: shape (T + 1, O).
+        action: In [-1, 1] up to exploration noise, as sampled, shape (T, A).
+        reward: shape (T,).
+        discount: 0 where the episode terminated, 1 elsewhere, also at a time limit, shape (T,).
+        log_prob: Of `action` under the policy that acted, shape (T,).
+    """
+
+    actor: str
+    epoch: int
+    number: int
+    weights_version: int
+    spec_digest: str
+    observation: Array32
+    action: Array32
+    reward: Array32
+    discount: Array32
+    log_prob: Array32
+
+    def __post_init__(self) -> None:
+        steps = len(self.reward)
+        check_shapes(
+            vars(self),
+            {
+                "observation": (steps + 1, *self.observation.shape[1:2]),
+                "action": (steps, *self.action.shape[1:2]),
+                "discount": (steps,),
+                "log_prob": (steps,),
+            },
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Batch:
+    """B sequences, sampled by the replay service.
+
+    Attributes:
+        spec_digest: EnvironmentSpec.digest that all of them carry.
+        weights_version: Version of the policy that acted, shape (B,).
+        observation: shape (B, T + 1, O).
+        action: shape (B, T, A).
+        reward: shape (B, T).
+        discount: shape (B, T).
+        log_prob: shape (B, T).
+    """
+
+    spec_digest: str
+    weights_version: NDArray[np.int64]
+    observation: Array32
+    action: Array32
+    reward: Array32
+    discount: Array32
+    log_prob: Array32
+
+    def __post_init__(self) -> None:
+        batch, steps = self.reward.shape
+        check_shapes(
+            vars(self),
+            {
+                "weights_version": (batch,),
+                "observation": (batch, steps + 1, *self.observation.shape[2:3]),
+                "action": (batch, steps, *self.action.shape[2:3]),
+                "discount": (batch, steps),
+                "log_prob": (batch, steps),
+            },
+        )

@@ -1,0 +1,110 @@
+"""One recording of one robot: what was commanded and what was measured, each with its stamps.
+
+Shape letters: T measurements, C commands, J joints, P object poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gfm.core.checks import Array, Stamps, check_shapes
+from gfm.core.robot import CommandKind
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectTrack:
+    """The recorded poses of a free object in the base frame.
+
+    Attributes:
+        stamp_ns: Measurement times, increasing, shape (P,).
+        position: m, shape (P, 3).
+        quaternion: w x y z, unit length, shape (P, 4).
+    """
+
+    stamp_ns: Stamps
+    position: Array
+    quaternion: Array
+
+    def __post_init__(self) -> None:
+        poses = len(self.stamp_ns)
+        check_shapes(
+            {"position": self.position, "quaternion": self.quaternion},
+            {"position": (poses, 3), "quaternion": (poses, 4)},
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectory:
+    """One recording: measured joint states and the commands that caused them.
+
+    Stamps are nanoseconds on one clock, strictly increasing within each stream. A command holds
+    from its stamp until the next one.
+
+    Attributes:
+        name: Where it came from, for messages and tables.
+        joint_names: The joints, in the order of every array.
+        stamp_ns: Measurement times, shape (T,).
+        position: rad, link side, shape (T, J).
+        velocity: rad/s, shape (T, J), or None where not recorded.
+        effort: Drive torque, N m, shape (T, J), or None where not recorded.
+        command_kind: What `command` is.
+        command_stamp_ns: When each command was issued, shape (C,).
+        command: Applied setpoints in rad, rad/s or N m, shape (C, J).
+        requested: What was asked for before any limit, shape (C, J), or None where the same.
+        servo_gain: Per joint, the factor by which this recording's servo gain differs from the
+            model's (a setting known to whoever recorded it), by joint name; absent means 1.
+        object_track: Poses of the free object, or None.
+        metadata: Whatever else the file said about itself.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    stamp_ns: Stamps
+    position: Array
+    velocity: Array | None
+    effort: Array | None
+    command_kind: CommandKind
+    command_stamp_ns: Stamps
+    command: Array
+    requested: Array | None = None
+    servo_gain: Mapping[str, float] = field(default_factory=dict)
+    object_track: ObjectTrack | None = None
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        states = (len(self.stamp_ns), len(self.joint_names))
+        commands = (len(self.command_stamp_ns), len(self.joint_names))
+        check_shapes(
+            {
+                "position": self.position,
+                "velocity": self.velocity,
+                "effort": self.effort,
+                "command": self.command,
+                "requested": self.requested,
+            },
+            {
+                "position": states,
+                "velocity": states,
+                "effort": states,
+                "command": commands,
+                "requested": commands,
+            },
+        )
+
+    @property
+    def time_s(self) -> Array:
+        """Measurement times in seconds since the first measurement, shape (T,)."""
+        return np.asarray((self.stamp_ns - self.stamp_ns[0]) * 1e-9)
+
+    @property
+    def command_time_s(self) -> Array:
+        """Command times in seconds since the first measurement, shape (C,)."""
+        return np.asarray((self.command_stamp_ns - self.stamp_ns[0]) * 1e-9)
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last measurement."""
+        return float(self.stamp_ns[-1] - self.stamp_ns[0]) * 1e-9

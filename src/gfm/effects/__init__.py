@@ -1,0 +1,1 @@
+"""One small class per physical law that a model may lack."""

@@ -1,0 +1,1 @@
+"""The learning problems, batched underneath and Gymnasium on top."""

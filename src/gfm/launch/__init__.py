@@ -1,0 +1,1 @@
+"""Starts, watches and stops the services as processes of this machine."""

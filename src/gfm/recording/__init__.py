@@ -1,0 +1,1 @@
+"""Recordings in and out: MCAP, and import from CSV and JSON."""

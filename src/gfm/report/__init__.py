@@ -1,0 +1,1 @@
+"""The diagnosis as one HTML file: pure functions from values to text."""

@@ -1,0 +1,1 @@
+"""Networks, MPO, Retrace: pure functions on tensors."""

@@ -1,0 +1,1 @@
+"""What every service process shares: settings, signals, the loop, and its status."""

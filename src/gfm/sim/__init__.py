@@ -1,0 +1,1 @@
+"""The Sawyer cell, and hybrid models stepped in batch."""

@@ -1,0 +1,1 @@
+"""One port for messages between processes, two adapters: zenoh and in-memory."""
