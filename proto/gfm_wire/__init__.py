@@ -1,5 +1,42 @@
 """The messages between processes: name, version, fields, units; msgpack encode and decode."""
 
-from typing import Any
+from gfm_wire.codec import MAX_BYTES, Stamp, decode, decode_stamped, encode
+from gfm_wire.control import (
+    Ack,
+    NotReady,
+    RecordDone,
+    RecordStart,
+    RecordStop,
+    Refusal,
+    RobotExchange,
+    RobotStates,
+    SampleRequest,
+    SequenceAck,
+    StatusRequest,
+    WeightsRequest,
+)
+from gfm_wire.kinds import Reason
+from gfm_wire.schemas import SCHEMAS, Message
 
-Message = Any
+__all__ = [
+    "MAX_BYTES",
+    "SCHEMAS",
+    "Ack",
+    "Message",
+    "NotReady",
+    "Reason",
+    "RecordDone",
+    "RecordStart",
+    "RecordStop",
+    "Refusal",
+    "RobotExchange",
+    "RobotStates",
+    "SampleRequest",
+    "SequenceAck",
+    "Stamp",
+    "StatusRequest",
+    "WeightsRequest",
+    "decode",
+    "decode_stamped",
+    "encode",
+]

@@ -1,0 +1,138 @@
+"""The small messages that ask, acknowledge and refuse; values of `gfm.core` carry the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from gfm.core import Command, Observation
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ack:
+    """Done; there is nothing more to say."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Refusal:
+    """No.
+
+    Attributes:
+        reason: Why, in words that a person can act on.
+    """
+
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class NotReady:
+    """Not yet: ask again later.
+
+    Attributes:
+        reason: What is being waited for, in words.
+        inserted: Sequences that have been accepted so far.
+        needed: Sequences that must have been accepted before the answer is yes.
+    """
+
+    reason: str
+    inserted: int = 0
+    needed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceAck:
+    """What the replay service has from one life of one actor.
+
+    Attributes:
+        actor: Sequence.actor of the acknowledged sequence.
+        epoch: Sequence.epoch of the acknowledged sequence.
+        cursor: Every sequence with a number below this one has arrived; never goes backwards.
+    """
+
+    actor: str
+    epoch: int
+    cursor: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleRequest:
+    """Asks the replay service for a batch.
+
+    Attributes:
+        batch_size: Sequences wanted, at least 1.
+        spec_digest: EnvironmentSpec.digest that the asker learns for; empty takes any.
+    """
+
+    batch_size: int
+    spec_digest: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WeightsRequest:
+    """Asks the learner for its current weights: how late joiners catch up.
+
+    Attributes:
+        spec_digest: EnvironmentSpec.digest that the asker acts in; empty takes any.
+    """
+
+    spec_digest: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatusRequest:
+    """Asks a service how it is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordStart:
+    """Asks the robot bridge to begin a recording.
+
+    Attributes:
+        name: The recording's name; not a path: the bridge alone knows its folder.
+        metadata: Whatever else the file shall say about itself.
+    """
+
+    name: str
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordStop:
+    """Asks the robot bridge to finish the recording that is under way."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordDone:
+    """A recording that lies finished on the bridge's disk.
+
+    Attributes:
+        path: Where the file is, as seen by the bridge.
+        ticks: Observations in it.
+    """
+
+    path: str
+    ticks: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotExchange:
+    """Tells the simulated robot what to do, and for how long.
+
+    Attributes:
+        command: What to do from now on; None leaves the command in force.
+        advance_ns: Robot time to pass before the answer, at least 0.
+    """
+
+    command: Command | None
+    advance_ns: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotStates:
+    """What the simulated robot's sensors reported in the time that passed.
+
+    Attributes:
+        states: Oldest first; the last is the current one.
+    """
+
+    states: tuple[Observation, ...]

@@ -1,0 +1,157 @@
+"""Every message: one declaration from which packing, checking and the reference page follow.
+
+Shape letters: T transitions, B sequences, O observation size, A action size, J joints.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gfm.core import Batch, Command, CommandKind, Observation, Sequence, Status, Weights
+from gfm_wire.control import (
+    Ack,
+    NotReady,
+    RecordDone,
+    RecordStart,
+    RecordStop,
+    Refusal,
+    RobotExchange,
+    RobotStates,
+    SampleRequest,
+    SequenceAck,
+    StatusRequest,
+    WeightsRequest,
+)
+from gfm_wire.kinds import Array, Choice, Integer, ListOf, MapOf, Number, Optional, Text
+from gfm_wire.schema import Schema
+
+Message = (
+    Ack
+    | Batch
+    | Command
+    | NotReady
+    | Observation
+    | RecordDone
+    | RecordStart
+    | RecordStop
+    | Refusal
+    | RobotExchange
+    | RobotStates
+    | SampleRequest
+    | Sequence
+    | SequenceAck
+    | Status
+    | StatusRequest
+    | Weights
+    | WeightsRequest
+)
+"""Whatever may cross a process."""
+
+TEXT = Text()
+COUNT = Integer(least=0)
+STAMP = Integer()
+
+JOINTS = Array("<f8", "J")
+
+SEQUENCE = Schema(
+    Sequence,
+    1,
+    {
+        "actor": TEXT,
+        "epoch": COUNT,
+        "number": COUNT,
+        "weights_version": STAMP,
+        "spec_digest": TEXT,
+        "observation": Array("<f4", "T+1 O"),
+        "action": Array("<f4", "T A"),
+        "reward": Array("<f4", "T"),
+        "discount": Array("<f4", "T"),
+        "log_prob": Array("<f4", "T"),
+    },
+)
+BATCH = Schema(
+    Batch,
+    1,
+    {
+        "spec_digest": TEXT,
+        "weights_version": Array("<i8", "B"),
+        "observation": Array("<f4", "B T+1 O"),
+        "action": Array("<f4", "B T A"),
+        "reward": Array("<f4", "B T"),
+        "discount": Array("<f4", "B T"),
+        "log_prob": Array("<f4", "B T"),
+    },
+)
+WEIGHTS = Schema(
+    Weights,
+    1,
+    {
+        "version": COUNT,
+        "created_ns": STAMP,
+        "spec_digest": TEXT,
+        "tensors": MapOf(Array("<f4", None)),
+    },
+)
+COMMAND = Schema(
+    Command,
+    1,
+    {
+        "kind": Choice(CommandKind),
+        "joint_names": ListOf(TEXT),
+        "values": JOINTS,
+        "stamp_ns": STAMP,
+        "number": COUNT,
+    },
+)
+OBSERVATION = Schema(
+    Observation,
+    1,
+    {
+        "joint_names": ListOf(TEXT),
+        "position": JOINTS,
+        "velocity": JOINTS,
+        "effort": JOINTS,
+        "stamp_ns": STAMP,
+        "received_ns": STAMP,
+        "applied": Optional(COMMAND),
+        "reason": COUNT,
+        "object_position": Optional(Array("<f8", "3")),
+        "object_quaternion": Optional(Array("<f8", "4")),
+    },
+)
+STATUS = Schema(
+    Status,
+    1,
+    {
+        "role": TEXT,
+        "name": TEXT,
+        "pid": COUNT,
+        "host": TEXT,
+        "counters": MapOf(COUNT),
+        "gauges": MapOf(Number()),
+        "note": TEXT,
+    },
+)
+CONTROL = (
+    Schema(Ack, 1, {}),
+    Schema(Refusal, 1, {"reason": TEXT}),
+    Schema(NotReady, 1, {"reason": TEXT, "inserted": COUNT, "needed": COUNT}),
+    Schema(SequenceAck, 1, {"actor": TEXT, "epoch": COUNT, "cursor": COUNT}),
+    Schema(SampleRequest, 1, {"batch_size": Integer(least=1), "spec_digest": TEXT}),
+    Schema(WeightsRequest, 1, {"spec_digest": TEXT}),
+    Schema(StatusRequest, 1, {}),
+    Schema(RecordStart, 1, {"name": TEXT, "metadata": MapOf(TEXT)}),
+    Schema(RecordStop, 1, {}),
+    Schema(RecordDone, 1, {"path": TEXT, "ticks": COUNT}),
+    Schema(RobotExchange, 1, {"command": Optional(COMMAND), "advance_ns": COUNT}),
+    Schema(RobotStates, 1, {"states": ListOf(OBSERVATION)}),
+)
+SCHEMAS: tuple[Schema[Any], ...] = (
+    SEQUENCE,
+    BATCH,
+    WEIGHTS,
+    COMMAND,
+    OBSERVATION,
+    STATUS,
+    *CONTROL,
+)
