@@ -1,1 +1,6 @@
 """Recordings in and out: MCAP, and import from CSV and JSON."""
+
+from gfm.recording.reader import read_recording
+from gfm.recording.writer import RecordingWriter, write_recording
+
+__all__ = ["RecordingWriter", "read_recording", "write_recording"]

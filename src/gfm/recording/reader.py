@@ -1,0 +1,171 @@
+"""Reads a recording, and refuses whatever a diagnosis could not trust."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gfm.core import ObjectTrack, RecordingError, Trajectory
+from gfm.recording import schemas
+from gfm.recording.mcap_file import McapContent, read_mcap
+from gfm.recording.streams import JointStream, joint_stream, one_clock, stamps_of
+
+#: Fewer measurements than this say nothing about dynamics.
+MIN_STATES = 10
+_QUATERNION_TOLERANCE = 1e-3
+
+
+def read_recording(
+    path: Path | str,
+    *,
+    joint_states: str = schemas.JOINT_STATES,
+    command: str = schemas.COMMAND,
+    salvage: bool = False,
+) -> Trajectory:
+    """Returns what one MCAP file recorded, checked.
+
+    Joints are ordered as the joint states name them first. A measured joint that is never
+    commanded gets the command 0 and is listed under "uncommanded_joints" in the metadata.
+
+    Args:
+        path: The file.
+        joint_states: Topic of the measurements.
+        command: Topic of the applied commands.
+        salvage: Read a file that was cut off up to the cut, instead of refusing it.
+
+    Raises:
+        RecordingError: with the file, the topic, the field and what was expected.
+    """
+    path = Path(path)
+    requested = f"{command}_requested"
+    joint_topics = (joint_states, command, requested)
+    types = dict.fromkeys(joint_topics, schemas.JOINT_STATE_TYPE)
+    content = read_mcap(path, types | {schemas.OBJECT_POSE: schemas.POSE_TYPE})
+    if not (content.complete or salvage):
+        raise _cut_off(path, content, joint_states)
+    states = joint_stream(path, joint_states, _messages(path, content, joint_states))
+    if len(states.stamp_ns) < MIN_STATES:
+        where, got = f"{path}: topic {joint_states}", f"only {len(states.stamp_ns)} messages"
+        raise RecordingError(where, got, f"at least {MIN_STATES}")
+    commands = joint_stream(path, command, _messages(path, content, command))
+    one_clock(path, states, commands)
+    return _trajectory(path, content, states, commands, _requested(path, content, commands))
+
+
+def _messages(path: Path, content: McapContent, topic: str) -> list[Any]:
+    messages = content.messages.get(topic)
+    if messages:
+        return messages
+    there = ", ".join(f"{t} ({kind})" for t, kind in sorted(content.topics.items())) or "none"
+    problem = "has no messages" if topic in content.topics else "is missing"
+    expected = f"{schemas.JOINT_STATE_TYPE} under that name; topics in the file: {there}"
+    raise RecordingError(f"{path}: topic {topic}", problem, expected)
+
+
+def _cut_off(path: Path, content: McapContent, topic: str) -> RecordingError:
+    count = len(content.messages.get(topic, ()))
+    problem = f"cut off or damaged after {count} messages on {topic}"
+    expected = (
+        "MCAP's closing record (is it still being written? "
+        "`gfm import FILE --out DIR` saves what is readable)"
+    )
+    return RecordingError(str(path), problem, expected)
+
+
+def _requested(path: Path, content: McapContent, applied: JointStream) -> JointStream | None:
+    """Returns the requested commands; a file that was cut may lack the last one."""
+    topic = f"{applied.topic}_requested"
+    messages = content.messages.get(topic)
+    if not messages:
+        return None
+    if not content.complete:
+        messages = messages[: len(applied.stamp_ns)]
+    requested = joint_stream(path, topic, messages, finite=False)
+    count = len(requested.stamp_ns)
+    if content.complete and not np.array_equal(requested.stamp_ns, applied.stamp_ns):
+        expected = f"one message for each on {applied.topic}, with the same stamp"
+        raise RecordingError(f"{path}: topic {topic}", f"{count} messages", expected)
+    return requested if count == len(applied.stamp_ns) else None
+
+
+def _trajectory(
+    path: Path,
+    content: McapContent,
+    states: JointStream,
+    commands: JointStream,
+    requested: JointStream | None,
+) -> Trajectory:
+    unknown = [name for name in commands.joint_names if name not in states.joint_names]
+    if unknown:
+        where = f"{path}: topic {commands.topic}: field name"
+        raise RecordingError(
+            where,
+            f"commands joint {', '.join(unknown)}",
+            f"joints measured on {states.topic}: {', '.join(states.joint_names)}",
+        )
+    passive = [name for name in states.joint_names if name not in commands.joint_names]
+    metadata = _metadata(content)
+    if passive:
+        metadata["uncommanded_joints"] = ", ".join(passive)
+    kind = commands.setpoint_kind()
+    position = states.fields.get("position")
+    if position is None:
+        raise RecordingError(f"{path}: topic {states.topic}: position", "is empty", "rad per joint")
+    return Trajectory(
+        name=path.name.removesuffix(".part").removesuffix(".mcap"),
+        joint_names=states.joint_names,
+        stamp_ns=states.stamp_ns,
+        position=position,
+        velocity=states.fields.get("velocity"),
+        effort=states.fields.get("effort"),
+        command_kind=kind,
+        command_stamp_ns=commands.stamp_ns,
+        command=commands.ordered(kind, states.joint_names),
+        requested=None if requested is None else requested.ordered(kind, states.joint_names),
+        servo_gain=_servo_gain(path, content.metadata.get(schemas.SERVO_GAIN_RECORD, {})),
+        object_track=_object_track(path, content.messages.get(schemas.OBJECT_POSE, [])),
+        metadata=metadata,
+    )
+
+
+def _metadata(content: McapContent) -> dict[str, str]:
+    """Returns all metadata records as one; those that are not ours keep their name as prefix."""
+    flat: dict[str, str] = {}
+    for record, entries in content.metadata.items():
+        prefix = "" if record == schemas.ABOUT_RECORD else f"{record}."
+        if record != schemas.SERVO_GAIN_RECORD:
+            flat |= {f"{prefix}{key}": value for key, value in entries.items()}
+    return flat
+
+
+def _servo_gain(path: Path, entries: Mapping[str, str]) -> dict[str, float]:
+    gains: dict[str, float] = {}
+    for joint, text in entries.items():
+        try:
+            gains[joint] = float(text)
+        except ValueError:
+            gains[joint] = np.nan
+        if not 0.0 < gains[joint] < np.inf:
+            where = f"{path}: metadata {schemas.SERVO_GAIN_RECORD}: {joint}"
+            raise RecordingError(where, f"is {text!r}", "a positive number")
+    return gains
+
+
+def _object_track(path: Path, messages: list[Any]) -> ObjectTrack | None:
+    if not messages:
+        return None
+    where = f"{path}: topic {schemas.OBJECT_POSE}"
+    poses = [message.pose for message in messages]
+    position = np.array([[p.position.x, p.position.y, p.position.z] for p in poses])
+    turns = [pose.orientation for pose in poses]
+    quaternion = np.array([[turn.w, turn.x, turn.y, turn.z] for turn in turns])
+    norm = np.linalg.norm(quaternion, axis=1, keepdims=True)
+    if not (np.isfinite(position).all() and (abs(norm - 1.0) < _QUATERNION_TOLERANCE).all()):
+        raise RecordingError(
+            where, "a position that is not finite or a quaternion not of length 1", "valid poses"
+        )
+    stamp_ns = stamps_of(where, messages)
+    return ObjectTrack(stamp_ns=stamp_ns, position=position, quaternion=quaternion / norm)

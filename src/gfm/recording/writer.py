@@ -1,0 +1,189 @@
+"""Writes recordings: MCAP, profile `ros2`, cdr + ros2msg, readable after the writer was killed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self, final
+
+import mcap_ros2.writer
+import numpy as np
+from mcap.records import Schema
+from numpy.typing import NDArray
+
+from gfm.core import Command, CommandKind, Trajectory
+from gfm.core.checks import Array
+from gfm.recording import schemas
+
+#: A chunk reaches the disk when it is full: 8 KiB are some 0.1 s of an arm at 100 Hz, and 2 s of
+#: one joint at 20 Hz. What a killed writer loses is the chunk it had not filled.
+_CHUNK_BYTES = 8 * 1024
+_SECOND_NS = 1_000_000_000
+
+
+@final
+class RecordingWriter:
+    """Writes one recording to `PATH.part` and gives it its name when it is complete.
+
+    A context that ends with an error leaves the `.part`: whatever was recorded is in it.
+
+    Args:
+        path: The file to make, by habit `NAME.mcap`; its folder is made too.
+        about: What the recording says about itself (run, software, versions ...).
+        servo_gain: Factors on the model's servo gains by joint, see `gfm.core.Trajectory`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        about: Mapping[str, str] | None = None,
+        servo_gain: Mapping[str, float] | None = None,
+    ) -> None:
+        self.path = path
+        self._part = path.with_name(path.name + ".part")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = self._part.open("wb")
+        self._writer = mcap_ros2.writer.Writer(self._file, chunk_size=_CHUNK_BYTES)
+        joint_state, pose = schemas.JOINT_STATE_TYPE, schemas.POSE_TYPE
+        self._joint_state = self._writer.register_msgdef(joint_state, schemas.JOINT_STATE)
+        self._pose = self._writer.register_msgdef(pose, schemas.POSE)
+        self._writer.add_metadata(schemas.ABOUT_RECORD, dict(about or {}))
+        if servo_gain:
+            gains = {joint: repr(float(gain)) for joint, gain in servo_gain.items()}
+            self._writer.add_metadata(schemas.SERVO_GAIN_RECORD, gains)
+        self._file.flush()
+
+    def write_state(
+        self,
+        stamp_ns: int,
+        joint_names: Sequence[str],
+        position: Array,
+        velocity: Array | None = None,
+        effort: Array | None = None,
+    ) -> None:
+        """Writes one measurement: rad, rad/s, N m, each of shape (J,)."""
+        fields = {"position": position, "velocity": velocity, "effort": effort}
+        self._write_joints(schemas.JOINT_STATES, stamp_ns, joint_names, fields)
+
+    def write_command(self, applied: Command) -> None:
+        """Writes the command that the robot was told; its stamp is when it took effect."""
+        self._write_setpoint(schemas.COMMAND, applied)
+
+    def write_requested(self, requested: Command) -> None:
+        """Writes what was asked for before any limit, under the stamp of what was applied."""
+        self._write_setpoint(schemas.REQUESTED, requested)
+
+    def write_object_pose(self, stamp_ns: int, position: Array, quaternion: Array) -> None:
+        """Writes one pose in the base frame: m, shape (3,); w x y z, shape (4,)."""
+        w, x, y, z = quaternion.tolist()
+        pose = {
+            "position": dict(zip("xyz", position.tolist(), strict=True)),
+            "orientation": {"x": x, "y": y, "z": z, "w": w},
+        }
+        message = {"header": _header(stamp_ns, "base"), "pose": pose}
+        self._write(schemas.OBJECT_POSE, self._pose, message, stamp_ns)
+
+    def close(self) -> None:
+        """Completes the file and gives it its name."""
+        self._finish()
+        self._part.replace(self.path)
+
+    def discard(self) -> None:
+        """Removes what was written."""
+        self._finish()
+        self._part.unlink()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self._finish()
+
+    def _finish(self) -> None:
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._file.close()
+
+    def _write_setpoint(self, topic: str, command: Command) -> None:
+        fields = {str(command.kind): command.values}
+        self._write_joints(topic, command.stamp_ns, command.joint_names, fields)
+
+    def _write_joints(
+        self,
+        topic: str,
+        stamp_ns: int,
+        joint_names: Sequence[str],
+        fields: Mapping[str, Array | None],
+    ) -> None:
+        message: dict[str, object] = {"header": _header(stamp_ns), "name": list(joint_names)}
+        for kind in CommandKind:
+            values = fields.get(kind)
+            message[kind] = [] if values is None else values.tolist()
+        self._write(topic, self._joint_state, message, stamp_ns)
+
+    def _write(self, topic: str, schema: Schema, message: object, stamp_ns: int) -> None:
+        self._writer.write_message(topic, schema, message, log_time=stamp_ns)
+        self._file.flush()
+
+
+def write_recording(path: Path, trajectory: Trajectory) -> None:
+    """Writes a whole trajectory; where that fails, nothing is left behind."""
+    about, gain = trajectory.metadata, trajectory.servo_gain
+    writer = RecordingWriter(path, about=about, servo_gain=gain)
+    try:
+        for stream, index in _in_time_order(trajectory):
+            _write_sample(writer, trajectory, stream, index)
+    except BaseException:
+        writer.discard()
+        raise
+    writer.close()
+
+
+def _in_time_order(trajectory: Trajectory) -> Iterator[tuple[int, int]]:
+    """Yields (stream, index) by stamp; at equal stamps the command comes first."""
+    track = trajectory.object_track
+    stamps: list[NDArray[np.int64]] = [trajectory.command_stamp_ns, trajectory.stamp_ns]
+    stamps += [] if track is None else [track.stamp_ns]
+    stream = np.concatenate([np.full(len(s), i) for i, s in enumerate(stamps)])
+    index = np.concatenate([np.arange(len(s)) for s in stamps])
+    order = np.argsort(np.concatenate(stamps), kind="stable")
+    yield from zip(stream[order].tolist(), index[order].tolist(), strict=True)
+
+
+def _write_sample(writer: RecordingWriter, trajectory: Trajectory, stream: int, i: int) -> None:
+    if stream == 0:
+        writer.write_command(_command(trajectory, trajectory.command, i))
+        if trajectory.requested is not None:
+            writer.write_requested(_command(trajectory, trajectory.requested, i))
+    elif stream == 1:
+        velocity = None if trajectory.velocity is None else trajectory.velocity[i]
+        effort = None if trajectory.effort is None else trajectory.effort[i]
+        stamp_ns, names = int(trajectory.stamp_ns[i]), trajectory.joint_names
+        writer.write_state(stamp_ns, names, trajectory.position[i], velocity, effort)
+    elif trajectory.object_track is not None:
+        track = trajectory.object_track
+        writer.write_object_pose(int(track.stamp_ns[i]), track.position[i], track.quaternion[i])
+
+
+def _command(trajectory: Trajectory, values: Array, i: int) -> Command:
+    return Command(
+        kind=trajectory.command_kind,
+        joint_names=trajectory.joint_names,
+        values=values[i],
+        stamp_ns=int(trajectory.command_stamp_ns[i]),
+        number=i,
+    )
+
+
+def _header(stamp_ns: int, frame_id: str = "") -> dict[str, object]:
+    seconds, nanoseconds = divmod(stamp_ns, _SECOND_NS)
+    return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}
