@@ -205,9 +205,13 @@ class Array(Kind[NDArray[Any]]):
         if not isinstance(body, list) or not all(type(size) is int for size in body):
             raise wrong_type(f"{where}.shape", body, "a list of integers")
         if self.letters is not None and len(body) != len(self.letters.split()):
-            raise WireError(Reason.SHAPE, f"{where} has shape {body}, expected {self._dimensions}")
+            raise WireError(
+                Reason.SHAPE, f"{where} has shape {body!r:.60}, expected {self._dimensions}"
+            )
         if not all(0 <= size <= INT64_MAX for size in body):
-            raise WireError(Reason.SHAPE, f"{where} has shape {body}, expected sizes of at least 0")
+            raise WireError(
+                Reason.SHAPE, f"{where} has shape {body!r:.60}, expected sizes of at least 0"
+            )
         return tuple(body)
 
     def _filled(self, data: bytes, shape: tuple[int, ...], where: str) -> NDArray[Any]:

@@ -1,1 +1,16 @@
 """One port for messages between processes, two adapters: zenoh and in-memory."""
+
+from gfm.transport.memory import MemoryHub, MemoryTransport
+from gfm.transport.port import PendingReply, Request, Server, Subscription, Transport
+from gfm.transport.zenoh import ZenohTransport
+
+__all__ = [
+    "MemoryHub",
+    "MemoryTransport",
+    "PendingReply",
+    "Request",
+    "Server",
+    "Subscription",
+    "Transport",
+    "ZenohTransport",
+]

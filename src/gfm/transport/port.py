@@ -37,7 +37,7 @@ class PendingReply(ABC):
 
         Raises:
             UnreachableError: the deadline passed, or the other side went away.
-            RefusedError: the other side said no.
+            RefusedError: the other side said no, or its answer cannot be understood.
         """
 
 
@@ -71,7 +71,7 @@ class Transport(ABC):
 
     @abstractmethod
     def publish(self, key: str, message: Message) -> None:
-        """Broadcasts; a receiver that does not keep up loses old messages, never the sender time."""
+        """Broadcasts; a receiver that does not keep up loses old messages, the sender no time."""
 
     @abstractmethod
     def subscribe(self, key: str, *, keep: int = 1) -> Subscription:

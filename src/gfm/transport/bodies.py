@@ -1,0 +1,65 @@
+"""What every adapter does alike: stamp and encode, decode and count what is refused."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter, defaultdict
+from typing import final
+
+from gfm.core import RefusedError, WireError
+from gfm_wire import MAX_BYTES, Message, Refusal, Stamp, decode_stamped, encode
+
+QUEUED_REQUESTS = 1024
+"""Questions that wait at one server; beyond that the oldest one is given up."""
+
+LONGEST_REASON = 1000
+"""Characters of a refusal that are sent."""
+
+_log = logging.getLogger(__name__)
+
+
+@final
+class Bodies:
+    """Encodes and decodes for one connection.
+
+    Attributes:
+        rejected: Bodies that were refused so far, by reason.
+    """
+
+    def __init__(self, sender: str, epoch: int, max_bytes: int = MAX_BYTES) -> None:
+        self.rejected: dict[str, int] = defaultdict(int)
+        self._sender = sender
+        self._epoch = epoch
+        self._max_bytes = max_bytes
+        self._sent: Counter[str] = Counter()
+
+    def encode(self, key: str, message: Message) -> bytes:
+        """Returns the body of a message, stamped with sender, epoch and number under `key`."""
+        stamp = Stamp(sender=self._sender, epoch=self._epoch, number=self._sent[key])
+        body = encode(message, stamp, max_bytes=self._max_bytes)
+        self._sent[key] += 1
+        return body
+
+    def decode(self, key: str, body: bytes) -> Message:
+        """Returns the message of a body, or counts it and raises the WireError."""
+        try:
+            message, _ = decode_stamped(body, max_bytes=self._max_bytes)
+        except WireError as error:
+            self.rejected[error.reason] += 1
+            _log.warning("refused a body under %s: %s", key, error)
+            raise
+        return message
+
+    def answer(self, key: str, body: bytes) -> Message:
+        """Returns the answer in a body.
+
+        Raises:
+            RefusedError: it is a refusal, or cannot be understood.
+        """
+        try:
+            message = self.decode(key, body)
+        except WireError as exc:
+            raise RefusedError(f"the answer under {key} cannot be understood: {exc}") from exc
+        if isinstance(message, Refusal):
+            raise RefusedError(message.reason)
+        return message

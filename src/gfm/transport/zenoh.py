@@ -1,0 +1,306 @@
+"""The adapter over zenoh: one router in the middle, every other process a client of it.
+
+Peers behind one hub never hear each other, so there are none. A question is a query with a payload,
+answered or reported as lost; a broadcast is a put that drops what a slow receiver cannot take.
+Everything is received through bounded rings and polled: no Python runs on zenoh's threads, and a
+busy service never stalls its link.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import final
+
+import zenoh
+from typing_extensions import override
+from zenoh.handlers import FifoChannel, Handler, RingChannel
+
+from gfm.core import BadInputError, ConfigError, GfmError, UnreachableError, WireError
+from gfm.transport.bodies import LONGEST_REASON, QUEUED_REQUESTS, Bodies
+from gfm.transport.port import PendingReply, Request, Server, Subscription, Transport
+from gfm_wire import Message, Refusal
+
+_log = logging.getLogger(__name__)
+
+_SETTINGS = {
+    "scouting/multicast/enabled": False,
+    # A blocked put closes the link after this time without a word; the default is 5 s.
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,
+    "transport/link/tx/lease": 4_000,
+    "transport/link/rx/max_message_size": 256 * 1024 * 1024,
+    # Off: containers that share a hub do not share /dev/shm.
+    "transport/shared_memory/enabled": False,
+}
+_ENDPOINT = re.compile(r"tcp/(?:[^/\s:]+|\[[0-9a-fA-F:]+\]):\d{1,5}")
+_RUN = re.compile(r"[A-Za-z0-9._-]{1,64}")
+_RETRY_S = 0.2
+
+
+@final
+class ZenohTransport(Transport):
+    """One zenoh session, as the run's router or as a client of it."""
+
+    def __init__(self, session: zenoh.Session, run: str, name: str) -> None:
+        self._session = session
+        self._prefix = f"gfm/{run}/"
+        self._bodies = Bodies(name, time.time_ns())
+        # zenoh ends a subscription that nobody holds.
+        self._ends: list[object] = []
+        self.rejected = self._bodies.rejected
+
+    @classmethod
+    def open(
+        cls,
+        *,
+        run: str,
+        name: str = "",
+        listen: Sequence[str] = (),
+        connect: Sequence[str] = (),
+        timeout_s: float = 10.0,
+    ) -> ZenohTransport:
+        """Returns a connection: a router where `listen` is given, else a client of `connect`.
+
+        Args:
+            run: Keys are prefixed with `gfm/<run>/`; runs that share a router don't meet.
+            name: Who sends; stamped on every message.
+            listen: Endpoints such as `tcp/127.0.0.1:7447`.
+            connect: Endpoints of the router, the first that answers is taken.
+            timeout_s: How long to wait for the router.
+
+        Raises:
+            ConfigError: an endpoint or the run's name is malformed, or there is no endpoint.
+            BadInputError: an address to listen on is not free.
+            UnreachableError: no router answered in time.
+        """
+        _check(run, listen, connect)
+        session = (
+            _listening(listen, connect) if listen else _connected(connect, timeout_s=timeout_s)
+        )
+        return cls(session, run, name)
+
+    @override
+    def publish(self, key: str, message: Message) -> None:
+        body = self._bodies.encode(key, message)
+        try:
+            self._session.put(
+                self._prefix + key, body, congestion_control=zenoh.CongestionControl.BLOCK_FIRST
+            )
+        except zenoh.ZError as exc:
+            raise UnreachableError(key, 0.0) from exc
+
+    @override
+    def subscribe(self, key: str, *, keep: int = 1) -> Subscription:
+        end = self._session.declare_subscriber(self._prefix + key, RingChannel(keep))
+        self._ends.append(end)
+        return _ZenohSubscription(key, end, self._bodies)
+
+    @override
+    def request(self, key: str, message: Message, *, timeout_s: float) -> PendingReply:
+        replies = self._ask(key, message, timeout_s, zenoh.QueryTarget.BEST_MATCHING)
+        return _ZenohReply(key, replies, self._bodies)
+
+    @override
+    def survey(self, key: str, message: Message, *, timeout_s: float) -> list[Message]:
+        answers = []
+        for reply in self._ask(key, message, timeout_s, zenoh.QueryTarget.ALL):
+            try:
+                answers.append(_answer(key, reply, self._bodies))
+            except GfmError as error:
+                _log.debug("no answer in a survey of %s: %s", key, error)
+        return answers
+
+    def _ask(
+        self, key: str, message: Message, timeout_s: float, target: zenoh.QueryTarget
+    ) -> Handler[zenoh.Reply]:
+        body = self._bodies.encode(key, message)
+        try:
+            return self._session.get(
+                self._prefix + key,
+                FifoChannel(QUEUED_REQUESTS),
+                payload=body,
+                timeout=timeout_s,
+                target=target,
+                consolidation=zenoh.ConsolidationMode.NONE,
+            )
+        except zenoh.ZError as exc:
+            raise UnreachableError(key, 0.0) from exc
+
+    @override
+    def serve(self, key: str) -> Server:
+        end = self._session.declare_queryable(self._prefix + key, RingChannel(QUEUED_REQUESTS))
+        self._ends.append(end)
+        return _ZenohServer(key, self._prefix + key, end, self._bodies)
+
+    @override
+    def close(self) -> None:
+        self._ends.clear()
+        self._session.close()  # type: ignore[no-untyped-call]
+
+
+@final
+class _ZenohSubscription(Subscription):
+    def __init__(
+        self, key: str, end: zenoh.Subscriber[Handler[zenoh.Sample]], bodies: Bodies
+    ) -> None:
+        self._key = key
+        self._end = end
+        self._bodies = bodies
+
+    @override
+    def take(self) -> Message | None:
+        while (sample := self._end.try_recv()) is not None:
+            try:
+                return self._bodies.decode(self._key, sample.payload.to_bytes())
+            except WireError:
+                continue
+        return None
+
+    @override
+    def latest(self) -> Message | None:
+        newest = None
+        while (message := self.take()) is not None:
+            newest = message
+        return newest
+
+
+@final
+class _ZenohReply(PendingReply):
+    def __init__(self, key: str, replies: Handler[zenoh.Reply], bodies: Bodies) -> None:
+        self._key = key
+        self._replies = replies
+        self._bodies = bodies
+        self._asked_s = time.monotonic()
+        self._answer: Message | None = None
+
+    @override
+    def poll(self) -> Message | None:
+        if self._answer is None:
+            try:
+                reply = self._replies.try_recv()
+            except zenoh.ZError as exc:  # closed without an answer: nobody serves the key
+                waited_s = time.monotonic() - self._asked_s
+                raise UnreachableError(self._key, waited_s) from exc
+            if reply is not None:
+                self._answer = _answer(self._key, reply, self._bodies)
+        return self._answer
+
+
+def _answer(key: str, reply: zenoh.Reply, bodies: Bodies) -> Message:
+    if reply.ok is not None:
+        return bodies.answer(key, reply.ok.payload.to_bytes())
+    payload = b"" if reply.err is None else reply.err.payload.to_bytes()
+    if payload == b"Timeout":
+        raise UnreachableError(key, 0.0)
+    return bodies.answer(key, payload)
+
+
+@final
+class _ZenohRequest(Request):
+    def __init__(self, key: str, query: zenoh.Query, bodies: Bodies) -> None:
+        self._key = key
+        self._query = query
+        self._bodies = bodies
+
+    @override
+    def reply(self, message: Message) -> None:
+        try:
+            body = self._bodies.encode(self._key, message)
+        except WireError as error:
+            self.refuse(str(error))
+            return
+        with self._ending() as query:
+            query.reply(self._key, body)
+
+    @override
+    def refuse(self, reason: str) -> None:
+        body = self._bodies.encode(self._key, Refusal(reason=reason[:LONGEST_REASON]))
+        with self._ending() as query:
+            query.reply_err(body)
+
+    @contextmanager
+    def _ending(self) -> Iterator[zenoh.Query]:
+        """Ends the query for the asker; one who has left is no error of ours."""
+        try:
+            with self._query as query:
+                yield query
+        except zenoh.ZError as error:
+            _log.info("nobody waits any more for an answer under %s: %s", self._key, error)
+
+
+@final
+class _ZenohServer(Server):
+    def __init__(
+        self,
+        key: str,
+        full_key: str,
+        end: zenoh.Queryable[Handler[zenoh.Query]],
+        bodies: Bodies,
+    ) -> None:
+        self._key = key
+        self._full_key = full_key
+        self._end = end
+        self._bodies = bodies
+
+    @override
+    def receive(self) -> Request | None:
+        while (query := self._end.try_recv()) is not None:
+            request = _ZenohRequest(self._full_key, query, self._bodies)
+            try:
+                body = b"" if query.payload is None else query.payload.to_bytes()
+                request.message = self._bodies.decode(self._key, body)
+            except WireError as error:
+                request.refuse(str(error))
+                continue
+            return request
+        return None
+
+
+def _check(run: str, listen: Sequence[str], connect: Sequence[str]) -> None:
+    if not _RUN.fullmatch(run):
+        raise ConfigError(f"run {run!r}: expected 1 to 64 letters, digits, dots, dashes or _")
+    if not listen and not connect:
+        raise ConfigError("no endpoint: give one to listen on or one to connect to")
+    for endpoint in (*listen, *connect):
+        if not _ENDPOINT.fullmatch(endpoint):
+            raise ConfigError(f"endpoint {endpoint!r}: expected tcp/HOST:PORT")
+
+
+def _config(mode: str, listen: Sequence[str], connect: Sequence[str]) -> zenoh.Config:
+    config = zenoh.Config()
+    endpoints = {"listen/endpoints": list(listen), "connect/endpoints": list(connect)}
+    for key, value in {"mode": mode, **_SETTINGS, **endpoints}.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def _listening(listen: Sequence[str], connect: Sequence[str]) -> zenoh.Session:
+    try:
+        return zenoh.open(_config("router", listen, connect))
+    except zenoh.ZError as exc:
+        raise BadInputError(f"cannot listen on {', '.join(listen)}: {_cause(exc)}") from exc
+
+
+def _cause(error: Exception) -> str:
+    text = str(error)
+    found = re.search(r"Address already in use|Permission denied|Cannot assign requested", text)
+    return found.group().lower() if found else text.split(" at /")[0]
+
+
+def _connected(connect: Sequence[str], *, timeout_s: float) -> zenoh.Session:
+    began_s = time.monotonic()
+    explained = False
+    while True:
+        try:
+            return zenoh.open(_config("client", (), connect))
+        except zenoh.ZError as exc:
+            if time.monotonic() - began_s >= timeout_s:
+                raise UnreachableError(f"a router at {', '.join(connect)}", timeout_s) from exc
+        if not explained:
+            _log.info("waiting up to %.0f s for a router at %s", timeout_s, ", ".join(connect))
+            explained = True
+        time.sleep(_RETRY_S)
