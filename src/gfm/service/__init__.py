@@ -1,1 +1,30 @@
 """What every service process shares: settings, signals, the loop, and its status."""
+
+from gfm.service.command import (
+    exit_status,
+    make_parser,
+    open_transport,
+    parse_config,
+    service_main,
+    start_logging,
+)
+from gfm.service.config import DEFAULT_ENDPOINT, ServiceConfig, read_config
+from gfm.service.service import RunningService, Service, make_status, run_service
+from gfm.service.signals import StopSignal
+
+__all__ = [
+    "DEFAULT_ENDPOINT",
+    "RunningService",
+    "Service",
+    "ServiceConfig",
+    "StopSignal",
+    "exit_status",
+    "make_parser",
+    "make_status",
+    "open_transport",
+    "parse_config",
+    "read_config",
+    "run_service",
+    "service_main",
+    "start_logging",
+]

@@ -1,0 +1,129 @@
+"""The command of a service: flags, settings, logging, connection, loop, exit status.
+
+Exit status 0: stopped as asked. 1: a peer stayed away or said no. 2: bad input.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+import msgspec
+from msgspec.structs import replace
+
+from gfm.core import BadInputError, Clock, GfmError, MonotonicClock
+from gfm.service.config import DEFAULT_ENDPOINT, LogLevel, ServiceConfig, read_config, unique_name
+from gfm.service.service import Service, run_service
+from gfm.service.signals import StopSignal
+from gfm.transport import Transport, ZenohTransport
+
+_log = logging.getLogger(__name__)
+
+Config = TypeVar("Config", bound=ServiceConfig)
+
+
+def make_parser(prog: str, description: str, *, listens: bool = False) -> argparse.ArgumentParser:
+    """Returns a parser with the flags that all services share.
+
+    A flag that is not given leaves no trace in the parsed arguments, so that the file's value or
+    the default holds. The `dest` of every flag is the name of the setting that it overrides.
+
+    Args:
+        prog: The command's name.
+        description: What the service does, for a newcomer.
+        listens: Whether this service can be the run's router.
+    """
+    parser = argparse.ArgumentParser(
+        prog=prog, description=description, argument_default=argparse.SUPPRESS
+    )
+    group = parser.add_argument_group("connection")
+    group.add_argument("--run", help="name of the run to join (default: default)")
+    group.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        help=f"the run's router (default: {DEFAULT_ENDPOINT})",
+    )
+    if listens:
+        group.add_argument(
+            "--listen",
+            metavar="ENDPOINT",
+            help=f"be the run's router here, for example {DEFAULT_ENDPOINT}",
+        )
+    group.add_argument(
+        "--wait-s", type=float, metavar="SECONDS", help="how long to wait for the router"
+    )
+    group.add_argument("--name", help="unique name within the run (default: from host and pid)")
+    group = parser.add_argument_group("settings")
+    group.add_argument(
+        "--config", type=Path, metavar="FILE", help="TOML file of settings; flags win over it"
+    )
+    group.add_argument("--log-level", choices=get_args(LogLevel), help="(default: info)")
+    return parser
+
+
+def parse_config(
+    parser: argparse.ArgumentParser, config_type: type[Config], argv: Sequence[str] | None
+) -> Config:
+    """Returns the settings that a command line asks for; the name is always filled in."""
+    flags = vars(parser.parse_args(argv))
+    path: Path | None = flags.pop("config", None)
+    config = read_config(config_type, path, flags)
+    return config if config.name else replace(config, name=unique_name(parser.prog))
+
+
+def open_transport(config: ServiceConfig) -> ZenohTransport:
+    """Returns the connection that the settings describe."""
+    return ZenohTransport.open(
+        run=config.run,
+        name=config.name,
+        listen=config.listen_endpoints,
+        connect=config.connect_endpoints,
+        timeout_s=config.wait_s,
+    )
+
+
+def service_main(
+    parser: argparse.ArgumentParser,
+    config_type: type[Config],
+    build: Callable[[Config, Transport, Clock], Service],
+    argv: Sequence[str] | None = None,
+) -> int:
+    """Runs one service process from its command line to its exit status."""
+
+    def run() -> None:
+        config = parse_config(parser, config_type, argv)
+        start_logging(config.log_level)
+        _log.info("settings: %s", msgspec.json.encode(config).decode())
+        with open_transport(config) as transport:
+            stopped = StopSignal()
+            stopped.install()
+            clock = MonotonicClock()
+            service = build(config, transport, clock)
+            _log.info("running")
+            run_service(service, transport, clock, stopped)
+        _log.info("stopped")
+
+    return exit_status(run)
+
+
+def start_logging(level: LogLevel) -> None:
+    """Sends log lines to stderr."""
+    logging.basicConfig(
+        level=level.upper(), format="%(asctime)s %(levelname)s %(name)s: %(message)s", force=True
+    )
+
+
+def exit_status(run: Callable[[], Any]) -> int:
+    """Runs a command; an error raised on purpose becomes one line on stderr and a status."""
+    try:
+        run()
+    except GfmError as error:
+        sys.stderr.write(f"error: {error}\n")
+        return 2 if isinstance(error, BadInputError) else 1
+    except KeyboardInterrupt:
+        return 130
+    return 0

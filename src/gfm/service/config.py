@@ -1,0 +1,109 @@
+"""Settings: one frozen struct per service, read once from defaults, a TOML file and flags.
+
+Flags win over the file, the file over the defaults. An unknown key is refused with its path.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import msgspec
+
+from gfm.core import BadInputError, ConfigError
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+"""Where a run's router is looked for unless another place is named."""
+
+LogLevel = Literal["debug", "info", "warning", "error"]
+_NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")
+
+
+class ServiceConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What every service may be told.
+
+    Attributes:
+        run: The run to join; runs that share a router don't meet.
+        connect: The router's endpoint; empty means DEFAULT_ENDPOINT, or none where `listen` is set.
+        listen: Endpoint on which this process is itself the router; empty means it is a client.
+        wait_s: How long to wait for the router at the start.
+        name: Unique within the run; empty means made from host and process id.
+        log_level: Least severe event that is logged.
+    """
+
+    run: str = "default"
+    connect: str = ""
+    listen: str = ""
+    wait_s: float = 30.0
+    name: str = ""
+    log_level: LogLevel = "info"
+
+    def __post_init__(self) -> None:
+        if self.name and not _NAME.fullmatch(self.name):
+            raise ConfigError(
+                f"name {self.name!r}: expected 1 to 64 letters, digits, dots, dashes or _"
+            )
+        if self.wait_s < 0:
+            raise ConfigError(f"wait_s is {self.wait_s}, expected at least 0")
+
+    @property
+    def listen_endpoints(self) -> tuple[str, ...]:
+        """Where to listen as a router: one endpoint, or none."""
+        return (self.listen,) if self.listen else ()
+
+    @property
+    def connect_endpoints(self) -> tuple[str, ...]:
+        """Which router to join: one endpoint, or none where this process is the router."""
+        if self.connect:
+            return (self.connect,)
+        return () if self.listen else (DEFAULT_ENDPOINT,)
+
+
+def unique_name(prog: str) -> str:
+    """Returns a name that no other process of a run has."""
+    host = re.sub(r"[^A-Za-z0-9.-]", "-", socket.gethostname())[:32]
+    return f"{prog.removeprefix('gfm-')}-{host}-{os.getpid()}"
+
+
+Config = TypeVar("Config", bound=msgspec.Struct)
+
+
+def read_config(config_type: type[Config], path: Path | None, flags: Mapping[str, Any]) -> Config:
+    """Returns the settings of defaults, file and flags.
+
+    Args:
+        config_type: The struct to fill.
+        path: A TOML file, or None.
+        flags: Values that win over the file, by field name; a dot leads into a nested struct.
+
+    Raises:
+        BadInputError: the file cannot be read.
+        ConfigError: a key is unknown, or a value of the wrong type or out of range.
+    """
+    settings = {} if path is None else _read_toml(path)
+    for name, value in flags.items():
+        _set(settings, name.split("."), value)
+    try:
+        return msgspec.convert(settings, config_type)
+    except msgspec.ValidationError as exc:
+        raise ConfigError(f"{path or 'settings'}: {exc}") from exc
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as exc:
+        raise BadInputError(f"{path}: cannot be read: {exc.strerror}") from exc
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as exc:
+        raise ConfigError(f"{path}: not TOML: {exc}") from exc
+
+
+def _set(settings: dict[str, Any], path: list[str], value: object) -> None:
+    for name in path[:-1]:
+        settings = settings.setdefault(name, {})
+    settings[path[-1]] = value
