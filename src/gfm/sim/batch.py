@@ -1,0 +1,139 @@
+"""Many hybrid simulations, stepped natively: no Python per physics step.
+
+Shape letters: N instances, n of them, J joints, A generalized forces, S integration steps per
+control period.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import final
+
+import mujoco
+import numpy as np
+from mujoco import batch as mujoco_batch
+from numpy.typing import NDArray
+
+from gfm.core.checks import Array
+from gfm.sim.hybrid import HybridModel
+from gfm.sim.layout import Indices
+
+_UNSTABLE = [
+    int(mujoco.mjtWarning.mjWARN_BADQPOS),
+    int(mujoco.mjtWarning.mjWARN_BADQVEL),
+    int(mujoco.mjtWarning.mjWARN_BADQACC),
+]
+_COUNT = 1  # column of b.warning
+
+
+@final
+class HybridBatch:
+    """N simulations of a hybrid model on MuJoCo's thread pool.
+
+    Every instance starts with the first of the models; `reset` may give it another one.
+
+    Attributes:
+        qpos: Live positions, shape (N, nq).
+        qvel: Live velocities, shape (N, nv).
+    """
+
+    def __init__(self, model: HybridModel, num_envs: int, *, nthread: int = 1) -> None:
+        _count_warnings_silently()
+        self.model = model
+        self.num_envs = num_envs
+        self._batch = mujoco_batch.Batch(model.any_model, num_envs, nthread)
+        self._models = [model.any_model] * num_envs
+        self.qpos: Array = self._batch.bind("qpos")
+        self.qvel: Array = self._batch.bind("qvel")
+        self._ctrl: Array = self._batch.bind("ctrl")
+        self._force: Array = self._batch.bind("qfrc_applied")
+        self._history: Array = self._batch.bind("history")
+        self._driven = model.layout.driven
+        self._actuator = model.layout.actuator[self._driven]
+
+    def reset(
+        self,
+        ids: Indices,
+        models: Sequence[mujoco.MjModel],
+        qpos: Array,
+        qvel: Array,
+        command: Array | None = None,
+    ) -> None:
+        """Starts the instances `ids` anew.
+
+        Args:
+            ids: Which, shape (n,).
+            models: What each of them runs on from now.
+            qpos: shape (n, nq).
+            qvel: shape (n, nv).
+            command: The one in force until now, for models that delay commands, shape (n, J).
+        """
+        for index, model in zip(ids, models, strict=True):
+            self._models[index] = model
+        self._batch.set_models(self._models)
+        self._batch.reset(ids, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
+        self.qpos[ids] = qpos
+        self.qvel[ids] = qvel
+        if command is not None and self._history.shape[1]:
+            self._fill_history(ids, command)
+
+    def step(self, command: Array, force: Array) -> NDArray[np.bool_]:
+        """Advances every instance by one control period under constant generalized forces.
+
+        An instance that diverges is put back to where it was before.
+
+        Args:
+            command: Held over the period, shape (N, J), or one per integration step, (N, S, J).
+            force: Clipped to its limits, shape (N, A).
+
+        Returns:
+            Which instances diverged, shape (N,).
+        """
+        before = self.qpos.copy(), self.qvel.copy()
+        limit = self.model.force_limit
+        self._force[:, self.model.force_dof] = np.clip(force, -limit, limit)
+        unstable = self._batch.warning[:, _UNSTABLE, _COUNT].sum(axis=1)
+        diverged = np.zeros(self.num_envs, bool)
+        try:
+            self._advance(command)
+        except mujoco_batch.SimulationError as error:
+            diverged[error.ids] = True
+        diverged |= self._batch.warning[:, _UNSTABLE, _COUNT].sum(axis=1) > unstable
+        if diverged.any():
+            self.qpos[diverged], self.qvel[diverged] = before[0][diverged], before[1][diverged]
+        return diverged
+
+    def _advance(self, command: Array) -> None:
+        driven = command[..., self._driven]
+        if driven.ndim == 2:
+            self._ctrl[:, self._actuator] = driven
+            self._batch.step(nstep=self.model.substeps)
+            return
+        control = np.zeros((*driven.shape[:2], self.model.any_model.nu))
+        control[..., self._actuator] = driven
+        self._batch.rollout(driven.shape[1], control, record=())
+
+    def _fill_history(self, ids: Indices, command: Array) -> None:
+        """Writes delay buffers as if `command` had always been in force (MuJoCo's start at 0)."""
+        for index, row in zip(ids, command, strict=True):
+            model = self._models[index]
+            data = mujoco.MjData(model)
+            for actuator, value in zip(self._actuator, row[self._driven], strict=True):
+                samples = int(model.actuator_history[actuator, 0])
+                if samples:
+                    values = np.full((samples, 1), value)
+                    mujoco.mj_initCtrlHistory(model, data, int(actuator), None, values)
+            self._history[index] = data.history
+
+
+def _count_warnings_silently() -> None:
+    """Keeps MuJoCo from writing MUJOCO_LOG.TXT into the current folder, unless told otherwise.
+
+    Nothing is lost: `step` counts the warnings of every instance and returns who diverged.
+    """
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(_ignore)
+
+
+def _ignore(_message: str) -> None:
+    """Drops a warning that has been counted."""

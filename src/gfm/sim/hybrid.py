@@ -1,0 +1,137 @@
+"""The hybrid model: MuJoCo plus bounded generalized forces (Jeong et al. 2019, eq. 4).
+
+Shape letters: J joints, A generalized forces (J, and 6 more with a free object).
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import mujoco
+import numpy as np
+
+from gfm.core import CommandKind, ConfigError, Trajectory
+from gfm.core.checks import Array
+from gfm.sim.layout import Indices, Layout, make_layout
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceLimits:
+    """How large the learned forces may get; the defaults are the paper's."""
+
+    joint_nm: float = 5.0
+    object_n: float = 0.03
+    object_nm: float = 0.03
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value > 0.0:
+                raise ConfigError(f"{name} is {value}, expected more than 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HybridModel:
+    """One robot, a model per kind of command, and the limits of the forces added to them.
+
+    Attributes:
+        models: The same robot, by what its actuators take. They may differ in any parameter, not
+            in MjData's layout.
+        joint_names: The measured joints; by default every hinge and slide that is no motor side.
+        limits: Of the generalized forces.
+        control_period_s: Between two decisions; a whole number of time steps.
+    """
+
+    models: Mapping[CommandKind, mujoco.MjModel]
+    joint_names: tuple[str, ...] = ()
+    limits: ForceLimits = field(default_factory=ForceLimits)
+    control_period_s: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not self.models:
+            raise ConfigError("a hybrid model needs a model of at least one kind of command")
+        expected = _sizes(self.any_model)
+        for kind, model in self.models.items():
+            if (sizes := _sizes(model)) != expected:
+                raise ConfigError(f"the {kind} model has {sizes}, another one {expected}")
+        steps = self.control_period_s / self.timestep_s
+        if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
+            raise ConfigError(
+                f"control_period_s is {self.control_period_s}, expected a multiple of the models' "
+                f"time step {self.timestep_s}"
+            )
+
+    @cached_property
+    def any_model(self) -> mujoco.MjModel:
+        """One of the models, for what they share."""
+        return next(iter(self.models.values()))
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Where everything is, in all of the models."""
+        return make_layout(self.any_model, self.joint_names)
+
+    @property
+    def timestep_s(self) -> float:
+        """The integration step."""
+        return float(self.any_model.opt.timestep)
+
+    @property
+    def substeps(self) -> int:
+        """Integration steps per control period."""
+        return round(self.control_period_s / self.timestep_s)
+
+    @cached_property
+    def force_dof(self) -> Indices:
+        """Where the forces act in qvel: the joints, then the object's six, shape (A,)."""
+        objects = np.arange(self.layout.object_dof.start, self.layout.object_dof.stop)
+        return np.concatenate([self.layout.dof, objects.astype(np.intp)])
+
+    @cached_property
+    def force_limit(self) -> Array:
+        """N m on joints; N, then N m, on the object; shape (A,)."""
+        on_object = [self.limits.object_n] * 3 + [self.limits.object_nm] * 3
+        on_joints = [self.limits.joint_nm] * len(self.layout.joint_names)
+        return np.array(on_joints + (on_object if self.layout.has_object else []))
+
+    def model_for(self, trajectory: Trajectory) -> mujoco.MjModel:
+        """Returns the model for a recording: its kind of command, its servo gains.
+
+        Raises:
+            ConfigError: there is no model for that kind of command.
+        """
+        kind = trajectory.command_kind
+        if kind not in self.models:
+            known = ", ".join(sorted(self.models))
+            raise ConfigError(
+                f"{trajectory.name} has {kind} commands; there are models for {known}"
+            )
+        return with_servo_gain(self.models[kind], kind, trajectory.servo_gain)
+
+
+def with_servo_gain(
+    model: mujoco.MjModel, kind: CommandKind, servo_gain: Mapping[str, float]
+) -> mujoco.MjModel:
+    """Returns the model with servo gains multiplied, by joint name; itself where there is nothing.
+
+    Position servos: the stiffness, not the damping. Velocity servos: the velocity gain. Motors:
+    the gain.
+    """
+    if all(factor == 1.0 for factor in servo_gain.values()):
+        return model
+    changed = copy.copy(model)
+    state = {CommandKind.POSITION: 1, CommandKind.VELOCITY: 2, CommandKind.EFFORT: 0}[kind]
+    for name, factor in servo_gain.items():
+        actuator = changed.actuator(name)
+        actuator.gainprm[0] *= factor
+        actuator.biasprm[state] *= factor
+    return changed
+
+
+def _sizes(model: mujoco.MjModel) -> dict[str, int | float]:
+    """Returns what models must share to be stepped in one batch."""
+    names = ("nq", "nv", "na", "nu", "nbody", "njnt", "nsensordata", "nhistory")
+    sizes: dict[str, int | float] = {name: int(getattr(model, name)) for name in names}
+    return sizes | {"timestep": float(model.opt.timestep)}
