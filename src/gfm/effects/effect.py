@@ -1,5 +1,185 @@
-"""The port of every named effect: parameters with units and bounds, and how it acts in a model."""
+"""The port of every named effect: parameters with units and bounds, and how it acts in a model.
+
+An effect changes a model in one or more of three ways, and the simulation of a recording
+(`gfm.sim.plant`) asks for each of them:
+
+* `apply` edits an MjSpec: everything that MuJoCo can express natively;
+* `retime` and `lag_s` transform what is commanded before the model sees it;
+* `extra_friction` is a level that MuJoCo cannot express and that is therefore set at every step.
+
+Amounts are always *added* to what the model already has.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from gfm.core.checks import Array
+
+Values = Mapping[str, float]
+
+
+class Scope(StrEnum):
+    """On what an effect acts, and so how many joints it names."""
+
+    JOINT = "joint"
+    PAIR = "pair"
+    LAST = "last joint"
+    ROBOT = "robot"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """One number of an effect: its unit and the range in which it is looked for."""
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scales:
+    """Typical sizes of one joint's signals, from which probes are sized.
+
+    Attributes:
+        torque_nm: RMS of the drive torque.
+        excess_nm: RMS of the torque that the nominal model does not explain.
+        velocity_rad_s: RMS of the velocity.
+        position_rad: Half the range covered.
+        peak_nm: Largest drive torque.
+        inertia: Of the joint with everything behind it, kg m^2.
+        cogging_per_revolution: Orders that stand out in the unexplained torque over the angle.
+    """
+
+    torque_nm: float
+    excess_nm: float
+    velocity_rad_s: float
+    position_rad: float
+    peak_nm: float
+    inertia: float
+    cogging_per_revolution: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """One joint's signals along a motion, shape (T,) each, for laws evaluated in closed form.
+
+    `drive` is the actuator's torque; `other_velocity` that of the second joint of a pair.
+    """
+
+    position: Array
+    velocity: Array
+    drive: Array
+    other_velocity: Array | None = None
+
+
+#: Probes of one effect at one place: a group of parameter values whose responses span, to first
+#: order, all that the effect can do near nothing.
+ProbeGroup = Sequence[Values]
+
+
+class Effect(ABC):
+    """One physical law that a model may lack. Stateless: parameters come in with every call."""
+
+    name: ClassVar[str]
+    scope: ClassVar[Scope] = Scope.JOINT
+    parameters: ClassVar[tuple[Parameter, ...]]
+    #: Whether plain MuJoCo expresses it.
+    native: ClassVar[bool] = True
+    #: Whether it stands between the motor (armature, friction, drive) and the link.
+    separates_motor: ClassVar[bool] = False
+    #: Of an effect of the robot: whether it names the joints that share it.
+    shares_joints: ClassVar[bool] = False
+    #: Parameters that a fit leaves as the search found them.
+    fixed: ClassVar[tuple[str, ...]] = ()
+    #: The motion that shows it, in words.
+    shown_by: ClassVar[str]
+
+    def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:  # noqa: B027
+        """Adds the effect to `spec` in place. Nothing by default."""
+
+    def retime(self, time_s: Array, values: Values) -> Array:
+        """Returns when commands issued at `time_s` arrive at the drive, shape (C,). At once."""
+        del values
+        return time_s
+
+    def lag_s(self, values: Values) -> float:
+        """Returns the time constant with which the drive follows its command. Zero by default."""
+        del values
+        return 0.0
+
+    def extra_friction(self, drive: Array, values: Values) -> Array | None:
+        """Returns the dry friction that a drive torque of shape (N,) adds, N m; None for none."""
+        del drive, values
+        return None
+
+    @abstractmethod
+    def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
+        """Returns groups of small amounts with which to ask a recording about the effect."""
+
+    def combine(self, group: ProbeGroup, amplitudes: Sequence[float]) -> dict[str, float] | None:
+        """Returns the parameters that respond like the weighted sum of a group's responses.
+
+        By default a group has one member and the weight multiplies its first parameter. None where
+        no admissible parameters do (a negative friction, say).
+        """
+        values = dict(group[0])
+        first = self.parameters[0].name
+        values[first] *= amplitudes[0]
+        return values if self.admissible(values) else None
+
+    def admissible(self, values: Values) -> bool:
+        """Returns whether every parameter is finite and within its bounds."""
+        return all(p.lower <= values[p.name] <= p.upper for p in self.parameters)
+
+    def torque(self, motion: Motion, values: Values) -> Array | None:
+        """Returns the generalized force on the (first) joint along a motion, shape (T,), N m.
+
+        None where the effect is not a force of position, velocity and drive.
+        """
+        del motion, values
+        return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectInstance:
+    """An effect somewhere, in some amount."""
+
+    effect: Effect
+    joints: tuple[str, ...]
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def key(self) -> tuple[str, tuple[str, ...]]:
+        """What makes two instances the same effect in the same place."""
+        return self.effect.name, self.joints
+
+
+def angle(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, value: float) -> float:
+    """Returns a joint angle in the unit in which `spec` is written (degrees by default in MJCF)."""
+    hinge = joint.type == mujoco.mjtJoint.mjJNT_HINGE
+    return math.degrees(value) if hinge and spec.compiler.degree else value
+
+
+def find_joint(spec: mujoco.MjSpec, name: str) -> mujoco.MjsJoint:
+    """Returns the joint called `name`."""
+    return spec.joint(name)
+
+
+def find_actuator(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator:
+    """Returns the actuator that drives `joint`: by contract it has the joint's name."""
+    return spec.actuator(joint)
+
+
+def sign(velocity: Array, width: float) -> Array:
+    """Returns a sign that passes through zero over about `width`: for measured velocities."""
+    return np.asarray(np.tanh(velocity / width))

@@ -1,0 +1,287 @@
+"""Which effect is missing, and where: candidates are screened to first order, the best refitted.
+
+One round: every candidate's response to a small amount is computed by open-loop rollouts and the
+residual is regressed on it, together with the responses of what was accepted before. The candidates
+that explain most are then fitted in earnest (damped Gauss-Newton over rollouts), and the one that
+leaves least is accepted if it explains enough. Rounds go on until nothing explains enough.
+
+Shape letters: N numbers of a residual, P parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from gfm.core.checks import Array
+from gfm.diagnosis.candidates import Place
+from gfm.diagnosis.problem import Problem
+from gfm.effects import EffectInstance, Scales
+
+#: Candidates that are fitted in earnest in each round, and those of one effect among them.
+SHORTLIST, SHORTLIST_PER_EFFECT = 7, 2
+#: Least share of the squared residual that a new effect must explain.
+LEAST_GAIN = 0.03
+#: Mean squared residual, in units of the noise, at which nothing is left to explain.
+ADEQUATE = 1.15
+#: Effects that are added at most.
+MOST_EFFECTS = 6
+#: Gauss-Newton steps of a fit, and the relative gain below which it ends.
+FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Screened:
+    """A candidate with the amount that fits best to first order.
+
+    `gain` is the share of the squared residual that it would explain.
+    """
+
+    instance: EffectInstance
+    gain: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """Effects fitted together.
+
+    Attributes:
+        effects: With the fitted values.
+        cost: Mean squared residual in units of the noise.
+        jacobian: Derivative of the residual by each free parameter, shape (N, P).
+        residual: shape (N,).
+    """
+
+    effects: tuple[EffectInstance, ...]
+    cost: float
+    jacobian: Array
+    residual: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Round:
+    """One round of attribution.
+
+    Attributes:
+        before: Cost before it.
+        screened: Candidates by first-order gain, best first.
+        fits: The shortlist, fitted, best first; the new effect is the last of each fit's effects.
+        accepted: Whether the best was.
+    """
+
+    before: float
+    screened: tuple[Screened, ...]
+    fits: tuple[Fit, ...]
+    accepted: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Attribution:
+    """All rounds, and what was accepted in the end."""
+
+    nominal_cost: float
+    fit: Fit
+    rounds: tuple[Round, ...] = field(default=())
+
+
+def attribute(
+    problem: Problem,
+    candidates: Sequence[Place],
+    scales: Sequence[Scales],
+    report: Callable[[str], None] = lambda _: None,
+) -> Attribution:
+    """Returns which of `candidates` the recordings support, in which amounts."""
+    accepted = nothing(problem)
+    nominal, rounds = accepted.cost, []
+    while len(accepted.effects) < MOST_EFFECTS and accepted.cost > ADEQUATE:
+        report(f"screening {len(candidates)} candidates (misfit {accepted.cost:.2f})")
+        this = play_round(problem, candidates, scales, accepted, report)
+        rounds.append(this)
+        if not this.accepted:
+            break
+        accepted = this.fits[0]
+    return Attribution(nominal_cost=nominal, fit=accepted, rounds=tuple(rounds))
+
+
+def nothing(problem: Problem) -> Fit:
+    """Returns the fit without any effect: the nominal model."""
+    residual = problem.residuals([()])[0]
+    return Fit(
+        effects=(), cost=_cost(residual), jacobian=np.zeros((len(residual), 0)), residual=residual
+    )
+
+
+def play_round(
+    problem: Problem,
+    candidates: Sequence[Place],
+    scales: Sequence[Scales],
+    base: Fit,
+    report: Callable[[str], None],
+) -> Round:
+    """Returns one round: screening, fits of the shortlist, and whether the best is accepted."""
+    taken = {instance.key for instance in base.effects}
+    open_places = [place for place in candidates if place.key not in taken]
+    screened = screen(problem, open_places, scales, base)
+    fits = []
+    for candidate in shortlist(screened):
+        report(f"fitting {describe(candidate.instance)}")
+        fits.append(fit(problem, (*base.effects, candidate.instance)))
+    fits.sort(key=lambda f: f.cost)
+    accepted = bool(fits) and fits[0].cost < (1.0 - LEAST_GAIN) * base.cost
+    return Round(before=base.cost, screened=tuple(screened), fits=tuple(fits), accepted=accepted)
+
+
+def describe(instance: EffectInstance) -> str:
+    """Returns an effect and its place in words."""
+    where = f" on {', '.join(instance.joints)}" if instance.joints else ""
+    return f"{instance.effect.name.replace('_', ' ')}{where}"
+
+
+def screen(
+    problem: Problem, candidates: Sequence[Place], scales: Sequence[Scales], base: Fit
+) -> list[Screened]:
+    """Returns the candidates with their best amounts to first order, best first."""
+    probes = list(_probes(problem, candidates, scales))
+    sets = [(*base.effects, instance) for _, group in probes for instance in group]
+    moved = problem.residuals(sets)
+    basis = _orthonormal(base.jacobian)
+    residual = base.residual - basis @ (basis.T @ base.residual)
+    best: dict[tuple[str, tuple[str, ...]], Screened] = {}
+    row = 0
+    for place, group in probes:
+        columns = (base.residual - moved[row : row + len(group)]).T
+        row += len(group)
+        found = _weigh(place, group, columns - basis @ (basis.T @ columns), residual)
+        if found and (place.key not in best or found.gain > best[place.key].gain):
+            best[place.key] = found
+    return sorted(best.values(), key=lambda s: -s.gain)
+
+
+def _probes(
+    problem: Problem, candidates: Sequence[Place], scales: Sequence[Scales]
+) -> Iterator[tuple[Place, list[EffectInstance]]]:
+    for place in candidates:
+        first = problem.joints.index(place.joints[0]) if place.joints else 0
+        for group in place.effect.probes(scales[first]):
+            yield (
+                place,
+                [
+                    EffectInstance(effect=place.effect, joints=place.joints, values=values)
+                    for values in group
+                ],
+            )
+
+
+def _weigh(
+    place: Place, group: Sequence[EffectInstance], columns: Array, residual: Array
+) -> Screened | None:
+    """Returns a candidate with the weights of its probes that explain most, or None."""
+    amplitudes = np.linalg.lstsq(columns, residual, rcond=1e-6)[0]
+    explained = columns @ amplitudes
+    gain = 1.0 - float(np.sum((residual - explained) ** 2) / np.sum(residual**2))
+    values = place.effect.combine([i.values for i in group], [float(a) for a in amplitudes])
+    if values is None or not np.isfinite(gain):
+        return None
+    instance = EffectInstance(effect=place.effect, joints=place.joints, values=values)
+    return Screened(instance=instance, gain=gain)
+
+
+def shortlist(screened: Sequence[Screened]) -> list[Screened]:
+    """Returns the best candidates, not too many of them of one effect."""
+    chosen: list[Screened] = []
+    for candidate in screened:
+        name = candidate.instance.effect.name
+        same = sum(c.instance.effect.name == name for c in chosen)
+        if same < SHORTLIST_PER_EFFECT and candidate.gain > 0.0:
+            chosen.append(candidate)
+        if len(chosen) == SHORTLIST:
+            break
+    return chosen
+
+
+def fit(problem: Problem, effects: Sequence[EffectInstance]) -> Fit:
+    """Returns `effects` with the values that leave the least residual (damped Gauss-Newton)."""
+    current, values = tuple(effects), _vector(effects)
+    residual = problem.residuals([current])[0]
+    damping = 1e-3
+    jacobian = _jacobian(problem, current, residual)
+    for _ in range(FIT_STEPS):
+        steps = [_step(jacobian, residual, d) for d in (damping, 100.0 * damping, 1e4 * damping)]
+        trials = [_clipped(current, values + step) for step in steps]
+        residuals = problem.residuals([_with_vector(current, trial) for trial in trials])
+        best = int(np.argmin([_cost(r) for r in residuals]))
+        gain = 1.0 - _cost(residuals[best]) / _cost(residual)
+        if gain <= 0.0:
+            break
+        values, residual = trials[best], residuals[best]
+        current = _with_vector(current, values)
+        damping *= (0.1, 3.0, 30.0)[best]
+        if gain < FIT_TOLERANCE:
+            break
+        jacobian = _jacobian(problem, current, residual)
+    return Fit(effects=current, cost=_cost(residual), jacobian=jacobian, residual=residual)
+
+
+def _cost(residual: Array) -> float:
+    return float(np.mean(residual**2))
+
+
+def _free(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:
+    """Returns the parameters that are fitted; a number of periods is found by search instead."""
+    return [
+        (i, p.name)
+        for i, instance in enumerate(effects)
+        for p in instance.effect.parameters
+        if p.name not in instance.effect.fixed
+    ]
+
+
+def _vector(effects: Sequence[EffectInstance]) -> Array:
+    return np.array([effects[i].values[name] for i, name in _free(effects)])
+
+
+def _with_vector(effects: Sequence[EffectInstance], vector: Array) -> tuple[EffectInstance, ...]:
+    values = [dict(instance.values) for instance in effects]
+    for (i, name), value in zip(_free(effects), vector, strict=True):
+        values[i][name] = float(value)
+    return tuple(replace(e, values=v) for e, v in zip(effects, values, strict=True))
+
+
+def _bounds(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
+    both = [
+        (p.lower, p.upper)
+        for i, name in _free(effects)
+        for p in effects[i].effect.parameters
+        if p.name == name
+    ]
+    return np.array([low for low, _ in both]), np.array([high for _, high in both])
+
+
+def _clipped(effects: Sequence[EffectInstance], vector: Array) -> Array:
+    low, high = _bounds(effects)
+    return np.asarray(np.clip(vector, low, high))
+
+
+def _jacobian(problem: Problem, effects: tuple[EffectInstance, ...], residual: Array) -> Array:
+    """Returns the derivative of the residual by each free parameter, by forward differences."""
+    values = _vector(effects)
+    low, high = _bounds(effects)
+    sizes = 1e-2 * np.maximum(np.abs(values), 1e-2 * np.minimum(high - low, 1.0))
+    steps = np.where(values + sizes > high, -sizes, sizes)
+    moved = [_with_vector(effects, values + step) for step in np.diag(steps)]
+    return np.asarray(((problem.residuals(moved) - residual) / steps[:, None]).T)
+
+
+def _step(jacobian: Array, residual: Array, damping: float) -> Array:
+    """Returns the damped Gauss-Newton step (Levenberg, Marquardt: scaled by the diagonal)."""
+    normal = jacobian.T @ jacobian
+    scaled = normal + damping * np.diag(np.diag(normal) + 1e-12)
+    return np.asarray(-np.linalg.solve(scaled, jacobian.T @ residual))
+
+
+def _orthonormal(columns: Array) -> Array:
+    if columns.shape[1] == 0:
+        return columns
+    return np.asarray(np.linalg.qr(columns)[0])

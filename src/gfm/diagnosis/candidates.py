@@ -1,0 +1,177 @@
+"""Where each effect could act, and how large its probes are there.
+
+Shape letters: T measurements, J joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import mujoco
+import numpy as np
+
+from gfm.core import Trajectory
+from gfm.core.checks import Array
+from gfm.diagnosis.problem import Problem
+from gfm.diagnosis.signals import smooth_states
+from gfm.effects import Effect, Motion, Scales, Scope
+from gfm.effects.effect import sign
+from gfm.sim.plant import Plant, make_plant
+from gfm.sim.predict import Segment, applied_commands
+
+#: Orders of a cogging torque that are looked for, per revolution of the joint.
+COGGING_ORDERS = range(2, 61)
+#: How many of them are taken to the rollouts.
+COGGING_KEPT = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """An effect somewhere: a candidate."""
+
+    effect: Effect
+    joints: tuple[str, ...]
+
+    @property
+    def key(self) -> tuple[str, tuple[str, ...]]:
+        """What makes two candidates the same."""
+        return self.effect.name, self.joints
+
+
+def places(effect: Effect, joints: Sequence[str]) -> list[Place]:
+    """Returns every place where an effect can act on a robot with these joints."""
+    if effect.scope is Scope.JOINT:
+        return [Place(effect=effect, joints=(name,)) for name in joints]
+    if effect.scope is Scope.PAIR:
+        return [Place(effect=effect, joints=pair) for pair in combinations(joints, 2)]
+    if effect.scope is Scope.LAST:
+        return [Place(effect=effect, joints=(joints[-1],))]
+    shared = tuple(joints) if effect.shares_joints else ()
+    return [Place(effect=effect, joints=shared)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueView:
+    """One recording seen as torques: what drives the joints and what the model says is needed.
+
+    All of shape (T, J); `missing` is needed minus drive: the generalized force that the model lacks
+    along the measured motion.
+    """
+
+    position: Array
+    velocity: Array
+    drive: Array
+    missing: Array
+
+    def motion(self, joint: int, other: int | None = None) -> Motion:
+        """Returns one joint's motion, for laws in closed form."""
+        return Motion(
+            position=self.position[:, joint],
+            velocity=self.velocity[:, joint],
+            drive=self.drive[:, joint],
+            other_velocity=None if other is None else self.velocity[:, other],
+        )
+
+
+def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
+    """Returns a recording seen as torques, by the model's continuous inverse dynamics.
+
+    The drive is the measured effort, or what the model's own servo would do where none was
+    measured.
+    """
+    q, v, a = smooth_states(recording.time_s, recording.position)
+    model, data = plant.model, mujoco.MjData(plant.model)
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    command = _command_at(plant, recording)
+    needed, drive = np.empty_like(q), np.empty_like(q)
+    for i in range(len(q)):
+        data.qpos[plant.qpos], data.qvel[plant.dof], data.qacc[plant.dof] = q[i], v[i], a[i]
+        data.ctrl[plant.actuator] = command[i]
+        mujoco.mj_inverse(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        needed[i] = data.qfrc_inverse[plant.dof]
+        drive[i] = data.qfrc_actuator[plant.dof]
+    if recording.effort is not None:
+        drive = recording.effort
+    return TorqueView(position=q, velocity=v, drive=drive, missing=needed - drive)
+
+
+def _command_at(plant: Plant, recording: Trajectory) -> Array:
+    """Returns the command in force at each measurement, shape (T, J)."""
+    period_s = plant.model.opt.timestep
+    steps = int(recording.duration_s / period_s) + 2
+    whole = Segment(
+        time_s=recording.time_s,
+        position=recording.position,
+        effort=None,
+        kind=recording.command_kind,
+        command_time_s=recording.command_time_s,
+        command=recording.command,
+        initial_position=recording.position[0],
+        initial_velocity=np.zeros(len(recording.joint_names)),
+        servo_gain=np.ones(len(recording.joint_names)),
+    )
+    held = applied_commands(plant, whole, steps)
+    return np.asarray(held[np.minimum((recording.time_s / period_s).astype(int), steps - 1)])
+
+
+def torque_views(problem: Problem, recordings: Sequence[Trajectory]) -> list[TorqueView]:
+    """Returns every recording seen as torques."""
+    plants = {kind: make_plant(spec, problem.joints) for kind, spec in problem.specs.items()}
+    return [torque_view(plants[recording.command_kind], recording) for recording in recordings]
+
+
+def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:
+    """Returns the typical sizes of every joint's signals."""
+    plant = make_plant(next(iter(problem.specs.values())), problem.joints)
+    data = mujoco.MjData(plant.model)
+    mujoco.mj_forward(plant.model, data)
+    inertia = np.zeros((plant.model.nv, plant.model.nv))
+    mujoco.mj_fullM(plant.model, data, inertia)
+    return [
+        Scales(
+            torque_nm=_rms([v.drive[:, j] - v.drive[:, j].mean() for v in views]),
+            excess_nm=max(_robust([v.missing[:, j] for v in views]), 1e-6),
+            velocity_rad_s=max(_rms([v.velocity[:, j] for v in views]), 1e-3),
+            position_rad=max(0.5 * float(np.ptp(_joined(views, "position", j))), 1e-3),
+            peak_nm=max(float(np.percentile(np.abs(_joined(views, "drive", j)), 99.5)), 1e-6),
+            inertia=float(inertia[dof, dof]),
+            cogging_per_revolution=cogging_orders(views, j),
+        )
+        for j, dof in enumerate(plant.dof)
+    ]
+
+
+def cogging_orders(views: Sequence[TorqueView], joint: int) -> tuple[int, ...]:
+    """Returns the orders of a cogging torque that stand out in one joint's missing torque.
+
+    Sines of the angle are weighed against what friction laws and a spring leave over; orders whose
+    period the motion does not cover are left out.
+    """
+    q, v, r = (_joined(views, name, joint) for name in ("position", "velocity", "missing"))
+    smooth = np.stack([np.ones_like(q), q, v, sign(v, 0.01)], axis=1)
+    rest = r - smooth @ np.linalg.lstsq(smooth, r, rcond=None)[0]
+    span = float(np.ptp(q))
+    powers = {}
+    for order in COGGING_ORDERS:
+        if order * span < 2.0 * np.pi:
+            continue
+        waves = np.stack([np.sin(order * q), np.cos(order * q)], axis=1)
+        fit = waves @ np.linalg.lstsq(waves, rest, rcond=None)[0]
+        powers[order] = float(fit @ fit)
+    return tuple(sorted(powers, key=lambda order: -powers[order])[:COGGING_KEPT])
+
+
+def _joined(views: Sequence[TorqueView], name: str, joint: int) -> Array:
+    return np.concatenate([getattr(view, name)[:, joint] for view in views])
+
+
+def _rms(parts: Sequence[Array]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+
+
+def _robust(parts: Sequence[Array]) -> float:
+    """Returns a scale that a few command steps, where effort and motion disagree, do not set."""
+    return float(np.percentile(np.abs(np.concatenate(parts)), 80.0))

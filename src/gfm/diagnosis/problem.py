@@ -1,0 +1,288 @@
+"""A diagnosis as a least-squares problem: recordings, model, noise, and residuals of candidates.
+
+Residuals are measured minus predicted, in units of the sensor noise, over open-loop rollouts. What
+a wrong initial state could explain is taken out of them: it is fitted, to first order, segment by
+segment (two numbers per joint).
+
+Shape letters: T measurements of a segment, J joints, N numbers of all segments together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from gfm.core import CommandKind, ConfigError, Trajectory
+from gfm.core.checks import Array
+from gfm.diagnosis.signals import evenly, noise_std, smooth_states
+from gfm.effects import EffectInstance
+from gfm.sim.plant import check_joints, make_plant
+from gfm.sim.predict import Prediction, Segment, predict
+
+#: Length of a rollout by command kind: a servo keeps a whole recording on track, a torque does not.
+WINDOW_S: Mapping[CommandKind, float] = {
+    CommandKind.POSITION: float("inf"),
+    CommandKind.VELOCITY: float("inf"),
+    CommandKind.EFFORT: 0.5,
+}
+#: Steps in position and velocity with which the effect of the initial state is measured.
+STATE_STEP = (1e-4, 1e-3)
+#: Largest residual that counts, in units of the noise: a simulation that runs away stays finite.
+LARGEST = 1e5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise:
+    """Standard deviations of the sensor noise, by joint.
+
+    Attributes:
+        position: rad, shape (J,).
+        effort: N m, shape (J,), or None where no recording has effort.
+    """
+
+    position: Array
+    effort: Array | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """Recordings and the model that should explain them.
+
+    Attributes:
+        specs: The nominal model by command kind.
+        joints: The measured joints.
+        segments: What is predicted.
+        noise: Of the sensors.
+        after_command: Whether efforts were measured after the command of the same stamp.
+        state_basis: Per segment, an orthonormal basis of what the initial state can explain,
+            shape (T * channels, 2 J).
+    """
+
+    specs: Mapping[CommandKind, mujoco.MjSpec]
+    joints: tuple[str, ...]
+    segments: tuple[Segment, ...]
+    noise: Noise
+    after_command: bool = False
+    state_basis: tuple[Array, ...] = field(default=())
+
+    def predictions(self, candidates: Sequence[Sequence[EffectInstance]]) -> list[list[Prediction]]:
+        """Returns every candidate's prediction of every segment, candidates first."""
+        kinds = list(dict.fromkeys(segment.kind for segment in self.segments))
+        rows: list[list[Prediction | None]] = [[None] * len(self.segments) for _ in candidates]
+        for kind in kinds:
+            plants = [make_plant(self.specs[kind], self.joints, c) for c in candidates]
+            places = [i for i, s in enumerate(self.segments) if s.kind is kind]
+            for row, answers in zip(
+                rows, predict(plants, [self.segments[i] for i in places]), strict=True
+            ):
+                for i, answer in zip(places, answers, strict=True):
+                    row[i] = answer
+        return [[p for p in row if p is not None] for row in rows]
+
+    def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
+        """Returns the residual of every candidate, initial states fitted, shape (candidates, N)."""
+        return np.stack([self._stack(row) for row in self.predictions(candidates)])
+
+    def _stack(self, predictions: Sequence[Prediction]) -> Array:
+        parts = []
+        for i, (segment, prediction) in enumerate(zip(self.segments, predictions, strict=True)):
+            part = self.whitened(segment, prediction)
+            if self.state_basis:
+                basis = self.state_basis[i]
+                part = part - basis @ (basis.T @ part)
+            parts.append(part)
+        return np.concatenate(parts)
+
+    def whitened(self, segment: Segment, prediction: Prediction) -> Array:
+        """Returns measured minus predicted in units of the noise, position before effort."""
+        channels = [(segment.position - prediction.position) / self.noise.position]
+        if segment.effort is not None and self.noise.effort is not None:
+            told = prediction.effort_after if self.after_command else prediction.effort
+            channels.append((segment.effort - told) / self.noise.effort)
+        flat = np.concatenate([channel.ravel() for channel in channels])
+        return np.asarray(np.clip(np.nan_to_num(flat, nan=LARGEST), -LARGEST, LARGEST))
+
+    def position_errors(self, effects: Sequence[EffectInstance]) -> list[Array]:
+        """Returns measured minus predicted position, initial state fitted, per segment (T, J)."""
+        errors = []
+        for i, (segment, prediction) in enumerate(
+            zip(self.segments, self.predictions([effects])[0], strict=True)
+        ):
+            part = self.whitened(segment, prediction)
+            basis = self.state_basis[i]
+            part = part - basis @ (basis.T @ part)
+            count = segment.position.size
+            errors.append(part[:count].reshape(segment.position.shape) * self.noise.position)
+        return errors
+
+    def slices(self) -> list[slice]:
+        """Returns where each segment's numbers lie in a residual."""
+        ends = np.cumsum([self._size(segment) for segment in self.segments])
+        starts = [0, *ends[:-1]]
+        return [slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
+
+    def _size(self, segment: Segment) -> int:
+        both = segment.effort is not None and self.noise.effort is not None
+        return segment.position.size * (2 if both else 1)
+
+    def subset(self, recordings: Sequence[int]) -> Problem:
+        """Returns the same problem with the segments of some recordings only."""
+        keep = [i for i, s in enumerate(self.segments) if s.recording in recordings]
+        return replace(
+            self,
+            segments=tuple(self.segments[i] for i in keep),
+            state_basis=tuple(self.state_basis[i] for i in keep),
+        )
+
+
+def make_problem(
+    specs: Mapping[CommandKind, mujoco.MjSpec],
+    recordings: Sequence[Trajectory],
+    noise: Noise | None = None,
+) -> Problem:
+    """Returns the problem of explaining `recordings` by the models `specs`.
+
+    The models are integrated to fourth order whatever they say themselves: a first-order step of
+    theirs would show as a delay.
+
+    Raises:
+        ConfigError: a recording's commands are of a kind for which there is no model, or its
+            joints are not those of the others.
+        UnknownNameError: a model lacks a recorded joint.
+    """
+    joints = recordings[0].joint_names
+    _check_recordings(specs, recordings)
+    accurate = {kind: accurately_integrated(spec) for kind, spec in specs.items()}
+    for spec in accurate.values():
+        check_joints(spec, joints)
+    segments = tuple(s for i, r in enumerate(recordings) for s in cut(r, i))
+    problem = Problem(
+        specs=accurate,
+        joints=joints,
+        segments=segments,
+        noise=noise or measure_noise(recordings),
+    )
+    return _with_state_basis(replace(problem, after_command=_efforts_follow_commands(problem)))
+
+
+def accurately_integrated(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Returns a copy that is integrated by the fourth-order Runge-Kutta method."""
+    accurate = spec.copy()
+    accurate.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    return accurate
+
+
+def _check_recordings(
+    specs: Mapping[CommandKind, mujoco.MjSpec], recordings: Sequence[Trajectory]
+) -> None:
+    first = recordings[0]
+    for recording in recordings:
+        if recording.command_kind not in specs:
+            kinds = ", ".join(sorted(specs))
+            raise ConfigError(
+                f"{recording.name}: its commands are of kind {recording.command_kind}, "
+                f"the actuators of the model are of kind {kinds}"
+            )
+        if sorted(recording.joint_names) != sorted(first.joint_names):
+            raise ConfigError(
+                f"{recording.name}: joints {', '.join(recording.joint_names)}; "
+                f"{first.name} has {', '.join(first.joint_names)}"
+            )
+
+
+def measure_noise(recordings: Sequence[Trajectory]) -> Noise:
+    """Returns the sensor noise: the median over the recordings."""
+    position = [noise_std(evenly(r.time_s, r.position)[1]) for r in recordings]
+    efforts = [noise_std(evenly(r.time_s, r.effort)[1]) for r in recordings if r.effort is not None]
+    return Noise(
+        position=np.median(position, axis=0),
+        effort=np.median(efforts, axis=0) if efforts else None,
+    )
+
+
+def cut(recording: Trajectory, index: int) -> list[Segment]:
+    """Returns the stretches of a recording that are rolled out, whole ones first to last."""
+    window_s = WINDOW_S[recording.command_kind]
+    time_s = recording.time_s
+    position, velocity, _ = smooth_states(time_s, recording.position)
+    count = max(int(time_s[-1] / window_s), 1)
+    edges = np.searchsorted(time_s, np.arange(count + 1) * min(window_s, time_s[-1]))
+    edges[-1] = len(time_s)
+    gain = np.array([recording.servo_gain.get(name, 1.0) for name in recording.joint_names])
+    segments = []
+    for start, end in pairwise(edges):
+        if end - start < 8:
+            continue
+        here = slice(int(start), int(end))
+        segments.append(
+            Segment(
+                time_s=time_s[here] - time_s[start],
+                position=recording.position[here],
+                effort=None if recording.effort is None else recording.effort[here],
+                kind=recording.command_kind,
+                **_commands(recording, float(time_s[start]), float(time_s[end - 1])),
+                initial_position=position[start],
+                initial_velocity=velocity[start],
+                servo_gain=gain,
+                recording=index,
+            )
+        )
+    return segments
+
+
+def _commands(recording: Trajectory, start_s: float, end_s: float) -> dict[str, Array]:
+    """Returns the commands in force between two times, and those shortly before for delays."""
+    time_s = recording.command_time_s
+    first = max(int(np.searchsorted(time_s, start_s - 0.6, side="right")) - 1, 0)
+    last = max(int(np.searchsorted(time_s, end_s, side="right")), first + 1)
+    return {
+        "command_time_s": time_s[first:last] - start_s,
+        "command": recording.command[first:last],
+    }
+
+
+def _efforts_follow_commands(problem: Problem) -> bool:
+    """Returns whether the efforts fit better when taken after the command of the same stamp."""
+    if problem.noise.effort is None:
+        return False
+    misfit = [0.0, 0.0]
+    for segment, prediction in zip(problem.segments, problem.predictions([()])[0], strict=True):
+        if segment.effort is not None:
+            for i, told in enumerate((prediction.effort, prediction.effort_after)):
+                misfit[i] += float(np.median(np.abs(segment.effort - told)))
+    return misfit[1] < misfit[0]
+
+
+def _with_state_basis(problem: Problem) -> Problem:
+    """Returns the problem with what each initial state can explain."""
+    base = [problem.whitened(s, p) for s, p in _pairs(problem)]
+    columns: list[list[Array]] = [[] for _ in problem.segments]
+    for what, step in zip(("initial_position", "initial_velocity"), STATE_STEP, strict=True):
+        for j in range(len(problem.joints)):
+            moved = replace(
+                problem, segments=tuple(_moved(s, what, j, step) for s in problem.segments)
+            )
+            for i, (segment, prediction) in enumerate(_pairs(moved)):
+                columns[i].append(problem.whitened(segment, prediction) - base[i])
+    return replace(problem, state_basis=tuple(_orthonormal(np.stack(c, 1)) for c in columns))
+
+
+def _pairs(problem: Problem) -> list[tuple[Segment, Prediction]]:
+    return list(zip(problem.segments, problem.predictions([()])[0], strict=True))
+
+
+def _moved(segment: Segment, what: str, joint: int, step: float) -> Segment:
+    moved: dict[str, Any] = {what: np.array(getattr(segment, what))}
+    moved[what][joint] += step
+    return replace(segment, **moved)
+
+
+def _orthonormal(columns: Array) -> Array:
+    """Returns an orthonormal basis of the columns, without directions that are numerical noise."""
+    left, sizes, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
+    return np.asarray(left[:, sizes > 1e-3 * sizes[0]])

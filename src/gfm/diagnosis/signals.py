@@ -1,0 +1,103 @@
+"""What can be said of measured signals alone: noise, smooth state, doubtful input.
+
+Shape letters: T measurements, J joints.
+"""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from gfm.core import Trajectory
+from gfm.core.checks import Array
+
+#: Order of the differences in which only noise is left of a smooth signal.
+NOISE_ORDER = 4
+#: Span and order of the polynomials from which velocity and acceleration are taken.
+SMOOTHING_S, SMOOTHING_ORDER = 0.09, 3
+
+
+def noise_std(signal: Array) -> Array:
+    """Returns the standard deviation of the noise on each column, shape (J,).
+
+    From differences of a high order, in which a smooth signal vanishes and white noise of variance
+    s^2 becomes noise of variance binom(2k, k) s^2; the median makes jumps harmless. Never less than
+    what rounding to the finest step seen would give.
+
+    Args:
+        signal: Evenly sampled, shape (T, J).
+    """
+    differences = np.diff(signal, n=NOISE_ORDER, axis=0)
+    spread = np.median(np.abs(differences), axis=0) / 0.6745
+    white = spread / np.sqrt(comb(2 * NOISE_ORDER, NOISE_ORDER))
+    return np.asarray(np.maximum(np.maximum(white, resolution(signal) / np.sqrt(12.0)), 1e-9))
+
+
+def resolution(signal: Array) -> Array:
+    """Returns the step to which each column is rounded; 0 where it is not, shape (J,).
+
+    Rounded signals repeat a few step sizes; others never do.
+    """
+    steps = np.zeros(signal.shape[1])
+    for j, column in enumerate(signal.T):
+        jumps = np.abs(np.diff(column))
+        sizes, counts = np.unique(np.round(jumps[jumps > 1e-12], 9), return_counts=True)
+        if len(sizes) and counts.max() > 0.05 * len(column):
+            steps[j] = sizes[counts > 0.01 * len(column)].min(initial=sizes[counts.argmax()])
+    return steps
+
+
+def evenly(time_s: Array, signal: Array) -> tuple[Array, Array]:
+    """Returns `signal` at the median rate of its stamps: times (T',) and values (T', J)."""
+    period_s = float(np.median(np.diff(time_s)))
+    count = max(round((time_s[-1] - time_s[0]) / period_s), 1) + 1
+    grid = time_s[0] + period_s * np.arange(count)
+    return grid, np.stack([np.interp(grid, time_s, column) for column in signal.T], axis=1)
+
+
+def smooth_states(time_s: Array, position: Array) -> tuple[Array, Array, Array]:
+    """Returns position, velocity and acceleration at the stamps, each of shape (T, J)."""
+    grid, even = evenly(time_s, position)
+    period_s = grid[1] - grid[0]
+    window = max(round(SMOOTHING_S / period_s) | 1, SMOOTHING_ORDER + 2 | 1)
+    window = min(window, (len(grid) - 1) | 1 if len(grid) % 2 == 0 else len(grid))
+    window -= 1 - window % 2
+    derivatives = [
+        savgol_filter(even, window, SMOOTHING_ORDER, deriv=d, delta=period_s, axis=0)
+        for d in range(3)
+    ]
+    q, v, a = (
+        np.stack([np.interp(time_s, grid, column) for column in d.T], axis=1) for d in derivatives
+    )
+    return q, v, a
+
+
+def warnings_of(trajectory: Trajectory) -> tuple[str, ...]:
+    """Returns what is doubtful about a recording, in words."""
+    found = []
+    periods = np.diff(trajectory.time_s)
+    typical = float(np.median(periods))
+    if periods.max() > 5.0 * typical:
+        found.append(
+            f"a gap of {periods.max():.3f} s in the joint states (typical {typical:.3f} s)"
+        )
+    jitter = float(np.std(periods)) / typical
+    if jitter > 0.1:
+        found.append(f"stamps jitter by {100 * jitter:.0f} % of the period")
+    still = np.ptp(trajectory.position, axis=0) < 1e-9
+    if still.any():
+        names = [n for n, s in zip(trajectory.joint_names, still, strict=True) if s]
+        found.append(f"position never changes: {', '.join(names)}")
+    if _is_copy(trajectory):
+        found.append("the command equals the measured position at every stamp: is it an echo?")
+    return tuple(found)
+
+
+def _is_copy(trajectory: Trajectory) -> bool:
+    if trajectory.command_kind != "position":
+        return False
+    held = np.searchsorted(trajectory.command_stamp_ns, trajectory.stamp_ns, side="right") - 1
+    commanded = trajectory.command[np.maximum(held, 0)]
+    return bool(np.abs(commanded - trajectory.position).max() < 1e-9)

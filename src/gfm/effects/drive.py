@@ -1,0 +1,197 @@
+"""What happens between a command and the torque at the joint."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import final
+
+import mujoco
+import numpy as np
+from typing_extensions import override
+
+from gfm.core.checks import Array
+from gfm.effects.effect import (
+    Effect,
+    Motion,
+    Parameter,
+    ProbeGroup,
+    Scales,
+    Scope,
+    Values,
+    find_actuator,
+)
+from gfm.effects.elements import add_constant_torque, add_passive_motor
+
+
+@final
+class ActuatorGain(Effect):
+    """The drive's torque is that of the model times a factor."""
+
+    name = "actuator_gain"
+    parameters = (Parameter(name="scale", unit="1", lower=0.02, upper=50.0),)
+    shown_by = "known load: gravity or acceleration"
+
+    @override
+    def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
+        drive = find_actuator(spec, joints[0])
+        drive.gainprm = np.asarray(drive.gainprm) * values["scale"]
+        drive.biasprm = np.asarray(drive.biasprm) * values["scale"]
+
+    @override
+    def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
+        return [[{"scale": 1.05}]]
+
+    @override
+    def combine(self, group: ProbeGroup, amplitudes: Sequence[float]) -> dict[str, float] | None:
+        values = {"scale": 1.0 + amplitudes[0] * (group[0]["scale"] - 1.0)}
+        # To first order a weak drive looks like minus infinity of it: keep the sign of the answer.
+        values["scale"] = max(values["scale"], 0.2)
+        return values
+
+
+@final
+class CommandDelay(Effect):
+    """Commands take effect later, on all joints that share the line."""
+
+    name = "command_delay"
+    scope = Scope.ROBOT
+    shares_joints = True
+    parameters = (Parameter(name="delay", unit="s", lower=0.0, upper=0.5),)
+    shown_by = "fast changes of the command"
+
+    @override
+    def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
+        for joint in joints:
+            drive = find_actuator(spec, joint)
+            total = float(drive.delay) + values["delay"]
+            drive.delay = total
+            drive.nsample = max(math.ceil(total / spec.option.timestep - 1e-9) + 1, 1)
+
+    @override
+    def retime(self, time_s: Array, values: Values) -> Array:
+        return time_s + values["delay"]
+
+    @override
+    def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
+        return [[{"delay": 0.004}]]
+
+
+@final
+class ActuatorLag(Effect):
+    """The drive follows its command with a first-order lag."""
+
+    name = "actuator_lag"
+    parameters = (Parameter(name="time_constant", unit="s", lower=0.0, upper=1.0),)
+    shown_by = "steps and fast changes of the command"
+
+    @override
+    def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
+        drive = find_actuator(spec, joints[0])
+        if values["time_constant"] > 0.0:
+            drive.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+            drive.dynprm[0] = values["time_constant"]
+            drive.actdim = 1
+
+    @override
+    def lag_s(self, values: Values) -> float:
+        return values["time_constant"]
+
+    @override
+    def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
+        return [[{"time_constant": 0.004}]]
+
+
+@final
+class TorqueSaturation(Effect):
+    """The drive's torque is limited."""
+
+    name = "torque_saturation"
+    parameters = (Parameter(name="limit", unit="N m", lower=1e-3, upper=1e4),)
+    shown_by = "the largest accelerations and loads"
+
+    @override
+    def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
+        drive = find_actuator(spec, joints[0])
+        limit = values["limit"]
+        limited = drive.forcelimited == mujoco.mjtLimited.mjLIMITED_TRUE or any(drive.forcerange)
+        low, high = drive.forcerange if limited else (-math.inf, math.inf)
+        drive.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+        drive.forcerange = [max(float(low), -limit), min(float(high), limit)]
+
+    @override
+    def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
+        return [[{"limit": share * scales.peak_nm}] for share in (0.9, 0.7, 0.5, 0.3)]
+
+    @override
+    def combine(self, group: ProbeGroup, amplitudes: Sequence[float]) -> dict[str, float] | None:
+        # The response is far from linear in the limit: a probe either looks like it or does not.
+        return dict(group[0]) if amplitudes[0] > 0.2 else None
+
+
+@final
+class TorqueOffset(Effect):
+    """A constant torque behind the drive."""
+
+    name = "torque_offset"
+    parameters = (Parameter(name="torque", unit="N m", lower=-1e3, upper=1e3),)
+    shown_by = "rest, and the same speeds in both directions"
+
+    @override
+    def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
+        add_constant_torque(spec, joints[0], values["torque"])
+
+    @override
+    def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
+        return [[{"torque": 0.5 * scales.excess_nm}]]
+
+    @override
+    def torque(self, motion: Motion, values: Values) -> Array | None:
+        return np.full_like(motion.position, values["torque"])
+
+
+@final
+class CoggingTorque(Effect):
+    """A torque that repeats over the angle: magnets and slots, gear teeth."""
+
+    name = "cogging_torque"
+    parameters = (
+        Parameter(name="amplitude", unit="N m", lower=0.0, upper=1e3),
+        Parameter(name="per_revolution", unit="1", lower=1.0, upper=400.0),
+        Parameter(name="phase", unit="rad", lower=-10.0, upper=10.0),
+    )
+    fixed = ("per_revolution",)
+    shown_by = "slow motion over at least one period"
+
+    @override
+    def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
+        add_passive_motor(
+            spec,
+            joints[0],
+            "cogging",
+            cogging=(values["amplitude"], round(values["per_revolution"]), values["phase"]),
+        )
+
+    @override
+    def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
+        amplitude = 0.5 * scales.excess_nm
+        return [
+            [
+                {"amplitude": amplitude, "per_revolution": float(order), "phase": phase}
+                for phase in (0.0, 0.5 * math.pi)
+            ]
+            for order in scales.cogging_per_revolution
+        ]
+
+    @override
+    def combine(self, group: ProbeGroup, amplitudes: Sequence[float]) -> dict[str, float] | None:
+        return {
+            "amplitude": group[0]["amplitude"] * math.hypot(*amplitudes),
+            "per_revolution": group[0]["per_revolution"],
+            "phase": math.atan2(amplitudes[1], amplitudes[0]),
+        }
+
+    @override
+    def torque(self, motion: Motion, values: Values) -> Array | None:
+        angle = round(values["per_revolution"]) * motion.position + values["phase"]
+        return values["amplitude"] * np.sin(angle)

@@ -1,0 +1,142 @@
+"""Springs, and what lies between a motor and its link."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import final
+
+import mujoco
+import numpy as np
+from typing_extensions import override
+
+from gfm.core.checks import Array
+from gfm.effects.effect import (
+    Effect,
+    Motion,
+    Parameter,
+    ProbeGroup,
+    Scales,
+    Values,
+    find_joint,
+)
+from gfm.effects.elements import add_spring
+
+#: Suffix of the joint that carries a motor's side: armature, friction and drive.
+MOTOR_SIDE = "_motor"
+#: Mass and inertia of the body that carries a motor side; its real inertia is the armature.
+MOTOR_MASS, MOTOR_INERTIA = 1e-6, 1e-9
+#: Least inertia of a motor side, so that it can be integrated.
+LEAST_ARMATURE = 1e-5
+
+
+@final
+class JointSpring(Effect):
+    """A spring between a joint and its parent: cables, a balancer."""
+
+    name = "joint_spring"
+    parameters = (
+        Parameter(name="stiffness", unit="N m/rad", lower=0.0, upper=1e5),
+        Parameter(name="rest_angle", unit="rad", lower=-20.0, upper=20.0),
+    )
+    shown_by = "rest or slow motion over the whole range"
+
+    @override
+    def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
+        add_spring(spec, joints[0], values["stiffness"], values["rest_angle"])
+
+    @override
+    def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
+        stiffness = 0.5 * scales.excess_nm / max(scales.position_rad, 0.05)
+        return [[{"stiffness": stiffness, "rest_angle": rest} for rest in (0.0, 1.0)]]
+
+    @override
+    def combine(self, group: ProbeGroup, amplitudes: Sequence[float]) -> dict[str, float] | None:
+        share = sum(amplitudes)
+        if share <= 0.0:
+            return None
+        values = {
+            "stiffness": share * group[0]["stiffness"],
+            "rest_angle": float(np.clip(amplitudes[1] / share, -19.0, 19.0)),
+        }
+        return values if self.admissible(values) else None
+
+    @override
+    def torque(self, motion: Motion, values: Values) -> Array | None:
+        return -values["stiffness"] * (motion.position - values["rest_angle"])
+
+
+@final
+class Backlash(Effect):
+    """Free play between the motor side and the link."""
+
+    name = "backlash"
+    parameters = (Parameter(name="gap", unit="rad", lower=0.0, upper=0.5),)
+    separates_motor = True
+    shown_by = "reversals under changing load"
+
+    @override
+    def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
+        tendon = separate_motor(spec, joints[0], "backlash")
+        half = max(0.5 * values["gap"], 1e-6)
+        tendon.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+        tendon.range = [-half, half]
+        tendon.solref_limit = [0.004, 1.0]
+
+    @override
+    def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
+        return [[{"gap": gap}] for gap in (2e-3, 1e-2)]
+
+
+@final
+class JointElasticity(Effect):
+    """A spring between the motor side and the link: a harmonic drive, a belt."""
+
+    name = "joint_elasticity"
+    parameters = (Parameter(name="stiffness", unit="N m/rad", lower=0.5, upper=1e6),)
+    separates_motor = True
+    shown_by = "fast reversals: steps and multisine near the resonance"
+
+    @override
+    def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
+        tendon = separate_motor(spec, joints[0], "elasticity")
+        tendon.stiffness[0] = values["stiffness"]
+        tendon.springlength = [0.0, 0.0]
+
+    @override
+    def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
+        peak = max(scales.peak_nm, 1e-6)
+        return [[{"stiffness": peak / bend}] for bend in (0.02, 0.005)]
+
+    @override
+    def combine(self, group: ProbeGroup, amplitudes: Sequence[float]) -> dict[str, float] | None:
+        if amplitudes[0] <= 0.0:
+            return None
+        values = {"stiffness": group[0]["stiffness"] / amplitudes[0]}
+        return values if self.admissible(values) else None
+
+
+def separate_motor(spec: mujoco.MjSpec, name: str, what: str) -> mujoco.MjsTendon:
+    """Moves a joint's armature, friction, damping and drive to a motor side of its own.
+
+    Returns:
+        The tendon whose length is motor angle minus link angle; the caller says how it couples
+        them.
+    """
+    link = find_joint(spec, name)
+    carrier = link.parent.parent.add_body(
+        name=f"{name}{MOTOR_SIDE}", pos=link.parent.pos, quat=link.parent.quat
+    )
+    carrier.mass = MOTOR_MASS
+    carrier.inertia = [MOTOR_INERTIA] * 3
+    carrier.explicitinertial = True
+    motor = carrier.add_joint(name=f"{name}{MOTOR_SIDE}", type=link.type, axis=link.axis)
+    motor.pos, motor.ref, motor.limited = link.pos, link.ref, mujoco.mjtLimited.mjLIMITED_FALSE
+    motor.armature = max(float(link.armature), LEAST_ARMATURE)
+    motor.frictionloss, motor.damping = float(link.frictionloss), link.damping
+    link.armature, link.frictionloss, link.damping = 0.0, 0.0, [0.0, 0.0, 0.0]
+    for actuator in (a for a in spec.actuators if a.target == name):
+        actuator.target = motor.name
+    tendon = spec.add_tendon(name=f"{name}_{what}")
+    tendon.wrap_joint(motor.name, 1.0)
+    tendon.wrap_joint(name, -1.0)
+    return tendon

@@ -1,0 +1,68 @@
+"""Pieces of MJCF that several effects are made of."""
+
+from __future__ import annotations
+
+import mujoco
+
+from gfm.effects.effect import angle, find_joint
+
+#: Bristle stiffness per unit of friction, 1/rad: a joint at rest gives by less than 0.1 mrad.
+BRISTLES_PER_RAD = 1e4
+#: Stiffness of the soft, far stretched spring that stands for a constant torque, N m/rad.
+SOFT_SPRING = 1e-6
+
+
+def add_spring(spec: mujoco.MjSpec, name: str, stiffness: float, rest_rad: float) -> None:
+    """Adds -stiffness (q - rest) to a joint that may have a linear spring already."""
+    joint = find_joint(spec, name)
+    before = float(joint.stiffness[0])
+    total = before + stiffness
+    if total == 0.0:
+        return
+    moment = before * float(joint.springref) + stiffness * angle(spec, joint, rest_rad)
+    joint.stiffness[0] = total
+    joint.springref = moment / total
+
+
+def add_constant_torque(spec: mujoco.MjSpec, name: str, torque: float) -> None:
+    """Adds a torque that depends on nothing: a spring so soft that its stretch never changes it."""
+    if torque != 0.0:
+        add_spring(spec, name, SOFT_SPRING, torque / SOFT_SPRING)
+
+
+def add_passive_motor(
+    spec: mujoco.MjSpec,
+    joint: str,
+    what: str,
+    *,
+    lugre: tuple[float, float, float, float, float] | None = None,
+    cogging: tuple[float, int, float] | None = None,
+) -> None:
+    """Adds a motor without windings or inputs to a joint: only its friction or cogging acts.
+
+    Written field by field, as MuJoCo's reader does for `<dcmotor input="none" motorconst="0">`,
+    because `MjsActuator.set_to_dcmotor` refuses a motor constant of zero.
+
+    Args:
+        lugre: Bristle stiffness and damping, Coulomb and static level, Stribeck velocity.
+        cogging: Amplitude, periods per revolution, phase.
+    """
+    motor = spec.add_actuator(name=f"{joint}_{what}", target=joint)
+    motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
+    motor.dyntype = mujoco.mjtDyn.mjDYN_DCMOTOR
+    motor.gaintype = mujoco.mjtGain.mjGAIN_DCMOTOR
+    motor.biastype = mujoco.mjtBias.mjBIAS_DCMOTOR
+    motor.ctrlspec = NO_INPUT
+    motor.actearly = True
+    motor.actlimited = mujoco.mjtLimited.mjLIMITED_FALSE
+    motor.dynprm[0] = 0.0
+    if cogging is not None:
+        motor.biasprm[0:3] = cogging
+    if lugre is not None:
+        motor.actdim = 1
+        motor.dynprm[5:7] = lugre[0:2]
+        motor.biasprm[3:6] = lugre[2:5]
+
+
+#: MjsActuator.ctrlspec of `input="none"`.
+NO_INPUT = 16

@@ -1,0 +1,29 @@
+"""What the sensors report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import final
+
+import mujoco
+from typing_extensions import override
+
+from gfm.effects.effect import Effect, Parameter, ProbeGroup, Scales, Values, angle, find_joint
+
+
+@final
+class EncoderOffset(Effect):
+    """The reported position is the true one plus an offset: a shifted zero (MuJoCo's `ref`)."""
+
+    name = "encoder_offset"
+    parameters = (Parameter(name="offset", unit="rad", lower=-3.2, upper=3.2),)
+    shown_by = "rest in several postures under gravity"
+
+    @override
+    def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
+        joint = find_joint(spec, joints[0])
+        joint.ref += angle(spec, joint, values["offset"])
+
+    @override
+    def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
+        return [[{"offset": 0.01}]]

@@ -1,0 +1,176 @@
+"""A model with effects in it, ready to be asked what a recording should have looked like."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from gfm.core import UnknownNameError
+from gfm.effects import EffectInstance
+from gfm.effects.effect import find_actuator
+from gfm.effects.elastic import MOTOR_SIDE
+
+#: Prefix of the sensors that a plant adds: the drive torque of each joint, and what to take off it.
+DRIVE_SENSOR = "gfm_drive_"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plant:
+    """A compiled model of some joints, with the effects that act outside MuJoCo.
+
+    Attributes:
+        model: Everything that MuJoCo expresses.
+        joints: The joints that are commanded and measured, in order; J of them.
+        qpos: Their addresses in qpos, shape (J,).
+        dof: Their addresses in qvel, shape (J,).
+        motor_qpos: Addresses of their motor sides in qpos, -1 where there is none, shape (J,).
+        actuator: Their actuators, shape (J,).
+        drive: Matrix from sensordata to the drive torque of each joint, shape (J, nsensordata).
+        effects: Every effect that was added.
+    """
+
+    model: mujoco.MjModel
+    joints: tuple[str, ...]
+    qpos: NDArray[np.intp]
+    dof: NDArray[np.intp]
+    motor_qpos: NDArray[np.intp]
+    actuator: NDArray[np.intp]
+    drive: NDArray[np.float64]
+    effects: tuple[EffectInstance, ...] = field(default=())
+
+    @property
+    def stepwise(self) -> tuple[EffectInstance, ...]:
+        """The effects that have to be evaluated at every step."""
+        one = np.zeros(1)
+        return tuple(e for e in self.effects if e.effect.extra_friction(one, e.values) is not None)
+
+    @property
+    def layout(self) -> tuple[int, ...]:
+        """Plants of the same layout can be simulated in one batch."""
+        model = self.model
+        return (model.nq, model.nv, model.na, model.nu, model.nsensordata, model.ntendon, model.nM)
+
+
+def make_plant(
+    spec: mujoco.MjSpec, joints: Sequence[str], effects: Sequence[EffectInstance] = ()
+) -> Plant:
+    """Returns `spec` (which stays as it is) with `effects` added.
+
+    Effects on commands are left to the simulation, which can place them between two time steps.
+
+    Raises:
+        UnknownNameError: the model lacks one of the joints, or an actuator of that name.
+    """
+    check_joints(spec, joints)
+    changed = spec.copy()
+    for instance in in_order(effects):
+        if not acts_on_command(instance):
+            instance.effect.apply(changed, instance.joints, instance.values)
+    _add_drive_sensors(changed, joints)
+    return _plant(changed.compile(), joints, tuple(effects))
+
+
+def in_order(effects: Sequence[EffectInstance]) -> list[EffectInstance]:
+    """Returns `effects` in the order of application: what separates a motor from its link last.
+
+    What stands on the motor's side has to be there before it is moved there.
+    """
+    return sorted(effects, key=lambda instance: instance.effect.separates_motor)
+
+
+def acts_on_command(instance: EffectInstance) -> bool:
+    """Returns whether an effect changes what is commanded rather than the model."""
+    effect, values = instance.effect, instance.values
+    now = np.zeros(1)
+    return effect.lag_s(values) != 0.0 or bool(effect.retime(now, values)[0] != 0.0)
+
+
+def check_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
+    """Raises UnknownNameError for the first joint that lacks itself or its actuator in `spec`."""
+    there = [joint.name for joint in spec.joints]
+    driven = [actuator.name for actuator in spec.actuators]
+    for name in joints:
+        if name not in there:
+            raise UnknownNameError("joint", name, there)
+        if name not in driven:
+            raise UnknownNameError("actuator", name, driven)
+
+
+def _add_drive_sensors(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
+    """Adds what the drive torque of each joint is computed from.
+
+    MuJoCo's actuator force at the joint and at its motor side, less what passive motors (friction,
+    cogging) put there: those are not the drive.
+    """
+    there = {joint.name for joint in spec.joints}
+    for name in joints:
+        for side in (name, name + MOTOR_SIDE):
+            if side in there:
+                spec.add_sensor(
+                    name=f"{DRIVE_SENSOR}plus_{side}",
+                    type=mujoco.mjtSensor.mjSENS_JOINTACTFRC,
+                    objtype=mujoco.mjtObj.mjOBJ_JOINT,
+                    objname=side,
+                )
+        for actuator in spec.actuators:
+            if actuator.target in (name, name + MOTOR_SIDE) and actuator.name != name:
+                spec.add_sensor(
+                    name=f"{DRIVE_SENSOR}minus_{actuator.name}",
+                    type=mujoco.mjtSensor.mjSENS_ACTUATORFRC,
+                    objtype=mujoco.mjtObj.mjOBJ_ACTUATOR,
+                    objname=actuator.name,
+                )
+
+
+def _plant(
+    model: mujoco.MjModel, joints: Sequence[str], effects: tuple[EffectInstance, ...]
+) -> Plant:
+    ids = [model.joint(name).id for name in joints]
+    motors = [
+        mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name + MOTOR_SIDE) for name in joints
+    ]
+    return Plant(
+        model=model,
+        joints=tuple(joints),
+        qpos=np.array([model.jnt_qposadr[i] for i in ids]),
+        dof=np.array([model.jnt_dofadr[i] for i in ids]),
+        motor_qpos=np.array([model.jnt_qposadr[i] if i >= 0 else -1 for i in motors]),
+        actuator=np.array([model.actuator(name).id for name in joints]),
+        drive=_drive_matrix(model, joints),
+        effects=effects,
+    )
+
+
+def _drive_matrix(model: mujoco.MjModel, joints: Sequence[str]) -> NDArray[np.float64]:
+    matrix = np.zeros((len(joints), model.nsensordata))
+    for row, name in enumerate(joints):
+        for side in (name, name + MOTOR_SIDE):
+            _mark(model, matrix[row], f"{DRIVE_SENSOR}plus_{side}", 1.0)
+        for index in range(model.nactuator):
+            actuator = model.actuator(index).name
+            if actuator.startswith(name + "_"):
+                _mark(model, matrix[row], f"{DRIVE_SENSOR}minus_{actuator}", -1.0)
+    return matrix
+
+
+def _mark(model: mujoco.MjModel, row: NDArray[np.float64], sensor: str, weight: float) -> None:
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, sensor)
+    if index >= 0:
+        row[model.sensor_adr[index]] += weight
+
+
+def native_spec(spec: mujoco.MjSpec, effects: Sequence[EffectInstance]) -> mujoco.MjSpec:
+    """Returns a copy of `spec` with every effect that plain MuJoCo expresses, commands included."""
+    changed = spec.copy()
+    for instance in in_order([e for e in effects if e.effect.native]):
+        instance.effect.apply(changed, instance.joints, instance.values)
+    return changed
+
+
+def joint_actuator(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator:
+    """Returns the actuator that drives `joint`."""
+    return find_actuator(spec, joint)

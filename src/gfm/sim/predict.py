@@ -1,0 +1,345 @@
+"""What plants predict for recordings: open-loop rollouts from a given state, in batch.
+
+Shape letters: T measurements of a segment, J joints, K time steps.
+"""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from mujoco import batch, rollout
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from gfm.core import CommandKind
+from gfm.core.checks import Array
+from gfm.effects.elastic import MOTOR_SIDE
+from gfm.sim.plant import Plant
+
+#: Memory that one call of the batched rollout may fill, bytes.
+CHUNK_BYTES = 200e6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Segment:
+    """A stretch of one recording, to be predicted from its initial state.
+
+    Attributes:
+        time_s: Measurement times from the start of the segment, shape (T,).
+        position: Measured, rad, shape (T, J).
+        effort: Measured drive torque, N m, shape (T, J), or None.
+        kind: What the commands are.
+        command_time_s: When each command took effect, on the same clock, shape (C,).
+        command: rad, rad/s or N m, shape (C, J).
+        initial_position: rad, shape (J,).
+        initial_velocity: rad/s, shape (J,).
+        servo_gain: Factor on the servo's gain, shape (J,).
+        recording: Index of the recording that it was cut from.
+    """
+
+    time_s: Array
+    position: Array
+    effort: Array | None
+    kind: CommandKind
+    command_time_s: Array
+    command: Array
+    initial_position: Array
+    initial_velocity: Array
+    servo_gain: Array
+    recording: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prediction:
+    """What a plant predicts for a segment, at its measurement times.
+
+    Attributes:
+        position: rad, shape (T, J).
+        effort: Drive torque just before each measurement time, N m, shape (T, J).
+        effort_after: The same just after: they differ where a command takes effect, shape (T, J).
+        diverged: Whether the simulation broke off.
+    """
+
+    position: Array
+    effort: Array
+    effort_after: Array
+    diverged: bool
+
+
+@dataclass
+class _Job:
+    plant: Plant
+    segment: Segment
+    place: tuple[int, int]
+    steps: int
+    model: mujoco.MjModel = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.model = _with_servo_gain(self.plant, self.segment)
+
+
+def predict(
+    plants: Sequence[Plant], segments: Sequence[Segment], *, threads: int | None = None
+) -> list[list[Prediction]]:
+    """Returns the prediction of every plant for every segment, plants first."""
+    answers: list[list[Prediction | None]] = [[None] * len(segments) for _ in plants]
+    for jobs in _batches(plants, segments):
+        run = _step_by_step if needs_stepping(jobs[0].plant, jobs[0].segment.kind) else _rollout
+        for job, prediction in zip(jobs, run(jobs, threads or os.cpu_count() or 1), strict=True):
+            answers[job.place[0]][job.place[1]] = prediction
+    return [[p for p in row if p is not None] for row in answers]
+
+
+def needs_stepping(plant: Plant, kind: CommandKind) -> bool:
+    """Returns whether some effect of the plant must be evaluated at every step."""
+    feedback = kind is not CommandKind.EFFORT and bool((plant.motor_qpos >= 0).any())
+    return feedback or bool(plant.stepwise)
+
+
+def _batches(plants: Sequence[Plant], segments: Sequence[Segment]) -> Iterator[list[_Job]]:
+    """Yields jobs that can run together: same layout, similar length, bounded memory."""
+    groups: dict[tuple[object, ...], list[_Job]] = defaultdict(list)
+    for p, plant in enumerate(plants):
+        names = tuple(e.key for e in plant.effects if e in plant.stepwise)
+        for s, segment in enumerate(segments):
+            steps = int(np.ceil(segment.time_s[-1] / plant.model.opt.timestep - 1e-6)) + 1
+            stepping = needs_stepping(plant, segment.kind)
+            key = (plant.layout, stepping, names, steps.bit_length())
+            groups[key].append(_Job(plant, segment, (p, s), steps))
+    for jobs in groups.values():
+        jobs.sort(key=lambda job: job.steps)
+        model = jobs[0].plant.model
+        width = 1 + model.nq + model.nv + model.na + model.nsensordata + model.nu
+        most = max(1, int(CHUNK_BYTES / (8 * width * jobs[-1].steps)))
+        for start in range(0, len(jobs), most):
+            yield jobs[start : start + most]
+
+
+def _with_servo_gain(plant: Plant, segment: Segment) -> mujoco.MjModel:
+    """Returns the plant's model with the servo gains of the recording."""
+    if (segment.servo_gain == 1.0).all():
+        return plant.model
+    model = copy.copy(plant.model)
+    feedback = 2 if segment.kind is CommandKind.VELOCITY else 1
+    model.actuator_gainprm[plant.actuator, 0] *= segment.servo_gain
+    model.actuator_biasprm[plant.actuator, feedback] *= segment.servo_gain
+    return model
+
+
+def _rollout(jobs: list[_Job], threads: int) -> list[Prediction]:
+    steps = max(job.steps for job in jobs)
+    states, sensors = rollout.rollout(
+        [job.model for job in jobs],
+        [mujoco.MjData(jobs[0].model) for _ in range(min(threads, len(jobs)))],
+        np.stack([_initial_state(job) for job in jobs]),
+        np.stack([_controls(job, steps) for job in jobs]),
+        persistent_pool=True,
+    )
+    nq = jobs[0].model.nq
+    return [
+        _prediction(job, states[i, :, 0], states[i, :, 1 : 1 + nq], sensors[i])
+        for i, job in enumerate(jobs)
+    ]
+
+
+def _initial_state(job: _Job) -> Array:
+    model, data = job.model, mujoco.MjData(job.model)
+    _set_initial(job, data.qpos, data.qvel)
+    state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    return state
+
+
+def _set_initial(job: _Job, qpos: Array, qvel: Array) -> None:
+    """Writes the segment's initial state; a motor side starts where its link is."""
+    plant, segment = job.plant, job.segment
+    qpos[plant.qpos] = segment.initial_position
+    qvel[plant.dof] = segment.initial_velocity
+    for j, name in enumerate(plant.joints):
+        if plant.motor_qpos[j] >= 0:
+            motor = plant.model.joint(name + MOTOR_SIDE).id
+            qpos[plant.motor_qpos[j]] = segment.initial_position[j]
+            qvel[plant.model.jnt_dofadr[motor]] = segment.initial_velocity[j]
+
+
+def _controls(job: _Job, steps: int) -> Array:
+    """Returns the control of every time step, shape (K, nu)."""
+    controls = np.zeros((steps, job.model.nu))
+    controls[:, job.plant.actuator] = applied_commands(job.plant, job.segment, steps)
+    return controls
+
+
+def applied_commands(plant: Plant, segment: Segment, steps: int) -> Array:
+    """Returns the mean command of every time step after delays and lags, shape (K, J).
+
+    A command that changes within a time step counts by its share of it, so that predictions are
+    smooth in a delay.
+    """
+    period_s = plant.model.opt.timestep
+    grid = period_s * np.arange(steps + 1)
+    columns = []
+    for j, name in enumerate(plant.joints):
+        here = [e for e in plant.effects if name in e.joints]
+        time_s = segment.command_time_s
+        for instance in here:
+            time_s = instance.effect.retime(time_s, instance.values)
+        column = _held_means(grid, time_s, segment.command[:, j])
+        for lag_s in (e.effect.lag_s(e.values) for e in here):
+            column = _lagged_means(column, lag_s, period_s)
+        columns.append(column)
+    return np.stack(columns, axis=1)
+
+
+def _held_means(grid: Array, time_s: Array, value: Array) -> Array:
+    """Returns the mean over each grid interval of a value held from each time to the next."""
+    before = min(float(time_s[0]), float(grid[0])) - 1.0
+    after = max(float(time_s[-1]), float(grid[-1])) + 1.0
+    knots = np.concatenate([[before], time_s, [after]])
+    held = np.concatenate([[value[0]], value])
+    integral = np.concatenate([[0.0], np.cumsum(held * np.diff(knots))])
+    return np.asarray(np.diff(np.interp(grid, knots, integral)) / np.diff(grid))
+
+
+def _lagged_means(value: Array, lag_s: float, period_s: float) -> Array:
+    """Returns the means over each step of a first-order lag's answer to a stepwise value."""
+    if lag_s <= 0.0:
+        return value
+    decay = float(np.exp(-period_s / lag_s))
+    # State at the start of each step: y+ = decay y + (1 - decay) u, settled at the first value.
+    filtered = lfilter([1.0 - decay], [1.0, -decay], value, zi=np.array([decay * value[0]]))[0]
+    start = np.concatenate([[value[0]], filtered[:-1]])
+    return np.asarray(value + (start - value) * (lag_s / period_s) * (1.0 - decay))
+
+
+def _prediction(job: _Job, time_s: Array, qpos: Array, sensors: Array) -> Prediction:
+    """Returns the prediction at the measurement times from what each step left behind.
+
+    State k is that after step k; sensors k are those before it.
+    """
+    segment, plant = job.segment, job.plant
+    period_s = job.model.opt.timestep
+    after = np.concatenate([segment.initial_position[None], qpos[:, plant.qpos]])
+    drive = sensors @ plant.drive.T
+    broken = bool(np.any(np.diff(time_s[: job.steps]) <= 0.0)) or not np.isfinite(after).all()
+    return Prediction(
+        position=_sample(after, segment.time_s / period_s),
+        effort=_hold(drive, segment.time_s / period_s - 1e-6),
+        effort_after=_hold(drive, segment.time_s / period_s + 1e-6),
+        diverged=broken,
+    )
+
+
+def _sample(values: Array, place: Array) -> Array:
+    """Returns rows of `values` interpolated linearly at fractional row numbers."""
+    low = np.clip(np.floor(place + 1e-9).astype(np.intp), 0, len(values) - 2)
+    share = (place - low)[:, None]
+    return np.asarray((1.0 - share) * values[low] + share * values[low + 1])
+
+
+def _hold(values: Array, place: Array) -> Array:
+    """Returns the row of the step under way at each fractional row number."""
+    rows = np.floor(place).astype(np.intp)
+    return np.asarray(values[np.clip(rows, 0, len(values) - 1)])
+
+
+def _step_by_step(jobs: list[_Job], threads: int) -> list[Prediction]:
+    """Simulates with effects that are evaluated at every step, all jobs side by side."""
+    steps = max(job.steps for job in jobs)
+    sims = _stepping_batch([job.model for job in jobs], threads)
+    qpos, qvel = sims.bind("qpos"), sims.bind("qvel")
+    for i, job in enumerate(jobs):
+        _set_initial(job, qpos[i], qvel[i])
+    controls = np.stack([_controls(job, steps) for job in jobs], axis=1)
+    laws = _StepLaws(jobs, sims)
+    time_s, kept_qpos, kept_sensors = [], [], []
+    clock, sensordata, ctrl = sims.bind("time"), sims.bind("sensordata"), sims.bind("ctrl")
+    for k in range(steps):
+        ctrl[:] = controls[k]
+        laws.act()
+        sims.step(nstep=1)
+        time_s.append(np.array(clock).reshape(len(jobs)))
+        kept_qpos.append(np.array(qpos))
+        kept_sensors.append(np.array(sensordata))
+    times, positions, sensors = np.stack(time_s), np.stack(kept_qpos), np.stack(kept_sensors)
+    return [
+        _prediction(job, times[:, i], positions[:, i], sensors[:, i]) for i, job in enumerate(jobs)
+    ]
+
+
+def _stepping_batch(models: list[mujoco.MjModel], threads: int) -> batch.Batch:
+    """Returns a batch whose simulations have the models' own values wherever those differ.
+
+    A batch over a list of models would not let single fields be written at every step.
+    """
+    sims = batch.Batch(models[0], nsim=len(models), nthread=min(threads, len(models)))
+    for name in _array_fields(models[0]):
+        values = [getattr(model, name) for model in models]
+        if any(not np.array_equal(values[0], value) for value in values[1:]):
+            sims.expand(name)[:] = np.stack(values)
+    return sims
+
+
+def _array_fields(model: mujoco.MjModel) -> list[str]:
+    names = [name for name in dir(model) if not name.startswith("_")]
+    arrays = [name for name in names if isinstance(getattr(model, name), np.ndarray)]
+    return [name for name in arrays if np.issubdtype(getattr(model, name).dtype, np.floating)]
+
+
+class _StepLaws:
+    """What is done before every step: extra friction, and servos that feel the link.
+
+    A servo whose motor is separated from its link still reads the link's encoder: the command that
+    its actuator (on the motor side) gets is shifted by what lies between the two.
+    """
+
+    def __init__(self, jobs: list[_Job], sims: batch.Batch) -> None:
+        self._sims, self._plant = sims, jobs[0].plant
+        self._qpos, self._qvel = sims.bind("qpos"), sims.bind("qvel")
+        self._ctrl, self._sensors = sims.bind("ctrl"), sims.bind("sensordata")
+        self._friction = sims.expand("dof_frictionloss")
+        self._level: NDArray[np.float64] = np.stack([job.model.dof_frictionloss for job in jobs])
+        self._laws = [
+            [next(x for x in job.plant.effects if x.key == e.key) for job in jobs]
+            for e in self._plant.stepwise
+        ]
+        self._bias = np.stack([job.model.actuator_biasprm[:, 1:3] for job in jobs])
+        self._gain = np.stack([job.model.actuator_gainprm[:, 0] for job in jobs])
+
+    def act(self) -> None:
+        """Writes friction levels and shifted commands for the coming step."""
+        drive = np.asarray(self._sensors) @ self._plant.drive.T
+        if self._laws:
+            self._set_friction(drive)
+        for j in np.flatnonzero(self._plant.motor_qpos >= 0):
+            self._feel_the_link(int(j))
+
+    def _set_friction(self, drive: Array) -> None:
+        level = self._level.copy()
+        for instances in self._laws:
+            j = self._plant.joints.index(instances[0].joints[0])
+            dof = self._motor_dof(j)
+            for row, instance in enumerate(instances):
+                extra = instance.effect.extra_friction(drive[row : row + 1, j], instance.values)
+                level[row, dof] += 0.0 if extra is None else float(extra[0])
+        self._friction[:] = level
+
+    def _motor_dof(self, joint: int) -> int:
+        plant = self._plant
+        if plant.motor_qpos[joint] < 0:
+            return int(plant.dof[joint])
+        motor = plant.model.joint(plant.joints[joint] + MOTOR_SIDE).id
+        return int(plant.model.jnt_dofadr[motor])
+
+    def _feel_the_link(self, joint: int) -> None:
+        plant = self._plant
+        actuator = plant.actuator[joint]
+        bend = self._qpos[:, plant.motor_qpos[joint]] - self._qpos[:, plant.qpos[joint]]
+        slip = self._qvel[:, self._motor_dof(joint)] - self._qvel[:, plant.dof[joint]]
+        stiffness, damping = self._bias[:, actuator, 0], self._bias[:, actuator, 1]
+        self._ctrl[:, actuator] -= (stiffness * bend + damping * slip) / self._gain[:, actuator]
