@@ -1,0 +1,46 @@
+"""The command `gfm-replay`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+
+from gfm.core import Clock
+from gfm.service import Service, make_parser, service_main
+from gfm.transport import Transport
+from gfm_replay.config import ReplayConfig
+from gfm_replay.service import ReplayService
+
+
+def build(config: ReplayConfig, transport: Transport, _clock: Clock) -> Service:
+    """Returns the service that the settings describe."""
+    return ReplayService(config, transport, np.random.default_rng(config.seed))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the replay service until it is told to stop."""
+    parser = make_parser(
+        "gfm-replay",
+        "Keeps the sequences that actors send and hands out batches of them to the learner. "
+        "With --listen it is also the router that everybody else connects to.",
+        listens=True,
+    )
+    group = parser.add_argument_group("replay")
+    group.add_argument("--capacity-mib", type=int, metavar="MIB", help="memory for sequences")
+    group.add_argument(
+        "--min-size", type=int, metavar="N", help="sequences to wait for before the first batch"
+    )
+    group.add_argument(
+        "--max-samples-per-insert",
+        type=float,
+        metavar="RATIO",
+        help="hand out each sequence at most this often on average (default: no limit)",
+    )
+    group.add_argument("--seed", type=int, help="of the choice of sequences")
+    return service_main(parser, ReplayConfig, build, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,32 @@
+"""What the replay service may be told."""
+
+from __future__ import annotations
+
+from gfm.core import ConfigError
+from gfm.service import ServiceConfig
+
+
+class ReplayConfig(ServiceConfig, frozen=True, kw_only=True):
+    """Settings of the replay service.
+
+    Attributes:
+        capacity_mib: Memory for sequences; the oldest make room for new ones.
+        min_size: Sequences that must have been accepted before the first batch.
+        max_samples_per_insert: Sequences handed out per sequence accepted, at most; beyond that
+            the learner waits for the actors. None does not limit it.
+        seed: Of the choice of sequences.
+    """
+
+    capacity_mib: int = 256
+    min_size: int = 64
+    max_samples_per_insert: float | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, least in (("capacity_mib", 1), ("min_size", 1)):
+            if getattr(self, name) < least:
+                raise ConfigError(f"{name} is {getattr(self, name)}, expected at least {least}")
+        limit = self.max_samples_per_insert
+        if limit is not None and not limit > 0:
+            raise ConfigError(f"max_samples_per_insert is {limit}, expected more than 0")
