@@ -55,7 +55,8 @@ class Trajectory:
         command: Applied setpoints in rad, rad/s or N m, shape (C, J).
         requested: What was asked for before any limit, shape (C, J), or None where the same.
         servo_gain: Per joint, the factor by which this recording's servo gain differs from the
-            model's (a setting known to whoever recorded it), by joint name; absent means 1.
+            model's (a setting known to whoever recorded it), by joint name; absent means 1, and
+            0 that the drive was switched off and exerts nothing.
         object_track: Poses of the free object, or None.
         metadata: Whatever else the file said about itself.
     """

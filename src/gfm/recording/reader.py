@@ -148,9 +148,9 @@ def _servo_gain(path: Path, entries: Mapping[str, str]) -> dict[str, float]:
             gains[joint] = float(text)
         except ValueError:
             gains[joint] = np.nan
-        if not 0.0 < gains[joint] < np.inf:
+        if not 0.0 <= gains[joint] < np.inf:
             where = f"{path}: metadata {schemas.SERVO_GAIN_RECORD}: {joint}"
-            raise RecordingError(where, f"is {text!r}", "a positive number")
+            raise RecordingError(where, f"is {text!r}", "a number of at least 0")
     return gains
 
 

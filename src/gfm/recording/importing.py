@@ -1,0 +1,207 @@
+"""Turns tables into recordings, as a mapping says."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gfm.core import BadInputError, ConfigError, RecordingError, Trajectory
+from gfm.core.checks import Array, Stamps
+from gfm.recording.mapping import Files, JointColumns, Mapping, as_column
+from gfm.recording.reader import MIN_STATES
+from gfm.recording.tables import Table, read_table
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """The files of one recording, which are one and the same where a table holds both.
+
+    Attributes:
+        stem: What names the recording.
+        states: The file with the measurements.
+        commands: The file with the commands.
+    """
+
+    stem: str
+    states: Path
+    commands: Path
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segment:
+    """Rows [start, stop) of a table in which the servo was on, or off."""
+
+    start: int
+    stop: int
+    released: bool
+
+
+def imported(paths: Sequence[Path], mapping: Mapping) -> Iterator[Trajectory]:
+    """Yields the recordings that some files hold, each with a name of its own.
+
+    Raises:
+        RecordingError: a file that does not fit the mapping: file, column, row, expected.
+    """
+    seen: dict[str, Path] = {}
+    for source in sources(paths, mapping.files):
+        for trajectory in recordings_of(source, mapping):
+            if trajectory.name in seen:
+                problem = f"becomes {trajectory.name!r}, as {seen[trajectory.name]} does"
+                raise RecordingError(str(source.states), problem, "a name that tells them apart")
+            seen[trajectory.name] = source.states
+            yield trajectory
+
+
+def sources(paths: Sequence[Path], files: Files | None) -> list[Source]:
+    """Returns which files make a recording together, by the mapping's file names."""
+    if files is None:
+        return [Source(stem=_plain(path).stem, states=path, commands=path) for path in paths]
+    states, commands = _matching(paths, files.states), _matching(paths, files.commands)
+    known = {*states.values(), *commands.values()}
+    for path in paths:
+        if path not in known:
+            raise RecordingError(str(path), "fits neither", f"{files.states} or {files.commands}")
+    for stem in sorted(states.keys() ^ commands.keys()):
+        have, lacks = (states, files.commands) if stem in states else (commands, files.states)
+        raise RecordingError(str(have[stem]), "stands alone", f"{lacks.replace('*', stem)} as well")
+    return [Source(stem=s, states=states[s], commands=commands[s]) for s in sorted(states)]
+
+
+def _plain(path: Path) -> Path:
+    return path.with_suffix("") if path.suffix == ".gz" else path
+
+
+def _matching(paths: Sequence[Path], pattern: str) -> dict[str, Path]:
+    """Returns the paths whose name fits a pattern, by what its `*` stands for."""
+    expression = re.escape(pattern).replace(r"\*", "(.*)", 1)
+    matches = [(re.fullmatch(expression, _plain(path).name), path) for path in paths]
+    return {match[1]: path for match, path in matches if match}
+
+
+def recordings_of(source: Source, mapping: Mapping) -> Iterator[Trajectory]:
+    """Yields the recordings of one source: one, or one for each time the servo went on or off."""
+    states = read_table(source.states, mapping.format, mapping.rows)
+    same = source.commands == source.states
+    commands = states if same else read_table(source.commands, mapping.format, mapping.rows)
+    whole = _trajectory(source, states, commands, mapping)
+    if mapping.released is None:
+        yield whole
+        return
+    off = np.array(states.texts(mapping.released.column)) == mapping.released.value.lower()
+    counts = {True: 0, False: 0}
+    for segment in _segments(off):
+        counts[segment.released] += 1
+        if segment.stop - segment.start >= MIN_STATES:
+            yield _part(whole, segment, counts[segment.released])
+
+
+def _segments(off: np.ndarray) -> list[Segment]:
+    """Returns the runs of equal values, in order."""
+    borders = [0, *(np.flatnonzero(off[1:] != off[:-1]) + 1).tolist(), len(off)]
+    pairs = itertools.pairwise(borders)
+    return [Segment(start=a, stop=b, released=bool(off[a])) for a, b in pairs]
+
+
+def _part(whole: Trajectory, segment: Segment, count: int) -> Trajectory:
+    """Returns some rows of a recording; released ones carry a servo gain of 0."""
+    rows = slice(segment.start, segment.stop)
+    suffix = ("_released" if segment.released else "") + (f"_{count}" if count > 1 else "")
+    gain = dict.fromkeys(whole.joint_names, 0.0) if segment.released else whole.servo_gain
+    optional = {"velocity": whole.velocity, "effort": whole.effort}
+    parts = {k: None if v is None else v[rows] for k, v in optional.items()}
+    return Trajectory(
+        name=whole.name + suffix,
+        joint_names=whole.joint_names,
+        stamp_ns=whole.stamp_ns[rows],
+        position=whole.position[rows],
+        velocity=parts["velocity"],
+        effort=parts["effort"],
+        command_kind=whole.command_kind,
+        command_stamp_ns=whole.command_stamp_ns[rows],
+        command=whole.command[rows],
+        servo_gain=gain,
+        metadata=whole.metadata,
+    )
+
+
+def _trajectory(source: Source, states: Table, commands: Table, mapping: Mapping) -> Trajectory:
+    names = tuple(joint.name for joint in mapping.joints)
+    stamp_ns = _stamps(states, mapping)
+    if len(stamp_ns) < MIN_STATES:
+        raise RecordingError(str(states.path), f"has {len(stamp_ns)} rows", f"{MIN_STATES} or more")
+    position = _signal(states, mapping.joints, "position")
+    command = _signal(commands, mapping.joints, "command")
+    if position is None or command is None:
+        raise AssertionError("the mapping requires both")
+    return Trajectory(
+        name=_name(source, states, mapping),
+        joint_names=names,
+        stamp_ns=stamp_ns,
+        position=position,
+        velocity=_signal(states, mapping.joints, "velocity"),
+        effort=_signal(states, mapping.joints, "effort"),
+        command_kind=mapping.command_kind,
+        command_stamp_ns=_stamps(commands, mapping),
+        command=command,
+        servo_gain=_servo_gain(states, names, mapping),
+        metadata=_metadata(source, states, commands),
+    )
+
+
+def _stamps(table: Table, mapping: Mapping) -> Stamps:
+    column = as_column(mapping.time)
+    stamp_ns = np.rint(table.numbers(column) * 1e9).astype(np.int64)
+    where = f"{table.path}: column {column.column}"
+    if (stamp_ns < 0).any():
+        row = int((stamp_ns < 0).argmax())
+        problem = f"row {row + 1} is {stamp_ns[row] * 1e-9:.6f} s"
+        raise RecordingError(where, problem, "times of at least 0 s (an offset shifts them)")
+    step_ns = np.diff(stamp_ns)
+    if (step_ns <= 0).any():
+        row = int((step_ns <= 0).argmax()) + 1
+        problem = f"row {row + 1} is {-step_ns[row - 1] * 1e-9:.6f} s before the row above"
+        raise RecordingError(where, problem, "strictly increasing times")
+    return stamp_ns
+
+
+def _signal(table: Table, joints: Sequence[JointColumns], signal: str) -> Array | None:
+    columns = [getattr(joint, signal) for joint in joints]
+    if columns[0] is None:
+        return None
+    return np.stack([table.numbers(as_column(column)) for column in columns], axis=1)
+
+
+def _name(source: Source, table: Table, mapping: Mapping) -> str:
+    try:
+        name = mapping.name.format_map({**table.header, "stem": source.stem})
+    except (KeyError, ValueError, IndexError) as exc:
+        there = ", ".join(["stem", *table.header])
+        raise ConfigError(f"name {mapping.name!r} needs {exc}; available: {there}") from exc
+    if Path(name).name != name:
+        raise BadInputError(f"{source.states}: becomes {name!r}; expected a plain file name")
+    return name
+
+
+def _servo_gain(table: Table, names: Sequence[str], mapping: Mapping) -> dict[str, float]:
+    if mapping.servo_gain is None:
+        return {}
+    gain = table.header.get(mapping.servo_gain.header)
+    if isinstance(gain, bool) or not isinstance(gain, int | float) or gain <= 0:
+        where = f"{table.path}: header field {mapping.servo_gain.header}"
+        raise RecordingError(where, f"is {gain!r}", "a positive number")
+    return dict.fromkeys(names, gain / mapping.servo_gain.reference)
+
+
+def _metadata(source: Source, states: Table, commands: Table) -> dict[str, str]:
+    tables = {states.path.name: states.digest, commands.path.name: commands.digest}
+    about = {k: str(v) for k, v in states.header.items() if isinstance(v, str | int | float)}
+    return about | {
+        "imported_from": ", ".join(tables),
+        "imported_sha256": ", ".join(tables.values()),
+        "imported_stem": source.stem,
+    }

@@ -1,0 +1,147 @@
+"""What `gfm import` may be told: which columns of a table are which signals of a recording."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import msgspec
+
+from gfm.core import CommandKind, ConfigError
+
+
+class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Where a signal's numbers lie: value = scale * number + offset.
+
+    Attributes:
+        column: Header of the column, or key of the JSON rows.
+        index: Which element, where a cell is a bracketed list.
+        scale: From the file's unit to rad, rad/s, N m or s; -1 turns an axis around.
+        offset: In the target unit.
+        wrap: For signed counters that were stored as unsigned ones: numbers from half of this
+            value on have it subtracted (65536 for 16 bit).
+    """
+
+    column: str
+    index: int | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+    wrap: float | None = None
+
+
+class JointColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The signals of one joint.
+
+    Attributes:
+        name: The joint's name in the recording and in the model.
+        position: Measured, rad.
+        command: Setpoint: rad, rad/s or N m, as `command_kind` says.
+        velocity: Measured, rad/s; for all joints or for none.
+        effort: Measured torque, N m; for all joints or for none.
+    """
+
+    name: str
+    position: str | Column
+    command: str | Column
+    velocity: str | Column | None = None
+    effort: str | Column | None = None
+
+
+class Files(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How the files of one recording are told apart, where there are two.
+
+    Attributes:
+        states: Name of the file with the measurements without .gz, `*` for what names the
+            recording.
+        commands: Name of the file with the commands, likewise.
+    """
+
+    states: str
+    commands: str
+
+
+class ServoGain(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A setting of the servo that differs between recordings.
+
+    Attributes:
+        header: Field of the file's header that holds the gain.
+        reference: The gain that the model stands for; recordings carry gain / reference.
+    """
+
+    header: str
+    reference: float
+
+
+class Released(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How rows tell that the servo was switched off.
+
+    Such rows become recordings of their own with a servo gain of 0.
+
+    Attributes:
+        column: The column that tells.
+        value: What it says while the servo is off (as text, case ignored).
+    """
+
+    column: str
+    value: str
+
+
+class Mapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One import mapping.
+
+    Attributes:
+        format: csv (first line names the columns) or json; both may be gzip-compressed.
+        time: The column of time stamps, in s after scale and offset.
+        command_kind: What the commands are.
+        joints: At least one.
+        name: Of the recording; {stem} is the file's name (or what `*` stands for), other names in
+            braces are fields of the file's header.
+        rows: json: the key under which the list of rows lies; empty: the file is the list.
+        files: Where measurements and commands lie in two files.
+        servo_gain: Where a header field tells the servo's gain.
+        released: Where a column tells that the servo was off.
+    """
+
+    format: str
+    time: str | Column
+    command_kind: CommandKind
+    joints: list[JointColumns]
+    name: str = "{stem}"
+    rows: str = ""
+    files: Files | None = None
+    servo_gain: ServoGain | None = None
+    released: Released | None = None
+
+    def __post_init__(self) -> None:
+        names = [joint.name for joint in self.joints]
+        if self.format not in ("csv", "json"):
+            raise ValueError(f"format is {self.format!r}, expected csv or json")
+        if not names or len(set(names)) != len(names):
+            raise ValueError(f"joints are named {names}, expected each once, at least one")
+        for signal in ("velocity", "effort"):
+            given = [joint.name for joint in self.joints if getattr(joint, signal) is not None]
+            if given and given != names:
+                raise ValueError(f"{signal} only for {given}, expected for all joints or none")
+        if self.servo_gain is not None and self.servo_gain.reference <= 0.0:
+            raise ValueError(f"servo_gain.reference is {self.servo_gain.reference}, expected > 0")
+        if self.files is not None and self.released is not None:
+            raise ValueError("files and released contradict each other: released needs one table")
+
+
+def load_mapping(path: Path) -> Mapping:
+    """Returns the mapping in a TOML file.
+
+    Raises:
+        ConfigError: no such file, not TOML, an unknown key, or a value out of range.
+    """
+    try:
+        return msgspec.convert(tomllib.loads(path.read_text()), Mapping)
+    except OSError as exc:
+        raise ConfigError(f"{path}: {exc.strerror}; expected an import mapping") from exc
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as exc:
+        raise ConfigError(f"{path}: {exc}") from exc
+
+
+def as_column(column: str | Column) -> Column:
+    """Returns a column that was given by its name alone in full."""
+    return Column(column=column) if isinstance(column, str) else column

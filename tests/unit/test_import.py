@@ -1,0 +1,240 @@
+"""Tables of other tools become recordings, as a mapping says; nothing is guessed."""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gfm.core import BadInputError, CommandKind, ConfigError, RecordingError
+from gfm.recording import commands, read_recording
+from gfm.recording.importing import imported
+from gfm.recording.mapping import Mapping, load_mapping
+
+SIMPLE = """
+format = "csv"
+time = { column = "t", scale = 1e-3 }
+command_kind = "effort"
+[[joints]]
+name = "joint"
+position = { column = "ticks", scale = 0.5, offset = 1.0 }
+effort = { column = "pwm", wrap = 65536, scale = -1.0 }
+command = "tau"
+"""
+
+
+def mapping(tmp_path: Path, text: str) -> Mapping:
+    (tmp_path / "map.toml").write_text(text)
+    return load_mapping(tmp_path / "map.toml")
+
+
+def csv_file(path: Path, rows: list[list[Any]]) -> Path:
+    text = "".join(",".join(str(cell) for cell in row) + "\n" for row in rows)
+    if path.suffix == ".gz":
+        path.write_bytes(gzip.compress(text.encode()))
+    else:
+        path.write_text(text)
+    return path
+
+
+def rows(count: int = 12) -> list[list[Any]]:
+    body = [[10 * i, i, 65536 - i if i else 0, 0.1 * i] for i in range(count)]
+    return [["t", "ticks", "pwm", "tau"], *body]
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.csv.gz"])
+def test_units_offsets_and_wraps_are_applied(tmp_path: Path, name: str) -> None:
+    path = csv_file(tmp_path / name, rows())
+    (trajectory,) = imported([path], mapping(tmp_path, SIMPLE))
+    assert trajectory.name == "run"
+    assert trajectory.stamp_ns.tolist() == [10_000_000 * i for i in range(12)]
+    assert trajectory.position[:, 0].tolist() == [1.0 + 0.5 * i for i in range(12)]
+    assert trajectory.effort is not None
+    assert trajectory.effort[:, 0].tolist() == list(range(12))
+    np.testing.assert_allclose(trajectory.command[:, 0], 0.1 * np.arange(12))
+    assert trajectory.velocity is None
+    assert trajectory.command_kind is CommandKind.EFFORT
+    assert trajectory.metadata["imported_from"] == name
+
+
+JSON = """
+format = "json"
+rows = "entries"
+name = "p{gain}_{stem}"
+time = "t"
+command_kind = "position"
+[[joints]]
+name = "joint"
+position = "q"
+command = "goal"
+[servo_gain]
+header = "gain"
+reference = 4
+[released]
+column = "on"
+value = "false"
+"""
+
+
+def entries(on: list[bool]) -> list[dict[str, Any]]:
+    return [{"t": 0.01 * i, "q": i, "goal": -i, "on": flag} for i, flag in enumerate(on)]
+
+
+def test_a_released_servo_makes_recordings_of_their_own(tmp_path: Path) -> None:
+    path = tmp_path / "drop.json"
+    on = [True] * 20 + [False] * 30 + [True] * 3 + [False] * 10
+    path.write_text(json.dumps({"gain": 1, "entries": entries(on)}))
+    held, first, second = imported([path], mapping(tmp_path, JSON))
+    assert (held.name, len(held.stamp_ns), held.servo_gain) == ("p1_drop", 20, {"joint": 0.25})
+    assert (first.name, len(first.stamp_ns)) == ("p1_drop_released", 30)
+    assert (second.name, len(second.stamp_ns)) == ("p1_drop_released_2", 10)
+    assert first.servo_gain == second.servo_gain == {"joint": 0.0}
+    assert first.position[0, 0] == -first.command[0, 0] == 20
+    assert held.metadata["gain"] == "1"
+
+
+TWO_FILES = """
+format = "csv"
+time = "t"
+command_kind = "position"
+[files]
+states = "*_state.csv"
+commands = "*_goal.csv"
+[[joints]]
+name = "b"
+position = { column = "q", index = 1 }
+velocity = { column = "v", index = 1 }
+command = { column = "q", index = 1 }
+[[joints]]
+name = "a"
+position = { column = "q", index = 0 }
+velocity = { column = "v", index = 0 }
+command = { column = "q", index = 0 }
+"""
+
+
+def pair(folder: Path, stem: str) -> list[Path]:
+    states = [["t", "q", "v"], *([i, f'"[{i}, {10 * i}]"', '"[0, 1]"'] for i in range(10))]
+    goals = [["t", "q"], *([2 * i, f'"[{-i}, {-10 * i}]"'] for i in range(5))]
+    return [
+        csv_file(folder / f"{stem}_state.csv.gz", states),
+        csv_file(folder / f"{stem}_goal.csv", goals),
+    ]
+
+
+def test_measurements_and_commands_may_lie_in_two_files(tmp_path: Path) -> None:
+    paths = pair(tmp_path, "walk") + pair(tmp_path, "jump")
+    jump, walk = imported(paths, mapping(tmp_path, TWO_FILES))
+    assert (jump.name, walk.name) == ("jump", "walk")
+    assert walk.joint_names == ("b", "a")
+    assert walk.position[3].tolist() == [30.0, 3.0]
+    assert walk.command[3].tolist() == [-30.0, -3.0]
+    assert walk.command_stamp_ns[3] == 6 * 10**9
+
+
+def test_a_file_without_its_partner_is_refused(tmp_path: Path) -> None:
+    paths = pair(tmp_path, "walk")
+    two = mapping(tmp_path, TWO_FILES)
+    with pytest.raises(RecordingError, match=r"stands alone; expected walk_goal.csv as well"):
+        list(imported(paths[:1], two))
+    other = csv_file(tmp_path / "other.csv", rows())
+    with pytest.raises(RecordingError, match=r"fits neither; expected \*_state.csv or"):
+        list(imported([*paths, other], two))
+
+
+def spoiled(column: int, row: int, value: Any) -> list[list[Any]]:
+    table = rows()
+    table[row][column] = value
+    return table
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        (spoiled(1, 5, "abc"), "column ticks: row 5: is 'abc'; expected a finite number"),
+        (spoiled(1, 5, ""), "column ticks: row 5: is ''"),
+        (spoiled(1, 5, "nan"), "column ticks: row 5: is 'nan'"),
+        (spoiled(0, 5, 10), "column t: row 5 is 0.020000 s before the row above"),
+        (spoiled(0, 5, 30), "strictly increasing times"),
+        (spoiled(0, 1, -5), "times of at least 0 s"),
+        (spoiled(1, 0, "counts"), "one of the columns in the file: t, counts, pwm, tau"),
+        (rows(3), "has 3 rows; expected 10 or more"),
+        (rows(0), "has no rows"),
+        ([*rows(), [1, 2]], "row 13 has 2 cells for 4 columns"),
+    ],
+)
+def test_refuses(tmp_path: Path, table: list[list[Any]], words: str) -> None:
+    path = csv_file(tmp_path / "bad.csv", table)
+    with pytest.raises(RecordingError, match=words) as refused:
+        list(imported([path], mapping(tmp_path, SIMPLE)))
+    assert str(path) in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (('format = "csv"', 'format = "xml"'), "expected csv or json"),
+        (("position = {", "posit = {"), "posit"),
+        (('"effort"', '"torque"'), "torque"),
+        (('name = "joint"', "name = 3"), "joints"),
+        (('format = "csv"', "format = csv"), "line 2"),
+    ],
+)
+def test_mappings_are_checked(tmp_path: Path, change: tuple[str, str], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        mapping(tmp_path, SIMPLE.replace(*change))
+
+
+def test_two_files_never_become_one_recording(tmp_path: Path) -> None:
+    paths = [csv_file(tmp_path / name, rows()) for name in ("a.csv", "a.csv.gz")]
+    with pytest.raises(RecordingError, match="a name that tells them apart"):
+        list(imported(paths, mapping(tmp_path, SIMPLE)))
+
+
+def test_a_name_template_cannot_leave_the_folder(tmp_path: Path) -> None:
+    path = csv_file(tmp_path / "a.csv", rows())
+    top = 'name = "../{stem}"\n'
+    with pytest.raises(BadInputError, match="plain file name"):
+        list(imported([path], mapping(tmp_path, top + SIMPLE)))
+    with pytest.raises(ConfigError, match="available: stem"):
+        list(imported([path], mapping(tmp_path, top.replace("stem", "mass") + SIMPLE)))
+
+
+def run(*words: str | Path) -> int:
+    parser = argparse.ArgumentParser()
+    commands.add_parser(parser.add_subparsers())
+    arguments = parser.parse_args(["import", *(str(word) for word in words)])
+    return int(arguments.run(arguments))
+
+
+def test_the_command_writes_all_or_nothing(tmp_path: Path, capsys: Any) -> None:
+    mapping(tmp_path, SIMPLE)
+    good = csv_file(tmp_path / "good.csv", rows())
+    bad = csv_file(tmp_path / "bad.csv", spoiled(1, 5, "abc"))
+    out = tmp_path / "out"
+    with pytest.raises(RecordingError):
+        run(good, bad, "--mapping", tmp_path / "map.toml", "--out", out)
+    assert not out.exists()
+    assert run(good, "--mapping", tmp_path / "map.toml", "--out", out) == 0
+    assert "12 measurements" in capsys.readouterr().out
+    assert read_recording(out / "good.mcap").joint_names == ("joint",)
+
+
+def test_a_cut_recording_is_saved_without_a_mapping(tmp_path: Path) -> None:
+    good = csv_file(tmp_path / "good.csv", rows(2000))
+    mapping(tmp_path, SIMPLE)
+    run(good, "--mapping", tmp_path / "map.toml", "--out", tmp_path)
+    whole = (tmp_path / "good.mcap").read_bytes()
+    (tmp_path / "cut.mcap.part").write_bytes(whole[: len(whole) // 2])
+    assert run(tmp_path / "cut.mcap.part", "--out", tmp_path / "saved") == 0
+    assert 100 < len(read_recording(tmp_path / "saved" / "cut.mcap").stamp_ns) < 2000
+
+
+def test_tables_need_a_mapping(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no --mapping given"):
+        run(csv_file(tmp_path / "a.csv", rows()), "--out", tmp_path / "out")

@@ -1,0 +1,84 @@
+"""The shipped mappings and models fit the measured data that they were written for."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from gfm.core import Trajectory
+from gfm.recording.importing import imported
+from gfm.recording.mapping import load_mapping
+
+ROOT = Path(__file__).resolve().parents[2]
+MEASURED = ROOT.parent / "shared" / "data" / "measured"
+
+
+def measured(name: str, pattern: str, mapping: str) -> list[Trajectory]:
+    paths = sorted((MEASURED / name).glob(pattern))
+    if not paths and os.environ.get("CI") != "true":
+        pytest.skip(f"no measured data in {MEASURED / name}")
+    assert paths, f"no measured data in {MEASURED / name}"
+    return list(imported(paths, load_mapping(ROOT / "models" / "mappings" / mapping)))
+
+
+def model(name: str) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_path(str(ROOT / "models" / name))
+
+
+def actuated(spec: mujoco.MjModel) -> tuple[str, ...]:
+    names = tuple(spec.actuator(i).name for i in range(spec.nu))
+    assert names == tuple(spec.joint(i).name for i in spec.actuator_trnid[:, 0])
+    return names
+
+
+def test_xl330() -> None:
+    runs = {run.name: run for run in measured("bam_xl330", "raw/*.json.gz", "xl330.toml")}
+    assert len(runs) == 20
+    assert {run.joint_names for run in runs.values()} == {actuated(model("xl330_pendulum.xml"))}
+    assert runs["kp200_sin_sin"].servo_gain == {"joint": 0.5}
+    drop = runs["kp800_lift_and_drop_released"]
+    assert drop.servo_gain == {"joint": 0.0}
+    assert drop.duration_s == pytest.approx(4.0, abs=0.01)
+    assert abs(drop.position[-200:]).max() < 0.1 < abs(drop.position[0, 0])
+
+
+def test_xl330_servo_is_what_its_data_sheet_says() -> None:
+    pendulum = model("xl330_pendulum.xml")
+    stall = 0.52 * 7.4 / 5.0
+    duty_per_rad = 400 / 256 * 4096 / (2 * np.pi) / 885
+    assert pendulum.actuator_forcerange[0, 1] == pytest.approx(stall, rel=1e-3)
+    assert pendulum.actuator_gainprm[0, 0] == pytest.approx(duty_per_rad * stall, rel=1e-3)
+    no_load_speed = stall / -pendulum.actuator_biasprm[0, 2]
+    assert no_load_speed == pytest.approx(103 * 7.4 / 5.0 * 2 * np.pi / 60, rel=1e-3)
+
+
+def test_double_pendulum() -> None:
+    runs = measured("dfki_double_pendulum", "C1_*-1436*.csv.gz", "double_pendulum.toml")
+    assert {run.joint_names for run in runs} == {actuated(model("double_pendulum_c1.xml"))}
+    assert all(run.effort is not None for run in runs)
+
+
+def test_double_pendulum_weighs_what_its_authors_say() -> None:
+    """Both links level: m1 g r1 + m2 g (l1 + r2) at the shoulder, m2 g r2 at the elbow."""
+    arm = model("double_pendulum_c1.xml")
+    data = mujoco.MjData(arm)
+    data.qpos[0] = np.pi / 2
+    mujoco.mj_forward(arm, data)
+    assert data.qfrc_bias[1] == pytest.approx(0.62557 * 9.81 * 0.25569, rel=1e-4)
+    assert data.qfrc_bias[0] == pytest.approx(9.81 * (0.52346 * 0.2 + 0.62557 * 0.45569), rel=1e-4)
+    full = np.zeros((2, 2))
+    mujoco.mj_fullM(arm, data, full)
+    assert full[1, 1] == pytest.approx(0.05087 + 36 * 6.2872e-5, rel=1e-3)
+
+
+def test_so101() -> None:
+    runs = measured("so101", "slow_precision_*.csv.gz", "so101.toml")
+    (run,) = runs
+    assert run.joint_names[0] == "shoulder_pan"
+    assert np.median(np.diff(run.time_s)) == pytest.approx(0.0201, abs=2e-4)
+    assert abs(run.position - run.command).max() < 0.5
+    assert run.effort is None
