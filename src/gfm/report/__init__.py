@@ -1,1 +1,41 @@
-"""The diagnosis as one HTML file: pure functions from values to text."""
+"""What a person reads: one offline HTML page, `report.json`, and tables for a terminal."""
+
+from gfm.report.document import diagnosis_html, diagnosis_json
+from gfm.report.files import write_diagnosis, write_run
+from gfm.report.run import (
+    Comparison,
+    CurveGroup,
+    HeldOutRollout,
+    HiddenEffect,
+    HiddenParameter,
+    ModelError,
+    ModelKind,
+    PhaseTime,
+    RunReport,
+    SystemFacts,
+    TrainingCurve,
+)
+from gfm.report.run_document import run_html, run_json
+from gfm.report.terminal import print_diagnosis, print_run
+
+__all__ = [
+    "Comparison",
+    "CurveGroup",
+    "HeldOutRollout",
+    "HiddenEffect",
+    "HiddenParameter",
+    "ModelError",
+    "ModelKind",
+    "PhaseTime",
+    "RunReport",
+    "SystemFacts",
+    "TrainingCurve",
+    "diagnosis_html",
+    "diagnosis_json",
+    "print_diagnosis",
+    "print_run",
+    "run_html",
+    "run_json",
+    "write_diagnosis",
+    "write_run",
+]

@@ -1,0 +1,120 @@
+"""A diagnosis as `report.json` and as one HTML page."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from gfm.diagnosis.result import (
+    SCHEMA,
+    Diagnosis,
+    ErrorSummary,
+    NamedEffect,
+    RecordingSummary,
+    Suspect,
+)
+from gfm.report import words
+from gfm.report.figures import (
+    Picture,
+    evidence_picture,
+    joint_error_picture,
+    points_per_series,
+    series_count,
+)
+from gfm.report.page import render_page
+
+
+def jsonable(value: object) -> object:
+    """Returns the value as strict JSON has it: no NaN, no infinity, no array, text for the rest."""
+    match value:
+        case enum.Enum():
+            return jsonable(value.value)
+        case None | bool() | int() | str():
+            return value
+        case float():
+            return value if math.isfinite(value) else None
+        case np.generic() | np.ndarray():
+            return jsonable(value.tolist())
+        case Mapping():
+            return {str(key): jsonable(one) for key, one in value.items()}
+        case list() | tuple() | set() | frozenset():
+            return [jsonable(one) for one in value]
+        case _:
+            return str(value)
+
+
+def diagnosis_json(diagnosis: Diagnosis) -> dict[str, object]:
+    """Returns the document "gfm.diagnosis/1": numbers are finite or null."""
+    document = {
+        "schema": SCHEMA,
+        "verdict": diagnosis.verdict.value,
+        "sentence": diagnosis.sentence,
+        "effects": [effect_json(effect) for effect in diagnosis.effects],
+        "suspects": [_suspect_json(suspect) for suspect in diagnosis.suspects],
+        "error": _error_json(diagnosis.error),
+        "joints": [
+            {**vars(one), "ratio": words.ratio(one.after, one.noise_floor)}
+            for one in diagnosis.joints
+        ],
+        "recordings": [_recording_json(recording) for recording in diagnosis.recordings],
+        "notes": diagnosis.notes,
+        "provenance": diagnosis.provenance,
+    }
+    return {key: jsonable(value) for key, value in document.items()}
+
+
+def effect_json(effect: NamedEffect) -> dict[str, object]:
+    """Returns one effect as `report.json` has it."""
+    return {
+        "effect": effect.effect,
+        "joints": list(effect.joints),
+        "parameters": {
+            name: {
+                "value": jsonable(estimate.value),
+                "unit": estimate.unit,
+                "ci95": jsonable(words.known_interval(estimate)),
+            }
+            for name, estimate in effect.parameters.items()
+        },
+        "confidence": jsonable(effect.confidence),
+        "native": effect.native,
+    }
+
+
+def diagnosis_html(diagnosis: Diagnosis) -> str:
+    """Returns the diagnosis as one HTML page that needs nothing beside it."""
+    limit = points_per_series(series_count(diagnosis))
+    return render_page(
+        "diagnosis.html.j2",
+        diagnosis=diagnosis,
+        verdict=words.VERDICTS[diagnosis.verdict],
+        error_picture=error_picture(diagnosis),
+        evidence=evidence(diagnosis, limit),
+    )
+
+
+def error_picture(diagnosis: Diagnosis) -> Picture | None:
+    """Returns the picture of the before/after table; None where there is no joint to show."""
+    if not diagnosis.joints:
+        return None
+    return joint_error_picture(diagnosis.joints, diagnosis.error.unit)
+
+
+def evidence(diagnosis: Diagnosis, limit: int) -> Sequence[Picture]:
+    """Returns the evidence plots that have anything in them, in their order."""
+    return [evidence_picture(plot, limit) for plot in diagnosis.plots if plot.series]
+
+
+def _error_json(error: ErrorSummary) -> dict[str, object]:
+    return {**vars(error), "ratio": words.ratio(error.after, error.noise_floor)}
+
+
+def _suspect_json(suspect: Suspect) -> dict[str, object]:
+    return dict(vars(suspect))
+
+
+def _recording_json(recording: RecordingSummary) -> dict[str, object]:
+    return dict(vars(recording))

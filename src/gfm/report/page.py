@@ -1,0 +1,64 @@
+"""One HTML file that opens anywhere: template, style, plotly.js and data in it, nothing loaded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from gfm.report import words
+from gfm.report.figures import Picture
+
+
+def render_page(template: str, **values: object) -> str:
+    """Returns the page: `template` of this package, filled with `values`."""
+    return _environment().get_template(template).render(plotly_js=Markup(get_plotlyjs()), **values)  # noqa: S704
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("gfm.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "number": words.number,
+        "percent": words.percent,
+        "duration": words.duration,
+        "interval": words.interval,
+        "effect_title": words.effect_title,
+        "effect_law": words.effect_law,
+        "joints_title": words.joints_title,
+        "figure_json": _figure_json,
+        "flat": flat,
+    }
+    environment.globals |= {"times": words.times, "quantity": words.quantity}
+    return environment
+
+
+def _figure_json(picture: Picture) -> Markup:
+    """Returns the figure as JSON that may stand inside a script element.
+
+    plotly writes `<`, `>` and `/` as unicode escapes, so no text in it can close the element.
+    """
+    return Markup(picture.figure.to_json())  # noqa: S704
+
+
+def flat(values: Mapping[str, object], prefix: str = "") -> list[tuple[str, str]]:
+    """Returns nested values as lines of a table, "a.b" for b inside a."""
+    lines: list[tuple[str, str]] = []
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            lines += flat(value, f"{name}.")
+        elif isinstance(value, list | tuple):
+            lines.append((name, ", ".join(str(one) for one in value) or words.NOTHING))
+        else:
+            lines.append((name, words.NOTHING if value is None else str(value)))
+    return lines
