@@ -47,6 +47,7 @@ class HybridBatch:
         self.qvel: Array = self._batch.bind("qvel")
         self._ctrl: Array = self._batch.bind("ctrl")
         self._force: Array = self._batch.bind("qfrc_applied")
+        self._act: Array = self._batch.bind("act")
         self._history: Array = self._batch.bind("history")
         self._driven = model.layout.driven
         self._actuator = model.layout.actuator[self._driven]
@@ -66,7 +67,8 @@ class HybridBatch:
             models: What each of them runs on from now.
             qpos: shape (n, nq).
             qvel: shape (n, nv).
-            command: The one in force until now, for models that delay commands, shape (n, J).
+            command: The one in force until now, for models that delay or filter commands,
+                shape (n, J).
         """
         for index, model in zip(ids, models, strict=True):
             self._models[index] = model
@@ -74,8 +76,8 @@ class HybridBatch:
         self._batch.reset(ids, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         self.qpos[ids] = qpos
         self.qvel[ids] = qvel
-        if command is not None and self._history.shape[1]:
-            self._fill_history(ids, command)
+        if command is not None:
+            self._settle(ids, command)
 
     def step(self, command: Array, force: Array) -> NDArray[np.bool_]:
         """Advances every instance by one control period under constant generalized forces.
@@ -89,41 +91,86 @@ class HybridBatch:
         Returns:
             Which instances diverged, shape (N,).
         """
+        return self._guarded(command, force, record=())[0]
+
+    def step_recorded(self, command: Array, force: Array) -> tuple[NDArray[np.bool_], Array, Array]:
+        """Does what `step` does with commands per integration step, and records each of these.
+
+        Returns:
+            Which instances diverged, positions (N, S, nq) and velocities (N, S, nv) after each
+            integration step. What diverged repeats the state before the period.
+        """
+        before = self.qpos.copy(), self.qvel.copy()
+        diverged, record = self._guarded(command, force, record=("qpos", "qvel"))
+        record["qpos"][diverged] = before[0][diverged, None]
+        record["qvel"][diverged] = before[1][diverged, None]
+        return diverged, record["qpos"], record["qvel"]
+
+    def _guarded(
+        self, command: Array, force: Array, record: tuple[str, ...]
+    ) -> tuple[NDArray[np.bool_], dict[str, Array]]:
         before = self.qpos.copy(), self.qvel.copy()
         limit = self.model.force_limit
         self._force[:, self.model.force_dof] = np.clip(force, -limit, limit)
         unstable = self._batch.warning[:, _UNSTABLE, _COUNT].sum(axis=1)
         diverged = np.zeros(self.num_envs, bool)
+        records = self._records(command, record)
         try:
-            self._advance(command)
+            self._advance(command, records)
         except mujoco_batch.SimulationError as error:
             diverged[error.ids] = True
         diverged |= self._batch.warning[:, _UNSTABLE, _COUNT].sum(axis=1) > unstable
         if diverged.any():
             self.qpos[diverged], self.qvel[diverged] = before[0][diverged], before[1][diverged]
-        return diverged
+        return diverged, records
 
-    def _advance(self, command: Array) -> None:
+    def _records(self, command: Array, names: tuple[str, ...]) -> dict[str, Array]:
+        """Returns room for what a rollout records."""
+        sizes = {"qpos": self.qpos.shape[1], "qvel": self.qvel.shape[1]}
+        return {name: np.zeros((*command.shape[:2], sizes[name])) for name in names}
+
+    def _advance(self, command: Array, records: dict[str, Array]) -> None:
         driven = command[..., self._driven]
         if driven.ndim == 2:
             self._ctrl[:, self._actuator] = driven
             self._batch.step(nstep=self.model.substeps)
             return
-        control = np.zeros((*driven.shape[:2], self.model.any_model.nu))
+        control = np.zeros((*driven.shape[:2], self._ctrl.shape[1]))
         control[..., self._actuator] = driven
-        self._batch.rollout(driven.shape[1], control, record=())
+        self._batch.rollout(driven.shape[1], control, record=tuple(records), out=records)
 
-    def _fill_history(self, ids: Indices, command: Array) -> None:
-        """Writes delay buffers as if `command` had always been in force (MuJoCo's start at 0)."""
+    def _settle(self, ids: Indices, command: Array) -> None:
+        """Writes delays and filters as if `command` had always been in force (MuJoCo: zero)."""
         for index, row in zip(ids, command, strict=True):
             model = self._models[index]
-            data = mujoco.MjData(model)
-            for actuator, value in zip(self._actuator, row[self._driven], strict=True):
-                samples = int(model.actuator_history[actuator, 0])
-                if samples:
-                    values = np.full((samples, 1), value)
-                    mujoco.mj_initCtrlHistory(model, data, int(actuator), None, values)
-            self._history[index] = data.history
+            if model.na:
+                self._act[index] = initial_activation(model, self.model.layout.actuator, row)
+            if model.nhistory:
+                self._history[index] = self._initial_history(model, row)
+
+    def _initial_history(self, model: mujoco.MjModel, command: Array) -> Array:
+        data = mujoco.MjData(model)
+        for actuator, value in zip(self._actuator, command[self._driven], strict=True):
+            if samples := int(model.actuator_history[actuator, 0]):
+                values = np.full((samples, 1), value)
+                mujoco.mj_initCtrlHistory(model, data, int(actuator), None, values)
+        return np.array(data.history)
+
+
+def initial_activation(model: mujoco.MjModel, actuators: Indices, command: Array) -> Array:
+    """Returns activations, filters settled at the command in force, the rest zero, shape (na,).
+
+    Args:
+        model: Of the robot.
+        actuators: Of each joint, -1 where it has none, shape (J,).
+        command: Of each joint, shape (J,).
+    """
+    filters = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
+    activation = np.zeros(model.na)
+    for actuator, value in zip(actuators, command, strict=True):
+        if actuator >= 0 and int(model.actuator_dyntype[actuator]) in filters:
+            activation[model.actuator_actadr[actuator]] = value
+    return activation
 
 
 def _count_warnings_silently() -> None:
