@@ -10,6 +10,7 @@ GfmError
   UnreachableError       no answer within the deadline
   RefusedError           the other side answered, and said no
   StaleWeightsError      the policy is older than the configured limit
+  ProcessDiedError       a process that should be running has ended
 
 The classes write their messages from facts: what was got, what was expected, what exists.
 """
@@ -77,3 +78,12 @@ class StaleWeightsError(GfmError):
 
     def __init__(self, age_s: float, limit_s: float) -> None:
         super().__init__(f"weights are {age_s:.1f} s old, limit {limit_s:.1f} s")
+
+
+class ProcessDiedError(GfmError):
+    """A process that should be running has ended; tells its last words."""
+
+    def __init__(self, name: str, status: int, log: object, last_lines: Iterable[str]) -> None:
+        words = "".join(f"\n  {line}" for line in last_lines)
+        super().__init__(f"{name} ended with status {status}; log: {log}{words}")
+        self.status = status

@@ -1,1 +1,26 @@
 """Starts, watches and stops the services as processes of this machine."""
+
+from gfm.launch.spec import (
+    ProcessSpec,
+    SystemSpec,
+    actor_processes,
+    free_endpoint,
+    learner_process,
+    replay_process,
+    robot_processes,
+)
+from gfm.launch.supervisor import Supervisor
+from gfm.launch.survey import statuses, summary
+
+__all__ = [
+    "ProcessSpec",
+    "Supervisor",
+    "SystemSpec",
+    "actor_processes",
+    "free_endpoint",
+    "learner_process",
+    "replay_process",
+    "robot_processes",
+    "statuses",
+    "summary",
+]

@@ -1,0 +1,191 @@
+"""The commands `gfm up`, `gfm status` and `gfm router`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from gfm.core import BadInputError, Clock, ConfigError, MonotonicClock, Status, UnreachableError
+from gfm.launch.router import RouterService
+from gfm.launch.spec import (
+    SystemSpec,
+    actor_processes,
+    learner_process,
+    replay_process,
+    robot_processes,
+    settings_of,
+)
+from gfm.launch.supervisor import Supervisor
+from gfm.launch.survey import status_table, statuses, summary, summary_line
+from gfm.service import (
+    DEFAULT_ENDPOINT,
+    ServiceConfig,
+    StopSignal,
+    open_transport,
+    run_service,
+    start_logging,
+)
+from gfm.service.config import unique_name
+from gfm.transport import ZenohTransport
+
+if TYPE_CHECKING:
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+
+_log = logging.getLogger(__name__)
+
+_UP = """\
+Starts a learning system as processes of this machine: replay (which is also the router), learner,
+actors and, with --robot sim, a simulated robot with its bridge. Ends all of them, in order, on
+Ctrl-C or when one of them fails.
+"""
+_STATUS = "Asks every service of a running system how it is, and says so."
+_ROUTER = "Runs the router that services connect to, for systems whose replay is not the router."
+_CHECK_NS = 200_000_000
+_STATUS_TIMEOUT_S = 3.0
+
+
+def add_up_parser(subparsers: Subparsers) -> None:
+    """Adds `gfm up`."""
+    parser = subparsers.add_parser(
+        "up", help="start replay, learner and actors on this machine", description=_UP
+    )
+    parser.add_argument("--env", default="gfm_fit", help="environment (default: %(default)s)")
+    parser.add_argument(
+        "--actors", type=int, default=2, metavar="N", help="actor processes (default: %(default)s)"
+    )
+    parser.add_argument("--robot", choices=("none", "sim"), default="none", help="start a robot")
+    parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
+    parser.add_argument(
+        "--dir",
+        type=Path,
+        metavar="DIR",
+        help="logs, checkpoints, recordings (default: runs/up-TIME)",
+    )
+    parser.add_argument(
+        "--config-dir",
+        type=Path,
+        metavar="DIR",
+        help="has actor.toml, learner.toml, replay.toml ... with settings of the services",
+    )
+    _add_endpoint(parser, "--listen", "where the router listens")
+    parser.set_defaults(run=run_up)
+
+
+def run_up(arguments: argparse.Namespace) -> int:
+    """Starts a system and watches it until it is told to stop."""
+    start_logging("info")
+    clock = MonotonicClock()
+    stopped = StopSignal()
+    stopped.install()
+    directory = arguments.dir or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
+    system = _system(arguments, directory)
+    with Supervisor(system, directory / "logs", clock=clock) as supervisor:
+        supervisor.start(stopped)
+        _log.info("running; logs in %s", directory / "logs")
+        _log.info("ask it: gfm status --connect %s --run %s", arguments.listen, arguments.run_name)
+        _watch(supervisor, clock, stopped)
+    return 0
+
+
+def _watch(supervisor: Supervisor, clock: Clock, stopped: StopSignal) -> None:
+    while not stopped():
+        supervisor.check()
+        clock.sleep_until_ns(clock.now_ns() + _CHECK_NS)
+
+
+def _system(arguments: argparse.Namespace, directory: Path) -> SystemSpec:
+    if arguments.actors < 1:
+        raise ConfigError(f"--actors is {arguments.actors}, expected at least 1")
+    settings = arguments.config_dir
+    if settings is not None and not settings.is_dir():
+        raise BadInputError(f"--config-dir {settings}: expected a folder")
+    env, checkpoints = arguments.env, ("--checkpoint-dir", str(directory / "checkpoints"))
+    processes = [
+        replay_process(settings_of(settings, "replay")),
+        learner_process(env, (*settings_of(settings, "learner"), *checkpoints)),
+        *actor_processes(env, arguments.actors, arguments.seed, settings_of(settings, "actor")),
+    ]
+    if arguments.robot == "sim":
+        bridge = settings_of(settings, "robot_bridge")
+        processes += robot_processes(bridge, settings_of(settings, "robot"))
+    return SystemSpec(run=arguments.run_name, endpoint=arguments.listen, processes=tuple(processes))
+
+
+def add_status_parser(subparsers: Subparsers) -> None:
+    """Adds `gfm status`."""
+    parser = subparsers.add_parser(
+        "status", help="ask a running system how it is", description=_STATUS
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    _add_endpoint(parser, "--connect", "the system's router")
+    parser.set_defaults(run=run_status)
+
+
+def run_status(arguments: argparse.Namespace) -> int:
+    """Prints what a running system says of itself."""
+    found = _answers(arguments.connect, arguments.run_name)
+    sums = summary(found)
+    if arguments.json:
+        sys.stdout.write(json.dumps(sums, indent=2) + "\n")
+    else:
+        console = Console()
+        console.print(status_table(found))
+        console.print(summary_line(sums), highlight=False)
+    return 0
+
+
+def _answers(endpoint: str, run: str) -> list[Status]:
+    try:
+        transport = ZenohTransport.open(run=run, connect=[endpoint], timeout_s=_STATUS_TIMEOUT_S)
+    except UnreachableError as exc:
+        raise BadInputError(
+            f"no system at {endpoint}: start one with `gfm up`, or name another with --connect"
+        ) from exc
+    with transport:
+        found = statuses(transport, timeout_s=_STATUS_TIMEOUT_S)
+    if not found:
+        raise BadInputError(f"no service of run {run!r} at {endpoint}; name another with --run")
+    return found
+
+
+def add_router_parser(subparsers: Subparsers) -> None:
+    """Adds `gfm router`."""
+    parser = subparsers.add_parser(
+        "router", help="run a router that services connect to", description=_ROUTER
+    )
+    _add_endpoint(parser, "--listen", "where to listen")
+    parser.set_defaults(run=run_router)
+
+
+def run_router(arguments: argparse.Namespace) -> int:
+    """Routes until told to stop."""
+    start_logging("info")
+    name = unique_name("router")
+    config = ServiceConfig(run=arguments.run_name, listen=arguments.listen, name=name)
+    with open_transport(config) as transport:
+        stopped = StopSignal()
+        stopped.install()
+        _log.info("listening on %s", arguments.listen)
+        run_service(RouterService(name), transport, MonotonicClock(), stopped)
+    return 0
+
+
+def _add_endpoint(parser: argparse.ArgumentParser, flag: str, meaning: str) -> None:
+    parser.add_argument(
+        flag, default=DEFAULT_ENDPOINT, metavar="ENDPOINT", help=f"{meaning} (default: %(default)s)"
+    )
+    # Not `run`: that is where the parsers keep the function to call.
+    parser.add_argument(
+        "--run",
+        dest="run_name",
+        default="default",
+        metavar="NAME",
+        help="name of the run; runs that share a router don't meet (default: %(default)s)",
+    )

@@ -1,0 +1,130 @@
+"""Which processes make a system: declared as values, started by the supervisor."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from gfm.core import ConfigError
+
+START_ORDER = ("router", "replay", "learner", "robot", "robot_bridge", "actor")
+"""Whoever is asked comes before whoever asks."""
+
+STOP_ORDER = ("actor", "learner", "robot_bridge", "robot", "replay", "router")
+"""Actors first, so that nothing new arises; the learner while it can still be asked; the bridge
+before the robot, so that it can hold it; last the hub through which everybody speaks."""
+
+_MODULES = {
+    "replay": "gfm_replay",
+    "learner": "gfm_learner",
+    "actor": "gfm_actor",
+    "robot_bridge": "gfm_robot_bridge",
+    "robot": "gfm_robot_bridge.simulated",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProcessSpec:
+    """One process.
+
+    Attributes:
+        role: One of START_ORDER; the service answers under `status/<role>/<name>`.
+        name: Unique within the system.
+        module: What `python -m` runs.
+        arguments: Its command line, without those that join it to the system.
+        hub: Whether this process is the router of the others.
+    """
+
+    role: str
+    name: str
+    module: str
+    arguments: tuple[str, ...] = ()
+    hub: bool = False
+
+    def __post_init__(self) -> None:
+        if self.role not in START_ORDER:
+            raise ConfigError(f"role {self.role!r}: expected one of {', '.join(START_ORDER)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SystemSpec:
+    """The processes of one run on this machine.
+
+    Attributes:
+        run: The run's name.
+        endpoint: Where the hub listens and everybody else connects.
+        processes: Exactly one of them is the hub.
+    """
+
+    run: str
+    endpoint: str
+    processes: tuple[ProcessSpec, ...]
+
+    def __post_init__(self) -> None:
+        names = [process.name for process in self.processes]
+        if len(set(names)) != len(names):
+            raise ConfigError(f"processes {', '.join(names)}: expected different names")
+        hubs = [process.name for process in self.processes if process.hub]
+        if len(hubs) != 1:
+            raise ConfigError(f"hubs {', '.join(hubs) or 'none'}: expected exactly one")
+
+    def in_order(self, roles: tuple[str, ...]) -> tuple[ProcessSpec, ...]:
+        """Returns the processes sorted by their roles' places in `roles`."""
+        return tuple(sorted(self.processes, key=lambda process: roles.index(process.role)))
+
+    def arguments(self, process: ProcessSpec) -> tuple[str, ...]:
+        """Returns the whole command line of a process of this system."""
+        joining = ("--listen" if process.hub else "--connect", self.endpoint)
+        return ("--run", self.run, *joining, "--name", process.name, *process.arguments)
+
+
+def free_endpoint() -> str:
+    """Returns a loopback endpoint that was free a moment ago."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def replay_process(arguments: Iterable[str] = ()) -> ProcessSpec:
+    """Returns the replay service, which is also the hub."""
+    return _process("replay", "replay", arguments, hub=True)
+
+
+def learner_process(env: str, arguments: Iterable[str] = ()) -> ProcessSpec:
+    """Returns the learner for an environment."""
+    return _process("learner", "learner", ("--env", env, *arguments))
+
+
+def actor_processes(
+    env: str, count: int, seed: int, arguments: Iterable[str] = ()
+) -> tuple[ProcessSpec, ...]:
+    """Returns `count` actors with different seeds."""
+    shared = tuple(arguments)
+    return tuple(
+        _process("actor", f"actor-{i}", ("--env", env, "--seed", str(seed + i), *shared))
+        for i in range(count)
+    )
+
+
+def robot_processes(
+    bridge_arguments: Iterable[str] = (), robot_arguments: Iterable[str] = ()
+) -> tuple[ProcessSpec, ...]:
+    """Returns the simulated robot and the bridge to it."""
+    return (
+        _process("robot", "robot", robot_arguments),
+        _process("robot_bridge", "robot-bridge", ("--robot", "sim", *bridge_arguments)),
+    )
+
+
+def settings_of(directory: Path | None, role: str) -> tuple[str, ...]:
+    """Returns the flags that make a service read `<directory>/<role>.toml`, where that exists."""
+    path = None if directory is None else directory / f"{role}.toml"
+    return ("--config", str(path)) if path is not None and path.exists() else ()
+
+
+def _process(role: str, name: str, arguments: Iterable[str], *, hub: bool = False) -> ProcessSpec:
+    return ProcessSpec(
+        role=role, name=name, module=_MODULES[role], arguments=tuple(arguments), hub=hub
+    )
