@@ -1,0 +1,302 @@
+"""The learner's arithmetic: one state, one step that improves it on one batch.
+
+Shape letters: B sequences, T transitions, N sampled actions, O observation size, A action size.
+Tensors are time-major inside: (T, B, ...).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import msgspec
+import numpy as np
+import torch
+from msgspec import Meta
+from torch import Tensor, nn
+
+from gfm.core import Batch, EnvironmentSpec
+from gfm.core.checks import Array32
+from gfm.rl.gaussian import Gaussian
+from gfm.rl.mpo import Duals, Limits, MPOStats, Positive, mpo_loss
+from gfm.rl.networks import CriticNetwork, Normaliser, PolicyNetwork
+from gfm.rl.retrace import retrace_targets, trace_coefficients
+
+Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
+Count = Annotated[int, Meta(ge=1)]
+Widths = Annotated[tuple[Count, ...], Meta(min_length=1)]
+
+Stats = Mapping[str, Tensor]
+
+
+class LearnerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the learner learns. A checkpoint can only be resumed with the same ones.
+
+    Attributes:
+        policy_hidden: Widths of the policy's hidden layers; the paper's two of 200.
+        critic_hidden: Widths of the critic's hidden layers.
+        initial_stddev: Of the first policy, in units of the action.
+        discount: Per control step.
+        retrace_lambda: Retrace's lambda.
+        samples: Actions sampled at each observation, N.
+        limits: MPO's constraints.
+        policy_learning_rate: Adam's.
+        critic_learning_rate: Adam's.
+        dual_learning_rate: Adam's.
+        initial_log_temperature: Before the softplus.
+        initial_log_alpha_mean: Before the softplus.
+        initial_log_alpha_stddev: Before the softplus.
+        target_period: Steps between copies of policy and critic to their targets.
+        gradient_limit: Largest norm of the policy's gradient, and of the critic's.
+        normaliser_steps: Steps whose observations shape the normaliser; it is fixed afterwards.
+    """
+
+    policy_hidden: Widths = (200, 200)
+    critic_hidden: Widths = (256, 256)
+    initial_stddev: Positive = 0.5
+    discount: Fraction = 0.99
+    retrace_lambda: Fraction = 0.95
+    samples: Count = 20
+    limits: Limits = Limits()
+    policy_learning_rate: Positive = 3e-4
+    critic_learning_rate: Positive = 3e-4
+    dual_learning_rate: Positive = 1e-2
+    initial_log_temperature: float = 10.0
+    initial_log_alpha_mean: float = 10.0
+    initial_log_alpha_stddev: float = 1000.0
+    target_period: Count = 100
+    gradient_limit: Positive = 40.0
+    normaliser_steps: Annotated[int, Meta(ge=0)] = 1000
+
+
+class Networks(nn.Module):
+    """Everything that is learned or copied, in one tree."""
+
+    def __init__(self, spec: EnvironmentSpec, settings: LearnerSettings) -> None:
+        super().__init__()
+        sizes = spec.observation_size, spec.action_size
+        self.normaliser = Normaliser(spec.observation_size)
+        self.policy = PolicyNetwork(
+            *sizes, settings.policy_hidden, initial_stddev=settings.initial_stddev
+        )
+        self.critic = CriticNetwork(*sizes, settings.critic_hidden)
+        self.target_policy = deepcopy(self.policy).requires_grad_(requires_grad=False)
+        self.target_critic = deepcopy(self.critic).requires_grad_(requires_grad=False)
+        self.duals = Duals(
+            spec.action_size,
+            settings.limits,
+            log_temperature=settings.initial_log_temperature,
+            log_alpha_mean=settings.initial_log_alpha_mean,
+            log_alpha_stddev=settings.initial_log_alpha_stddev,
+        )
+
+    @torch.no_grad()
+    def update_targets(self) -> None:
+        """Copies policy and critic to their targets."""
+        for online, target in (
+            (self.policy, self.target_policy),
+            (self.critic, self.target_critic),
+        ):
+            pairs = zip(target.parameters(), online.parameters(), strict=True)
+            for copy, original in pairs:
+                copy.copy_(original)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnerState:
+    """Where learning stands.
+
+    Attributes:
+        networks: Networks, targets, duals and normaliser.
+        optimiser: Adam over policy, critic and duals, with its moments.
+        steps: Learner steps so far.
+    """
+
+    networks: Networks
+    optimiser: torch.optim.Adam
+    steps: int = 0
+
+
+def init_learner(spec: EnvironmentSpec, settings: LearnerSettings, seed: int) -> LearnerState:
+    """Returns the state before the first step; the same one for the same seed."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        networks = Networks(spec, settings)
+    groups = [
+        {"params": networks.policy.parameters(), "lr": settings.policy_learning_rate},
+        {"params": networks.critic.parameters(), "lr": settings.critic_learning_rate},
+        {"params": networks.duals.parameters(), "lr": settings.dual_learning_rate},
+    ]
+    return LearnerState(networks=networks, optimiser=torch.optim.Adam(groups, fused=True))
+
+
+def learner_step(
+    state: LearnerState, batch: Batch, settings: LearnerSettings, generator: torch.Generator
+) -> tuple[LearnerState, Stats]:
+    """Returns the state after one step on one batch, and scalars that describe the step.
+
+    The tensors of `state` are updated in place: only the returned state may be used afterwards.
+
+    Args:
+        state: Where learning stands.
+        batch: B sequences of T transitions.
+        settings: The ones that `state` was made with.
+        generator: Where the sampled actions come from, on the device of the networks.
+    """
+    networks, data = state.networks, _time_major(batch, generator.device)
+    if state.steps < settings.normaliser_steps:
+        networks.normaliser.update(data.observation)
+    observation = networks.normaliser(data.observation)
+    estimate = _evaluate(networks, observation, data, settings, generator)
+    q_tm1 = networks.critic(observation[:-1], data.action)
+    critic_loss = 0.5 * (estimate.returns - q_tm1).square()
+    policy_loss, mpo = _policy_loss(networks, observation[1:], estimate, settings)
+    # After a terminal transition there is nothing to act on.
+    alive = (data.discount > 0.0).to(policy_loss.dtype)
+    mean_policy_loss = (alive * policy_loss).sum() / alive.sum().clamp(min=1.0)
+
+    state.optimiser.zero_grad(set_to_none=True)
+    torch.autograd.backward(critic_loss.mean() + mean_policy_loss)
+    norms = [
+        nn.utils.clip_grad_norm_(network.parameters(), settings.gradient_limit)
+        for network in (networks.policy, networks.critic)
+    ]
+    state.optimiser.step()
+    networks.duals.clamp()
+    steps = state.steps + 1
+    if steps % settings.target_period == 0:
+        networks.update_targets()
+    stats = _mpo_scalars(mpo, settings.limits) | {
+        "critic_loss": critic_loss.detach().mean(),
+        "policy_gradient_norm": norms[0],
+        "critic_gradient_norm": norms[1],
+        "q_mean": q_tm1.detach().mean(),
+        "return_target_mean": estimate.returns.mean(),
+        "trace_mean": estimate.trace_mean,
+        "stddev_mean": estimate.target.stddev.mean(),
+    }
+    return replace(state, steps=steps), stats
+
+
+def policy_tensors(state: LearnerState) -> dict[str, Array32]:
+    """Returns copies of the target policy's parameters by name, as `GaussianPolicy` reads them.
+
+    The target policy, as in Acme: MPO's trust region is drawn around it and its samples are what
+    is improved on, so that what acts and what is evaluated stay close and traces stay long.
+    """
+    networks = state.networks
+    tensors = dict(networks.target_policy.state_dict())
+    tensors |= {"shift": networks.normaliser.shift, "scale": networks.normaliser.scale}
+    return {name: np.array(tensor.cpu().numpy()) for name, tensor in tensors.items()}
+
+
+@torch.no_grad()
+def load_policy_tensors(state: LearnerState, tensors: Mapping[str, Array32]) -> None:
+    """Starts policy, target policy and normaliser from given parameters, in place.
+
+    The normaliser stays as it is given: the first layer was made for it.
+
+    Raises:
+        RuntimeError: names or shapes are not those of the networks (see `Weights.architecture`).
+    """
+    given = {name: torch.tensor(tensor) for name, tensor in tensors.items()}
+    normaliser = state.networks.normaliser
+    normaliser.shift.copy_(given.pop("shift"))
+    normaliser.scale.copy_(given.pop("scale"))
+    state.networks.policy.load_state_dict(given)
+    state.networks.target_policy.load_state_dict(given)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Data:
+    """A batch, time-major: observation (T+1, B, O), action (T, B, A), the others (T, B)."""
+
+    observation: Tensor
+    action: Tensor
+    reward: Tensor
+    discount: Tensor
+    log_prob: Tensor
+
+
+def _time_major(batch: Batch, device: torch.device) -> _Data:
+    def convert(array: Array32) -> Tensor:
+        return torch.from_numpy(array).to(device).transpose(0, 1).contiguous()
+
+    return _Data(
+        observation=convert(batch.observation),
+        action=convert(batch.action),
+        reward=convert(batch.reward),
+        discount=convert(batch.discount),
+        log_prob=convert(batch.log_prob),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Estimate:
+    """Policy evaluation, without gradients.
+
+    Attributes:
+        target: The target policy at observations 1..T, shape (T, B, A).
+        actions: Its samples, shape (N, T, B, A).
+        q: Their target action values, shape (N, T, B).
+        returns: Retrace targets at observations 0..T-1, shape (T, B).
+        trace_mean: Mean of the trace coefficients, shape ().
+    """
+
+    target: Gaussian
+    actions: Tensor
+    q: Tensor
+    returns: Tensor
+    trace_mean: Tensor
+
+
+@torch.no_grad()
+def _evaluate(
+    networks: Networks,
+    observation: Tensor,
+    data: _Data,
+    settings: LearnerSettings,
+    generator: torch.Generator,
+) -> _Estimate:
+    target: Gaussian = networks.target_policy(observation[1:])
+    actions = target.sample(settings.samples, generator)
+    q = networks.target_critic(observation[1:], actions)
+    q_t = networks.target_critic(observation[1:-1], data.action[1:])
+    log_rho_t = target[:-1].log_prob(data.action[1:]) - data.log_prob[1:]
+    c_t = trace_coefficients(log_rho_t, settings.retrace_lambda)
+    discount_t = settings.discount * data.discount
+    returns = retrace_targets(q_t, q.mean(0), data.reward, discount_t, c_t)
+    trace_mean = c_t.mean() if len(c_t) else torch.zeros((), device=c_t.device)
+    return _Estimate(target=target, actions=actions, q=q, returns=returns, trace_mean=trace_mean)
+
+
+def _policy_loss(
+    networks: Networks, observation: Tensor, estimate: _Estimate, settings: LearnerSettings
+) -> tuple[Tensor, MPOStats]:
+    """Returns the MPO loss at observations 1..T, shape (T, B), and its statistics."""
+    return mpo_loss(
+        online=networks.policy(observation),
+        target=estimate.target,
+        actions=estimate.actions,
+        q=estimate.q,
+        duals=networks.duals,
+        limits=settings.limits,
+    )
+
+
+def _mpo_scalars(stats: MPOStats, limits: Limits) -> dict[str, Tensor]:
+    """Returns means; a KL relative to its limit hovers near 1 where the dual works."""
+    return {
+        "policy_loss": stats.policy_loss.mean(),
+        "temperature": stats.temperature,
+        "penalty_temperature": stats.penalty_temperature,
+        "alpha_mean": stats.alpha_mean.mean(),
+        "alpha_stddev": stats.alpha_stddev.mean(),
+        "kl_q_relative": stats.kl_q.mean() / limits.epsilon,
+        "kl_penalty_relative": stats.kl_penalty.mean() / limits.epsilon_penalty,
+        "kl_mean_relative": stats.kl_mean.mean() / limits.epsilon_mean,
+        "kl_stddev_relative": stats.kl_stddev.mean() / limits.epsilon_stddev,
+        "actions_outside": stats.outside.mean(),
+    }
