@@ -9,6 +9,7 @@ import html
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import plotly.graph_objects as go
@@ -63,7 +64,7 @@ def kept_samples(y: Array, style: str, limit: int) -> NDArray[np.intp]:
         return np.linspace(0, samples - 1, limit).round().astype(np.intp)
     edges = np.linspace(0, samples, (limit - 2) // 2 + 1).astype(np.intp)
     low, high = np.where(np.isnan(y), np.inf, y), np.where(np.isnan(y), -np.inf, y)
-    stretches = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    stretches = [slice(a, b) for a, b in pairwise(edges)]
     lowest = [part.start + int(np.argmin(low[part])) for part in stretches]
     highest = [part.start + int(np.argmax(high[part])) for part in stretches]
     return np.unique([0, *lowest, *highest, samples - 1])
@@ -137,35 +138,55 @@ def evidence_picture(plot: EvidencePlot, limit: int) -> Picture:
 
 
 def joint_error_picture(joints: Sequence[JointError], unit: str) -> Picture:
-    """Returns before and after per joint as dots on a logarithmic scale, the noise floor beside."""
-    names = [html.escape(one.joint) for one in joints]
+    """Returns before and after per joint, the noise floor beside."""
     rows = (
-        ("before: the model as given", [one.before for one in joints], ORANGE, "circle"),
-        ("after: the corrected model", [one.after for one in joints], BLUE, "circle"),
-        ("noise floor", [one.noise_floor for one in joints], GREY, "line-ns-open"),
+        Dots(label="before: the model as given", colour=ORANGE, x=[one.before for one in joints]),
+        Dots(label="after: the corrected model", colour=BLUE, x=[one.after for one in joints]),
+        floor_dots([one.noise_floor for one in joints]),
     )
-    figure = go.Figure()
-    for label, values, colour, symbol in rows:
-        marker = {"color": colour, "size": 13, "symbol": symbol, "line": {"width": 2}}
-        figure.add_trace(
-            go.Scatter(
-                x=[value if value > 0.0 and math.isfinite(value) else None for value in values],
-                y=names,
-                name=label,
-                mode="markers",
-                marker=marker,
-            )
-        )
-    styled(figure, height=130 + 30 * len(joints))
-    figure.update_xaxes(type="log", title_text=f"held-out position RMSE ({html.escape(unit)})")
-    # An explicit type: joints that are called "1" and "2" are no numbers here.
-    figure.update_yaxes(title_text="joint", type="category", autorange="reversed")
     caption = (
         "Look for the blue dots at the grey marks: there the corrected model predicts as well as "
         "the sensors can tell. A joint whose blue dot stays far to the right still misses "
         "something. The scale is logarithmic."
     )
+    figure = dots_figure([one.joint for one in joints], rows, f"held-out position RMSE ({unit})")
     return Picture(title="Held-out error per joint", caption=caption, figure=figure)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dots:
+    """One dot for every line of a picture."""
+
+    label: str
+    colour: str
+    x: Sequence[float]
+    symbol: str = "circle"
+
+
+def floor_dots(floors: Sequence[float]) -> Dots:
+    """Returns the noise floor of every joint as an upright mark."""
+    return Dots(label="noise floor", colour=GREY, x=floors, symbol="line-ns-open")
+
+
+def dots_figure(lines: Sequence[str], rows: Sequence[Dots], x_label: str) -> go.Figure:
+    """Returns dots on one line per joint, logarithmic; what is not above 0 is left out."""
+    figure = go.Figure()
+    for row in rows:
+        dots = go.Scatter(
+            x=[value if value > 0.0 and math.isfinite(value) else None for value in row.x],
+            y=[html.escape(line) for line in lines],
+            name=row.label,
+            mode="markers",
+            marker={"color": row.colour, "size": 12, "symbol": row.symbol, "line": {"width": 2}},
+        )
+        figure.add_trace(dots)
+    styled(figure, height=130 + 30 * len(lines))
+    figure.update_traces(marker_line_color="white", selector={"marker.symbol": "circle"})
+    # Ticks at 1, 2 and 5 of every decade, written out.
+    figure.update_xaxes(type="log", dtick="D2", tickformat=".3~g", title_text=html.escape(x_label))
+    # An explicit type: joints that are called "1" and "2" are no numbers here.
+    figure.update_yaxes(title_text="joint", type="category", autorange="reversed")
+    return figure
 
 
 def series_count(diagnosis: Diagnosis) -> int:

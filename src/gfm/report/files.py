@@ -1,4 +1,4 @@
-"""Reports on disk: everything is rendered before the first file is written, each file in one move."""
+"""Reports on disk: all is rendered before the first file is written, each file in one move."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from gfm.report.figures import Picture
 
 def render_page(template: str, **values: object) -> str:
     """Returns the page: `template` of this package, filled with `values`."""
-    return _environment().get_template(template).render(plotly_js=Markup(get_plotlyjs()), **values)  # noqa: S704
+    return _environment().get_template(template).render(plotly_js=Markup(get_plotlyjs()), **values)
 
 
 @cache
@@ -47,7 +47,7 @@ def _figure_json(picture: Picture) -> Markup:
 
     plotly writes `<`, `>` and `/` as unicode escapes, so no text in it can close the element.
     """
-    return Markup(picture.figure.to_json())  # noqa: S704
+    return Markup(picture.figure.to_json())
 
 
 def flat(values: Mapping[str, object], prefix: str = "") -> list[tuple[str, str]]:

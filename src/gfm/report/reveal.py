@@ -47,6 +47,13 @@ class EffectCheck:
     joints_found: bool
     parameters: tuple[ParameterCheck, ...]
 
+    @property
+    def finding(self) -> str:
+        """The outcome in words."""
+        if self.joints_found:
+            return "yes"
+        return "named, but elsewhere" if self.name_found else "no"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Reveal:

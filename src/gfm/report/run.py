@@ -57,7 +57,8 @@ class HeldOutRollout:
 
     def __post_init__(self) -> None:
         shape = (len(self.time_s), len(self.joints))
-        arrays = {"setpoint": self.setpoint, "measured": self.measured, **self.predicted}
+        arrays = {"setpoint": self.setpoint, "measured": self.measured}
+        arrays |= {f"prediction of {model}": array for model, array in self.predicted.items()}
         check_shapes(arrays, dict.fromkeys(arrays, shape))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gfm.core import Status
 from gfm.report import words
-from gfm.report.document import diagnosis_json, error_picture, evidence, jsonable
+from gfm.report.document import diagnosis_json, evidence, jsonable
 from gfm.report.figures import Picture, points_per_series
 from gfm.report.page import render_page
 from gfm.report.reveal import Reveal, reveal
@@ -12,10 +12,11 @@ from gfm.report.run import SCHEMA, Comparison, HiddenEffect, RunReport, SystemFa
 from gfm.report.run_figures import (
     MODEL_TITLES,
     joint_control_picture,
+    model_error_picture,
     residual_picture,
     run_series_count,
-    training_picture,
 )
+from gfm.report.training_figure import training_picture
 
 
 def run_json(report: RunReport) -> dict[str, object]:
@@ -49,7 +50,7 @@ def run_html(report: RunReport) -> str:
         verdict=words.VERDICTS[report.diagnosis.verdict],
         model_titles=MODEL_TITLES,
         comparison_lines=report.comparison.lines(),
-        error_picture=error_picture(report.diagnosis),
+        error_picture=model_error_picture(report.comparison),
         evidence=evidence(report.diagnosis, limit),
         control_pictures=[joint_control_picture(one, limit) for one in report.rollouts],
         residual_pictures=_residual_pictures(report, limit),

@@ -49,8 +49,12 @@ def _table(title: str, *columns: str, figures: tuple[str, ...] = ()) -> Table:
     )
     for column in columns:
         is_figure = column in figures
-        justify = "right" if is_figure else "left"
-        table.add_column(column, justify=justify, overflow="fold", no_wrap=is_figure)
+        table.add_column(
+            column,
+            justify="right" if is_figure else "left",
+            overflow="fold",
+            no_wrap=is_figure,
+        )
     return table
 
 

@@ -241,8 +241,8 @@ def number(value: float | None) -> str:
 
 def quantity(value: float | None, unit: str) -> str:
     """Returns the number with its unit; "1" is the unit of pure numbers and is not shown."""
-    shown = "" if unit == "1" else unit
-    return f"{number(value)} {shown}".rstrip()
+    digits = number(value)
+    return digits if digits == NOTHING or unit in {"", "1"} else f"{digits} {unit}"
 
 
 def ratio(value: float, floor: float) -> float | None:

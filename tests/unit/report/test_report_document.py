@@ -1,0 +1,294 @@
+"""report.json and report.html: the contract, strict JSON, nothing loaded, nothing unescaped."""
+
+import json
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gfm.core import ShapeError
+from gfm.diagnosis.result import (
+    ErrorSummary,
+    EvidencePlot,
+    JointError,
+    NamedEffect,
+    ParameterEstimate,
+    RecordingSummary,
+    Series,
+    Suspect,
+    Verdict,
+)
+from gfm.report import (
+    ModelKind,
+    diagnosis_html,
+    diagnosis_json,
+    run_html,
+    run_json,
+    write_diagnosis,
+    write_run,
+)
+from gfm.report.document import jsonable
+
+NAN = float("nan")
+HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>\"'&{{7*7}}"
+EMPTY = {
+    "effects": (),
+    "suspects": (),
+    "joints": (),
+    "recordings": (),
+    "plots": (),
+    "notes": (),
+    "provenance": {},
+    "corrected_effects": (),
+}
+
+
+def strict(document):
+    return json.loads(json.dumps(document, allow_nan=False))
+
+
+def page_data(page):
+    """The figures in a page, as the browser gets them."""
+    found = re.findall(r'<script type="application/json">(.*?)</script>', page, re.DOTALL)
+    return [json.loads(text) for text in found]
+
+
+def without_plotly(page):
+    """The page without the longest script, which is plotly.js."""
+    longest = max(re.findall(r"<script>.*?</script>", page, re.DOTALL), key=len)
+    return page.replace(longest, "")
+
+
+def test_the_document_has_the_fields_of_the_contract(diagnosis_with):
+    document = strict(diagnosis_json(diagnosis_with()))
+    assert document["schema"] == "gfm.diagnosis/1"
+    assert document["verdict"] == "explained"
+    assert document["effects"][0] == {
+        "effect": "coulomb_friction",
+        "joints": ["right_j1"],
+        "parameters": {"torque": {"value": 1.32, "unit": "N m", "ci95": [1.27, 1.37]}},
+        "confidence": 0.97,
+        "native": True,
+    }
+    assert document["suspects"][0]["reason"].startswith("explains 0.4 %")
+    assert document["suspects"][0]["decided_by"].startswith("slow reversals")
+    assert document["error"]["unit"] == "rad"
+    assert document["error"]["ratio"] == pytest.approx(0.0013 / 0.0011)
+    assert [line["joint"] for line in document["joints"]] == [f"right_j{i}" for i in range(7)]
+    assert document["provenance"]["seed"] == 0
+
+
+def test_intervals_that_are_withheld_or_without_end_are_null(diagnosis_with):
+    cogging = strict(diagnosis_json(diagnosis_with()))["effects"][1]["parameters"]
+    assert cogging["amplitude"]["ci95"] == [0.19, 0.23]
+    assert cogging["per_revolution"]["ci95"] is None
+    assert cogging["phase"]["ci95"] is None
+
+
+def test_numbers_that_are_not_finite_are_null(diagnosis_with):
+    error = ErrorSummary(before=math.inf, after=NAN, noise_floor=0.0)
+    document = strict(diagnosis_json(diagnosis_with(error=error)))
+    assert document["error"] == {
+        "before": None,
+        "after": None,
+        "noise_floor": 0.0,
+        "unit": "rad",
+        "ratio": None,
+    }
+
+
+def test_whatever_stands_in_the_provenance_becomes_strict_json():
+    values = {
+        "path": Path("a/b"),
+        1: np.float32(0.5),
+        "array": np.array([1.0, NAN]),
+        "integer": np.int64(3),
+        "truth": np.bool_(True),
+        "verdict": Verdict.NO_GAP,
+        "pair": (1, math.inf),
+        "none": None,
+    }
+    assert strict(jsonable(values)) == {
+        "path": "a/b",
+        "1": 0.5,
+        "array": [1.0, None],
+        "integer": 3,
+        "truth": True,
+        "verdict": "no_gap",
+        "pair": [1, None],
+        "none": None,
+    }
+
+
+@pytest.mark.parametrize("verdict", list(Verdict))
+@pytest.mark.parametrize("content", [{}, EMPTY])
+def test_every_verdict_has_a_page_with_or_without_content(diagnosis_with, verdict, content):
+    page = diagnosis_html(diagnosis_with(verdict=verdict, **content))
+    assert f">{verdict.value.replace('_', ' ').capitalize()}</span>" in page
+    assert "The model lacks dry friction of 1.32 N m" in page
+    assert strict(diagnosis_json(diagnosis_with(verdict=verdict, **content)))["verdict"] == verdict
+
+
+def test_the_page_shows_the_figures_of_the_diagnosis(diagnosis_with):
+    page = diagnosis_html(diagnosis_with())
+    for text in (
+        "1.32 N m",
+        "1.27 … 1.37",
+        "withheld",
+        "97 %",
+        "no: hybrid stepping only",
+        "below the 2.1 % that chance reaches",
+        "slow reversals of right_j1",
+        "3 gaps longer than 50 ms",
+        "Record slow reversals of right_j6",
+        "model.sha256",
+    ):
+        assert text in page
+
+
+def test_every_plot_has_axis_titles_and_a_caption(run_with):
+    page = run_html(run_with())
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", page)
+    figures = page_data(page)
+    assert len(figures) == len(captions) == 6
+    assert all("Look for" in caption for caption in captions)
+    for figure in figures:
+        axes = [value for key, value in figure["layout"].items() if key.startswith("yaxis")]
+        assert all(axis["title"]["text"] for axis in axes)
+        below = [value for key, value in figure["layout"].items() if key.startswith("xaxis")]
+        assert any(axis.get("title", {}).get("text") for axis in below)
+
+
+def test_pages_load_nothing_from_anywhere(run_with, diagnosis_with):
+    for page in (run_html(run_with()), diagnosis_html(diagnosis_with())):
+        own = without_plotly(page)
+        assert "http" not in own.replace("http-equiv", "")
+        assert not re.search(r"<(script|img|link|iframe)[^>]*(src|href)=", own)
+        assert "default-src 'none'" in own
+        assert "modeBarButtons:" in own
+
+
+def test_hostile_names_stay_text(diagnosis_with, run_with):
+    effect = NamedEffect(
+        effect=HOSTILE,
+        joints=(HOSTILE,),
+        parameters={HOSTILE: ParameterEstimate(value=1.0, unit=HOSTILE, ci95=None)},
+        confidence=0.5,
+        native=True,
+    )
+    line = Series(label=HOSTILE, x=np.arange(3.0), y=np.arange(3.0), style="line")
+    plot = EvidencePlot(
+        title=HOSTILE,
+        effect=HOSTILE,
+        joint=HOSTILE,
+        x_label=HOSTILE,
+        y_label=HOSTILE,
+        series=(line,),
+    )
+    recording = RecordingSummary(
+        name=HOSTILE,
+        role=HOSTILE,
+        command=HOSTILE,
+        duration_s=1.0,
+        rate_hz=1.0,
+        before=1.0,
+        after=1.0,
+        warnings=(HOSTILE,),
+    )
+    diagnosis = diagnosis_with(
+        sentence=HOSTILE,
+        effects=(effect,),
+        suspects=(Suspect(effect=HOSTILE, joints=(), reason=HOSTILE, decided_by=HOSTILE),),
+        joints=(JointError(joint=HOSTILE, before=2.0, after=1.0, noise_floor=1.0),),
+        recordings=(recording,),
+        plots=(plot,),
+        notes=(HOSTILE,),
+        provenance={HOSTILE: {HOSTILE: HOSTILE}},
+    )
+    for page in (
+        diagnosis_html(diagnosis),
+        run_html(run_with(diagnosis=diagnosis, run_id=HOSTILE, robot=HOSTILE)),
+    ):
+        own = without_plotly(page)
+        assert "alert(1)</script>" not in own
+        assert "<img" not in own
+        assert "{{7*7}}" in own
+        drawn = page_data(page)
+        assert any("&lt;img" in json.dumps(figure) for figure in drawn)
+        assert not any("<img" in json.dumps(figure) for figure in drawn)
+
+
+def test_a_large_run_stays_below_six_megabytes(diagnosis_with, run_with):
+    diagnosis = diagnosis_with()
+    diagnosis = replace(diagnosis, plots=diagnosis.plots * 20)
+    report = run_with(diagnosis=diagnosis)
+    page = run_html(replace(report, rollouts=report.rollouts * 4))
+    assert len(page.encode()) < 6_000_000
+
+
+def test_the_run_document_contains_the_diagnosis(run_with):
+    report = run_with()
+    document = strict(run_json(report))
+    assert document["schema"] == "gfm.run/1"
+    assert document["diagnosis"] == strict(diagnosis_json(report.diagnosis))
+    nominal = document["comparison"]["models"][0]
+    assert nominal["model"] == "nominal"
+    assert nominal["ratio"] == pytest.approx(0.0322 / 0.0011)
+    assert set(nominal["joints"]) == {f"right_j{index}" for index in range(7)}
+    assert document["system"]["learner_steps"] == 4200
+    assert [one["role"] for one in document["system"]["processes"]][:2] == ["replay", "learner"]
+    assert document["revealed"]["hidden"][0]["parameters"]["torque"] == {
+        "value": 1.3,
+        "unit": "N m",
+    }
+
+
+def test_a_run_without_a_fit_without_a_sealed_file_and_without_rollouts_has_a_page(run_with):
+    report = run_with(training=(), hidden=None, rollouts=())
+    page = run_html(report)
+    assert "The fit of a GFM was skipped" in page
+    assert "Revealed after the verdict" not in page
+    assert strict(run_json(report))["revealed"] is None
+
+
+def test_the_truth_comes_after_the_verdict_and_says_that_the_robot_is_simulated(run_with):
+    page = run_html(run_with())
+    revealed = page.index("Revealed after the verdict; the robot here is simulated")
+    assert page.index("<h1>") < page.index("What else was considered") < revealed
+
+
+def test_a_rollout_of_the_wrong_shape_is_refused(run_with):
+    rollout = run_with().rollouts[0]
+    with pytest.raises(ShapeError, match="prediction of hybrid has shape"):
+        replace(rollout, predicted={ModelKind.HYBRID: np.zeros((3, 7))})
+
+
+def test_a_comparison_with_a_missing_joint_is_refused(run_with):
+    comparison = run_with().comparison
+    with pytest.raises(ShapeError, match="joint_noise_floors has shape"):
+        replace(comparison, joint_noise_floors=(0.1,))
+
+
+def test_the_files_of_a_diagnosis_are_whole_and_alone(diagnosis_with, tmp_path):
+    folder = tmp_path / "new" / "out"
+    paths = write_diagnosis(folder, diagnosis_with())
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "corrected.effects.json",
+        "corrected.xml",
+        "report.html",
+        "report.json",
+    ]
+    assert all(path.exists() for path in paths)
+    assert (folder / "corrected.xml").read_text() == "<mujoco/>"
+    effects = json.loads((folder / "corrected.effects.json").read_text())
+    assert effects["effects"][0]["effect"] == "cogging_torque"
+
+
+def test_no_effects_file_is_written_where_all_effects_are_native(
+    run_with, diagnosis_with, tmp_path
+):
+    paths = write_run(tmp_path, run_with(diagnosis=diagnosis_with(corrected_effects=())))
+    assert {path.name for path in paths} == {"report.json", "report.html", "corrected.xml"}
