@@ -45,10 +45,15 @@ class Bodies:
         try:
             message, _ = decode_stamped(body, max_bytes=self._max_bytes)
         except WireError as error:
-            self.rejected[error.reason] += 1
-            _log.warning("refused a body under %s: %s", key, error)
+            self._count(key, error)
             raise
         return message
+
+    def _count(self, key: str, error: WireError) -> None:
+        self.rejected[error.reason] += 1
+        count = self.rejected[error.reason]
+        if count == 10 ** (len(str(count)) - 1):  # 1, 10, 100 ...: a flood must not fill the log
+            _log.warning("refused a body under %s (%d so far): %s", key, count, error)
 
     def answer(self, key: str, body: bytes) -> Message:
         """Returns the answer in a body.

@@ -37,7 +37,7 @@ class MemoryHub:
 
     Attributes:
         tamper: What becomes of a body under a key, for tests of faults: the body itself, another
-            one, or None where it is lost.
+            one, or None where it is lost. Answers pass through it, too.
     """
 
     def __init__(self) -> None:
@@ -129,7 +129,7 @@ class MemoryTransport(Transport):
 
     @override
     def serve(self, key: str) -> Server:
-        server = _MemoryServer(key, self._bodies)
+        server = _MemoryServer(key, self._hub, self._bodies)
         self._hub.add(server)
         return server
 
@@ -206,7 +206,9 @@ class _MemoryRequest(Request):
         except WireError as error:
             self.refuse(str(error))
             return
-        self.pending.answer(body)
+        arriving = self._server.hub.tamper(self._server.key, body)
+        if arriving is not None:
+            self.pending.answer(arriving)
 
     @override
     def refuse(self, reason: str) -> None:
@@ -215,8 +217,9 @@ class _MemoryRequest(Request):
 
 @final
 class _MemoryServer(Server):
-    def __init__(self, key: str, bodies: Bodies) -> None:
+    def __init__(self, key: str, hub: MemoryHub, bodies: Bodies) -> None:
         self.key = key
+        self.hub = hub
         self.bodies = bodies
         self._waiting: deque[_MemoryRequest] = deque()
 

@@ -1,0 +1,103 @@
+"""Processes really start, answer, die, are noticed, and leave nothing behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import pytest
+
+from gfm.core import BadInputError, ProcessDiedError, UnreachableError
+from gfm.launch import ProcessSpec, Supervisor, SystemSpec, free_endpoint, replay_process, statuses
+
+
+def make_system(*arguments: str) -> SystemSpec:
+    return SystemSpec(
+        run="launch", endpoint=free_endpoint(), processes=(replay_process(arguments),)
+    )
+
+
+def eventually(true: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + 20.0
+    while not true():
+        assert time.monotonic() < deadline_s, "it never happened"
+
+
+def is_running(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_a_system_answers_once_started_and_is_gone_once_stopped(tmp_path):
+    with Supervisor(make_system(), tmp_path) as supervisor:
+        supervisor.start()
+        found = statuses(supervisor.transport)
+        assert [(status.role, status.pid) for status in found] == [
+            ("replay", supervisor.children[0].pid)
+        ]
+        pid = found[0].pid
+    assert not is_running(pid)
+    assert "INFO gfm.service.command: stopped" in (tmp_path / "replay.log").read_text()
+
+
+def test_a_child_that_dies_is_reported_with_its_last_words(tmp_path):
+    with Supervisor(make_system(), tmp_path) as supervisor:
+        supervisor.start()
+        pid = supervisor.children[0].pid
+        os.kill(pid, signal.SIGKILL)
+        os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)
+        with pytest.raises(ProcessDiedError, match="replay ended with status -9; log: ") as caught:
+            supervisor.check()
+    assert "gfm.service.command: running" in str(caught.value)
+
+
+def test_a_child_that_refuses_its_settings_makes_the_start_bad_input(tmp_path):
+    with (
+        Supervisor(make_system("--min-size", "0"), tmp_path) as supervisor,
+        pytest.raises(BadInputError, match=r"^replay: min_size is 0, expected at least 1$"),
+    ):
+        supervisor.start()
+
+
+def test_a_child_that_never_answers_is_given_up_at_the_deadline(tmp_path):
+    mute = ProcessSpec(role="actor", name="mute", module="tests_have_no_such_module")
+    system = SystemSpec(run="launch", endpoint=free_endpoint(), processes=(replay_process(), mute))
+    with (
+        Supervisor(system, tmp_path, start_timeout_s=0.0) as supervisor,
+        pytest.raises(UnreachableError, match="no answer from the hub"),
+    ):
+        supervisor.start()
+
+
+def test_a_child_that_does_not_stop_is_killed(tmp_path):
+    with Supervisor(make_system(), tmp_path, stop_timeout_s=0.2) as supervisor:
+        supervisor.start()
+        pid = supervisor.children[0].pid
+        os.kill(pid, signal.SIGSTOP)
+    assert not is_running(pid)
+
+
+def test_children_do_not_outlive_a_parent_that_is_killed(tmp_path):
+    script = (
+        "import sys, time; from pathlib import Path; from gfm.launch import *\n"
+        "spec = SystemSpec(run='r', endpoint=free_endpoint(), processes=(replay_process(),))\n"
+        "supervisor = Supervisor(spec, Path(sys.argv[1])); supervisor.start()\n"
+        "print(supervisor.children[0].pid, flush=True); time.sleep(60)\n"
+    )
+    parent = subprocess.Popen(
+        [sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    )
+    with parent:
+        assert parent.stdout is not None
+        child = int(parent.stdout.readline())
+        assert is_running(child)
+        parent.kill()
+    eventually(lambda: not is_running(child))
+    assert "SIGTERM: stopping" in (tmp_path / "replay.log").read_text()
