@@ -160,6 +160,10 @@ class RunProgress:
         ahead = self.states[begun[-1] if begun else 0 :]
         return sum(one.left_s(self.time_s) for one in ahead)
 
+    @property
+    def _running(self) -> PhaseState | None:
+        return next((one for one in self.states if one.running), None)
+
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
         """Runs the block as the phase of this name."""
@@ -173,7 +177,7 @@ class RunProgress:
 
     def say(self, now: str, *, share: float | None = None) -> None:
         """Says what is happening in the running phase, and which share of it is done (0..1)."""
-        running = next((one for one in self.states if one.running), None)
+        running = self._running
         if running is None:
             return
         known = running.share if share is None else min(max(share, 0.0), 1.0)
@@ -193,26 +197,27 @@ class RunProgress:
         return {one.phase.name: one.elapsed_s(self.time_s) for one in finished}
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Draws the table of phases as of now."""
+        """Draws the table of phases as of now, and below it what is happening."""
         time_s = self.time_s
-        table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), expand=True)
+        table = Table(box=box.SIMPLE_HEAD, padding=(0, 1))
         table.add_column("", width=1)
-        table.add_column("phase", ratio=2, overflow="fold")
-        table.add_column("now", ratio=3, overflow="fold")
-        table.add_column("", width=10)
-        table.add_column("took", justify="right", no_wrap=True)
-        table.add_column("left", justify="right", no_wrap=True)
+        table.add_column("phase", overflow="fold", min_width=24)
+        table.add_column("", width=12)
+        table.add_column("took", justify="right", no_wrap=True, min_width=5)
+        table.add_column("left", justify="right", no_wrap=True, min_width=5)
         for state in self.states:
-            table.add_row(*self._row(state, time_s), style=None if state.running else "dim")
+            table.add_row(*self._row(state, time_s), style="bold" if state.running else None)
         yield table
+        running = self._running
+        now = running.now if running is not None else ""
+        yield Text(f"  {now}", overflow="ellipsis", no_wrap=True)
         yield Text(f"  {clock_face(time_s)} so far, about {clock_face(self.left_s)} left", "bold")
 
     def _row(self, state: PhaseState, time_s: float) -> Iterator[Text | ProgressBar | Spinner]:
         share = state.shown_share(time_s)
-        yield self._spinner if state.running else Text("✓" if share == 1.0 else "·")
+        yield self._spinner if state.running else Text("✓" if share == 1.0 else "·", "green")
         yield Text(state.phase.name)
-        yield Text(state.now)
-        yield ProgressBar(total=1.0, completed=share, width=10)
+        yield ProgressBar(total=1.0, completed=share, width=12)
         yield Text(clock_face(state.elapsed_s(time_s)) if state.started_s is not None else "")
         yield Text("" if share == 1.0 else _left_face(state, time_s))
 
