@@ -87,7 +87,9 @@ class PolicyNetwork(nn.Module):
 
     def forward(self, observation: Tensor) -> Gaussian:
         """Returns the distribution over actions at scaled observations (E*, O)."""
-        features = _features(self.norm(self.first(observation)), self.hidden)
+        features = torch.tanh(self.norm(self.first(observation)))
+        for layer in self.hidden:
+            features = functional.elu(layer(features))
         stddev = functional.softplus(self.stddev(features)) + STDDEV_FLOOR
         return Gaussian(mean=self.mean(features), stddev=stddev)
 
@@ -96,7 +98,9 @@ class CriticNetwork(nn.Module):
     """Q of an observation and an action, clipped to [-1, 1] as the environments do.
 
     The first layer's products with observation and action are taken apart, so that N actions at
-    one observation cost one product with the (long) observation, not N.
+    one observation cost one product with the (long) observation, not N. Rectifiers, where the
+    policy has smooth units: they see N times as many rows, and tanh and exp cost as much there as
+    the matrix products.
     """
 
     def __init__(self, observation_size: int, action_size: int, hidden: Sequence[int]) -> None:
@@ -121,7 +125,10 @@ class CriticNetwork(nn.Module):
             action: shape (..., E*, A); any number of actions for each observation.
         """
         joint = self.first(observation) + self.action(action.clamp(-1.0, 1.0))
-        value: Tensor = self.value(_features(self.norm(joint), self.hidden)).squeeze(-1)
+        features = functional.relu(self.norm(joint))
+        for layer in self.hidden:
+            features = functional.relu(layer(features))
+        value: Tensor = self.value(features).squeeze(-1)
         return value
 
 
@@ -132,10 +139,3 @@ def inverse_softplus(value: float) -> float:
 
 def _hidden_layers(hidden: Sequence[int]) -> nn.ModuleList:
     return nn.ModuleList(nn.Linear(inputs, outputs) for inputs, outputs in pairwise(hidden))
-
-
-def _features(first: Tensor, layers: nn.ModuleList) -> Tensor:
-    features = torch.tanh(first)
-    for layer in layers:
-        features = functional.elu(layer(features))
-    return features

@@ -1,0 +1,82 @@
+"""Regression: what can be learned is learned, what cannot is said, and chance is seeded."""
+
+import numpy as np
+import pytest
+
+from gfm.core import BadInputError, EnvironmentSpec
+from gfm.rl.learner import LearnerSettings, init_learner, load_policy_tensors
+from gfm.rl.policy_numpy import GaussianPolicy
+from gfm.rl.regression import RegressionSettings, fit_policy
+
+SETTINGS = RegressionSettings(hidden=(32, 32), max_epochs=60, batch_size=64)
+
+
+def examples(noise=0.0, count=2000, seed=0):
+    rng = np.random.default_rng(seed)
+    observation = np.cumsum(rng.normal(0.0, 0.3, (count, 3)), axis=0) % 4.0 + 10.0
+    action = np.stack([np.sin(observation[:, 0]), 0.2 * observation[:, 1] - 2.4], axis=1) * 0.5
+    return observation, action + noise * rng.normal(size=action.shape)
+
+
+def test_recovers_a_smooth_function_and_its_noise():
+    observation, action = examples(noise=0.1)
+    fitted = fit_policy(observation, action, SETTINGS, seed=0)
+    np.testing.assert_allclose(fitted.held_out_rmse, 0.1, rtol=0.25)
+    assert (fitted.target_rms > 0.15).all()
+    policy = GaussianPolicy.from_weights(fitted.tensors)
+    new, truth = examples(seed=1)
+    error = policy.mean_action(new.astype(np.float32)) - truth
+    assert np.sqrt(np.square(error).mean()) < 0.06
+    sampled, _ = policy.sample(new.astype(np.float32), np.random.default_rng(0))
+    np.testing.assert_allclose((sampled - truth).std(0), 0.1, rtol=0.3)
+
+
+def test_is_the_same_under_the_same_seed_and_another_under_another():
+    observation, action = examples(count=200)
+    settings = RegressionSettings(hidden=(8,), max_epochs=3)
+    first, again, other = (fit_policy(observation, action, settings, s) for s in (0, 0, 1))
+    for name, tensor in first.tensors.items():
+        np.testing.assert_array_equal(tensor, again.tensors[name])
+    assert any((tensor != other.tensors[name]).any() for name, tensor in first.tensors.items())
+
+
+def test_noise_alone_is_not_learned():
+    observation, _ = examples(count=500)
+    action = np.random.default_rng(1).normal(0.0, 0.3, (500, 2))
+    fitted = fit_policy(observation, action, SETTINGS, seed=0)
+    assert fitted.epochs < SETTINGS.max_epochs
+    assert (fitted.held_out_rmse >= 0.9 * fitted.target_rms).all()
+
+
+def test_stddev_stays_between_its_bounds():
+    observation, action = examples(count=400)
+    settings = RegressionSettings(hidden=(8,), max_epochs=1, least_stddev=0.2, greatest_stddev=0.25)
+    policy = GaussianPolicy.from_weights(fit_policy(observation, action, settings, seed=0).tensors)
+    rows = np.repeat(observation[:1], 20000, axis=0).astype(np.float32)
+    spread = policy.sample(rows, np.random.default_rng(0))[0].std(0)
+    assert ((spread > 0.19) & (spread < 0.26)).all()
+
+
+def test_the_learner_starts_from_what_was_fitted():
+    observation, action = examples(count=200)
+    settings = RegressionSettings(hidden=(8, 8), max_epochs=2)
+    fitted = fit_policy(observation, action, settings, seed=0)
+    spec = EnvironmentSpec(name="test", observation_size=3, action_size=2)
+    state = init_learner(spec, LearnerSettings(policy_hidden=(8, 8)), seed=0)
+    load_policy_tensors(state, fitted.tensors)
+    np.testing.assert_array_equal(
+        state.networks.policy.mean.weight.detach().numpy(), fitted.tensors["mean.weight"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("observation", "action", "message"),
+    [
+        (np.zeros((30, 3)), np.zeros((29, 2)), r"expected \(N, O\) and \(N, A\)"),
+        (np.zeros((5, 3)), np.zeros((5, 2)), "5 examples to fit, expected at least 20"),
+        (np.full((30, 3), np.nan), np.zeros((30, 2)), "hold NaN or infinity"),
+    ],
+)
+def test_examples_that_cannot_be_fitted_are_refused(observation, action, message):
+    with pytest.raises(BadInputError, match=message):
+        fit_policy(observation, action, SETTINGS, seed=0)
