@@ -279,8 +279,9 @@ def _config(mode: str, listen: Sequence[str], connect: Sequence[str]) -> zenoh.C
 
 
 def _listening(listen: Sequence[str], connect: Sequence[str]) -> zenoh.Session:
+    config = _config("router", listen, connect)
     try:
-        return zenoh.open(_config("router", listen, connect))
+        return zenoh.open(config)
     except zenoh.ZError as exc:
         raise BadInputError(f"cannot listen on {', '.join(listen)}: {_cause(exc)}") from exc
 

@@ -1,0 +1,179 @@
+"""The commands as their users meet them: one line and an exit status for what cannot be done."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from gfm.core import BadInputError, ConfigError
+from gfm.launch import Supervisor, SystemSpec, free_endpoint, replay_process
+from gfm.launch.commands import add_router_parser, add_status_parser, add_up_parser
+
+
+def arguments_of(*argv: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    subparsers = parser.add_subparsers(required=True)
+    add_up_parser(subparsers)
+    add_status_parser(subparsers)
+    add_router_parser(subparsers)
+    return parser.parse_args(argv)
+
+
+def run_command(*argv: str) -> int:
+    arguments = arguments_of(*argv)
+    return arguments.run(arguments)
+
+
+@pytest.fixture(scope="module")
+def endpoint(tmp_path_factory) -> Iterator[str]:
+    """Yields where a running replay service can be asked."""
+    system = SystemSpec(run="shop", endpoint=free_endpoint(), processes=(replay_process(),))
+    with Supervisor(system, tmp_path_factory.mktemp("logs")) as supervisor:
+        supervisor.start()
+        yield system.endpoint
+
+
+def test_status_prints_the_sums_and_every_process_as_json(endpoint, capsys):
+    assert run_command("status", "--json", "--connect", endpoint, "--run", "shop") == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert [process["role"] for process in printed["processes"]] == ["replay"]
+    assert printed["replay_sequences"] == printed["actors"] == printed["rejected_messages"] == 0
+    assert printed["services"][0]["note"] == "waiting for the first sequence"
+
+
+def test_status_prints_a_table_for_people(endpoint, capsys):
+    assert run_command("status", "--connect", endpoint, "--run", "shop") == 0
+    printed = capsys.readouterr().out
+    assert "replay" in printed
+    assert "actors 0" in printed
+
+
+def test_status_of_a_run_that_nobody_is_in_is_bad_input(endpoint):
+    with pytest.raises(BadInputError, match="no service of run 'other' at tcp/"):
+        run_command("status", "--connect", endpoint, "--run", "other")
+
+
+def test_status_where_no_router_is_is_bad_input(monkeypatch):
+    monkeypatch.setattr("gfm.launch.commands._STATUS_TIMEOUT_S", 0.0)
+    absent = free_endpoint()
+    with pytest.raises(BadInputError, match=f"no system at {absent}: start one with `gfm up`"):
+        run_command("status", "--connect", absent)
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["--actors", "0"], "--actors is 0, expected at least 1"),
+        (["--config-dir", "/nowhere"], "--config-dir /nowhere: expected a folder"),
+    ],
+)
+def test_up_refuses_what_cannot_be_before_it_starts_anything(argv, message, monkeypatch, tmp_path):
+    monkeypatch.setattr("gfm.launch.commands.StopSignal.install", lambda _self: None)
+    with pytest.raises(ConfigError if "actors" in message else BadInputError, match=message):
+        run_command("up", "--dir", str(tmp_path / "up"), *argv)
+    assert not (tmp_path / "up").exists()
+
+
+def replay(*argv: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "gfm_replay", *argv],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+
+
+def test_a_port_in_use_is_one_line_and_status_two():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        address = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        ended = replay("--listen", address, "--log-level", "error")
+    assert ended.returncode == 2
+    assert ended.stderr == f"error: cannot listen on {address}: address already in use\n"
+
+
+def test_a_router_that_stays_away_is_one_line_and_status_one():
+    address = free_endpoint()
+    ended = replay("--connect", address, "--wait-s", "0.1", "--log-level", "error")
+    assert ended.returncode == 1
+    assert ended.stderr == f"error: no answer from a router at {address} within 0.1 s\n"
+
+
+def test_an_unknown_setting_is_one_line_and_status_two(tmp_path):
+    path = tmp_path / "replay.toml"
+    path.write_text("capacity = 3\n")
+    ended = replay("--config", str(path))
+    assert ended.returncode == 2
+    assert ended.stderr == f"error: {path}: Object contains unknown field `capacity`\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_a_service_cleanly(number):
+    process = started_replay()
+    process.send_signal(number)
+    _, rest = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert f"{number.name}: stopping" in rest
+    assert rest.rstrip().endswith("stopped")
+
+
+def started_replay() -> subprocess.Popen[str]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gfm_replay", "--listen", free_endpoint()],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stderr is not None
+    while "running" not in (line := process.stderr.readline()):
+        assert line, "it ended"
+    return process
+
+
+def test_a_second_signal_ends_a_service_that_does_not_stop(tmp_path):
+    script = tmp_path / "stubborn.py"
+    script.write_text(
+        "from gfm.service import StopSignal\n"
+        "stopped = StopSignal(); stopped.install(); print('up', flush=True)\n"
+        "while not stopped(): pass\n"
+        "print('asked', flush=True)\n"
+        "while True: pass\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    with process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "up\n"
+        process.terminate()
+        assert process.stdout.readline() == "asked\n"
+        process.terminate()
+        assert process.wait(30) == -signal.SIGTERM
+
+
+def test_a_bare_router_answers_for_itself(capsys):
+    address = free_endpoint()
+    script = (
+        "import argparse, sys; from gfm.launch.commands import add_router_parser\n"
+        "parser = argparse.ArgumentParser(); add_router_parser(parser.add_subparsers())\n"
+        "arguments = parser.parse_args(); sys.exit(arguments.run(arguments))\n"
+    )
+    command = [sys.executable, "-c", script, "router", "--listen", address]
+    with subprocess.Popen(command) as process:
+        while True:
+            try:
+                run_command("status", "--json", "--connect", address)
+            except BadInputError:
+                continue
+            break
+        process.terminate()
+        assert process.wait(30) == 0
+    assert json.loads(capsys.readouterr().out)["processes"][0]["role"] == "router"
