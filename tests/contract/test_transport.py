@@ -83,8 +83,9 @@ def test_a_refusal_is_raised_at_the_asker_with_its_reason(connect):
     server = connect().serve("replay/sample")
     pending = connect().request("replay/sample", SampleRequest(batch_size=4), timeout_s=5.0)
     received(server).refuse("spec_digest is a, expected b")
-    with pytest.raises(RefusedError, match="spec_digest is a, expected b"):
-        answer(pending)
+    for _ in range(2):
+        with pytest.raises(RefusedError, match="spec_digest is a, expected b"):
+            answer(pending)
 
 
 def test_asking_where_nobody_serves_is_unreachable_at_once(connect):

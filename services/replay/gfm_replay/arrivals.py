@@ -59,7 +59,7 @@ class Arrivals:
             life = self._lives[actor] = Life(epoch)
         elif epoch < life.epoch:
             raise RefusedError(
-                f"{actor} of epoch {epoch} is over: another one began at epoch {life.epoch}"
+                f"{actor:.64} of epoch {epoch} is over: another one began at epoch {life.epoch}"
             )
         self._lives.move_to_end(actor)
         if len(self._lives) > ACTORS:

@@ -86,7 +86,7 @@ class SequenceBuffer:
     def _check(self, sequence: Sequence) -> None:
         if sequence.spec_digest != self._spec_digest:
             raise RefusedError(
-                f"spec_digest is {sequence.spec_digest!r}, expected {self._spec_digest!r}"
+                f"spec_digest is {sequence.spec_digest!r:.40}, expected {self._spec_digest!r}"
             )
         for name, array in self._arrays.items():
             got, expected = getattr(sequence, name).shape, array.shape[1:]

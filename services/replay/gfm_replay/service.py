@@ -110,7 +110,7 @@ class ReplayService(Service):
         if wanted.spec_digest not in ("", self._buffer.spec_digest):
             self._refuse(
                 request,
-                f"spec_digest is {wanted.spec_digest!r}, expected {self._buffer.spec_digest!r}",
+                f"spec_digest is {wanted.spec_digest!r:.40}, expected {self._buffer.spec_digest!r}",
             )
             return
         request.reply(self._buffer.sample(wanted.batch_size, self._rng))

@@ -48,6 +48,7 @@ Ctrl-C or when one of them fails.
 _STATUS = "Asks every service of a running system how it is, and says so."
 _ROUTER = "Runs the router that services connect to, for systems whose replay is not the router."
 _CHECK_NS = 200_000_000
+_TELL_NS = 10_000_000_000
 _STATUS_TIMEOUT_S = 3.0
 
 
@@ -95,8 +96,12 @@ def run_up(arguments: argparse.Namespace) -> int:
 
 
 def _watch(supervisor: Supervisor, clock: Clock, stopped: StopSignal) -> None:
+    told_ns = clock.now_ns()
     while not stopped():
         supervisor.check()
+        if clock.now_ns() - told_ns > _TELL_NS:
+            _log.info("%s", summary_line(summary(statuses(supervisor.transport))))
+            told_ns = clock.now_ns()
         clock.sleep_until_ns(clock.now_ns() + _CHECK_NS)
 
 

@@ -19,6 +19,7 @@ from gfm_wire import StatusRequest
 
 _SHORTEST_IDLE_NS = 100_000
 _LONGEST_IDLE_NS = 2_000_000
+_LONGEST_NOTE = 500
 
 
 class Service(ABC):
@@ -53,7 +54,7 @@ def make_status(
         host=socket.gethostname(),
         counters=counters or {},
         gauges=gauges or {},
-        note=note,
+        note=note[:_LONGEST_NOTE],
     )
 
 

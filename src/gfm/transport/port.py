@@ -71,7 +71,11 @@ class Transport(ABC):
 
     @abstractmethod
     def publish(self, key: str, message: Message) -> None:
-        """Broadcasts; a receiver that does not keep up loses old messages, the sender no time."""
+        """Broadcasts; a receiver that does not keep up loses old messages, the sender no time.
+
+        Raises:
+            WireError: the message is too large to be sent; so does `request`.
+        """
 
     @abstractmethod
     def subscribe(self, key: str, *, keep: int = 1) -> Subscription:

@@ -109,7 +109,7 @@ class ZenohTransport(Transport):
         answers = []
         for reply in self._ask(key, message, timeout_s, zenoh.QueryTarget.ALL):
             try:
-                answers.append(_answer(key, reply, self._bodies))
+                answers.append(_answer(key, reply, self._bodies, timeout_s))
             except GfmError as error:
                 _log.debug("no answer in a survey of %s: %s", key, error)
         return answers
@@ -176,26 +176,35 @@ class _ZenohReply(PendingReply):
         self._bodies = bodies
         self._asked_s = time.monotonic()
         self._answer: Message | None = None
+        self._failure: GfmError | None = None
 
     @override
     def poll(self) -> Message | None:
+        if self._failure is not None:
+            raise self._failure
         if self._answer is None:
             try:
-                reply = self._replies.try_recv()
-            except zenoh.ZError as exc:  # closed without an answer: nobody serves the key
-                waited_s = time.monotonic() - self._asked_s
-                raise UnreachableError(self._key, waited_s) from exc
-            if reply is not None:
-                self._answer = _answer(self._key, reply, self._bodies)
+                self._answer = self._received()
+            except GfmError as failure:
+                self._failure = failure
+                raise
         return self._answer
 
+    def _received(self) -> Message | None:
+        waited_s = time.monotonic() - self._asked_s
+        try:
+            reply = self._replies.try_recv()
+        except zenoh.ZError as exc:  # closed without an answer: nobody serves the key
+            raise UnreachableError(self._key, waited_s) from exc
+        return None if reply is None else _answer(self._key, reply, self._bodies, waited_s)
 
-def _answer(key: str, reply: zenoh.Reply, bodies: Bodies) -> Message:
+
+def _answer(key: str, reply: zenoh.Reply, bodies: Bodies, waited_s: float) -> Message:
     if reply.ok is not None:
         return bodies.answer(key, reply.ok.payload.to_bytes())
     payload = b"" if reply.err is None else reply.err.payload.to_bytes()
-    if payload == b"Timeout":
-        raise UnreachableError(key, 0.0)
+    if payload == b"Timeout":  # zenoh's own words, where no answer came in time
+        raise UnreachableError(key, waited_s)
     return bodies.answer(key, payload)
 
 
