@@ -202,6 +202,37 @@ def test_delayed_commands_start_with_the_one_that_was_in_force():
     assert batch.qvel[0, 0] == pytest.approx(2.0 * 0.03 / inertia, rel=1e-9)
 
 
+FILTERED = """
+<mujoco><option timestep="0.01"/><worldbody><body><joint name="a"/><geom size="0.1"/></body>
+</worldbody><actuator><general name="a" joint="a" dyntype="filterexact" dynprm="0.5"/></actuator>
+</mujoco>"""
+
+
+def test_filtered_commands_start_settled_at_the_one_that_was_in_force():
+    filtered = mujoco.MjModel.from_xml_string(FILTERED)
+    model = HybridModel(models={CommandKind.EFFORT: filtered})
+    batch = HybridBatch(model, 1)
+    held = np.array([[2.0]])
+    batch.reset(np.array([0]), [filtered], np.zeros((1, 1)), np.zeros((1, 1)), held)
+    batch.step(held, np.zeros((1, 1)))
+    data = mujoco.MjData(filtered)
+    mujoco.mj_forward(filtered, data)
+    assert batch.qvel[0, 0] == pytest.approx(2.0 * 0.05 / float(data.M[0]), rel=1e-9)
+
+
+def test_what_is_recorded_is_every_integration_step_and_nothing_after_a_divergence(arm):
+    batch, plain = start(arm), start(arm)
+    command = np.tile(READY + 0.1, (3, 25, 1))
+    batch.qvel[1, 0] = 1e12
+    before = batch.qpos[1].copy()
+    diverged, qpos, qvel = batch.step_recorded(command, np.zeros((3, 7)))
+    plain.step(command, np.zeros((3, 7)))
+    np.testing.assert_array_equal(diverged, [False, True, False])
+    assert qpos.shape == qvel.shape == (3, 25, 7)
+    np.testing.assert_array_equal(qpos[0, -1], plain.qpos[0])
+    np.testing.assert_array_equal(qpos[1], np.tile(before, (25, 1)))
+
+
 def test_joints_of_the_sawyer_are_found_without_being_named(cell):
     assert cell.layout.joint_names == JOINT_NAMES
     np.testing.assert_array_equal(cell.force_dof, np.arange(13))

@@ -100,10 +100,9 @@ class HybridBatch:
             Which instances diverged, positions (N, S, nq) and velocities (N, S, nv) after each
             integration step. What diverged repeats the state before the period.
         """
-        before = self.qpos.copy(), self.qvel.copy()
         diverged, record = self._guarded(command, force, record=("qpos", "qvel"))
-        record["qpos"][diverged] = before[0][diverged, None]
-        record["qvel"][diverged] = before[1][diverged, None]
+        record["qpos"][diverged] = self.qpos[diverged, None]
+        record["qvel"][diverged] = self.qvel[diverged, None]
         return diverged, record["qpos"], record["qvel"]
 
     def _guarded(
