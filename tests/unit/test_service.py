@@ -30,6 +30,7 @@ from gfm.service import (
     read_config,
     run_service,
 )
+from gfm.service.service import nap_ns
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_wire import Ack, StatusRequest
 
@@ -143,27 +144,9 @@ def test_the_loop_sleeps_only_when_idle_and_closes_the_service_at_the_end():
     assert clock.now_ns() == 5 * 100_000
 
 
-def test_an_idle_loop_sleeps_longer_and_longer_up_to_two_milliseconds():
-    @final
-    class IdleService(Service):
-        steps = 0
-
-        @override
-        def step(self) -> bool:
-            self.steps += 1
-            return False
-
-        @override
-        def status(self) -> Status:
-            return make_status("actor", "a")
-
-        @override
-        def close(self) -> None:
-            pass
-
-    service, clock = IdleService(), ManualClock()
-    run_service(service, MemoryTransport(MemoryHub()), clock, lambda: service.steps == 7)
-    assert clock.now_ns() == 1e5 * (1 + 2 + 4 + 8 + 16 + 20 + 20)
+def test_an_idle_service_naps_a_sixteenth_of_its_idleness_up_to_two_milliseconds():
+    naps = {idle_ns: nap_ns(idle_ns) for idle_ns in (0, 1_600_000, 16_000_000, 10**10)}
+    assert naps == {0: 100_000, 1_600_000: 100_000, 16_000_000: 1_000_000, 10**10: 2_000_000}
 
 
 def test_a_service_is_closed_even_if_a_step_fails():

@@ -118,7 +118,8 @@ def _system(arguments: argparse.Namespace, directory: Path) -> SystemSpec:
         *actor_processes(env, arguments.actors, arguments.seed, settings_of(settings, "actor")),
     ]
     if arguments.robot == "sim":
-        bridge = settings_of(settings, "robot_bridge")
+        recordings = ("--recordings", str(directory / "recordings"))
+        bridge = (*settings_of(settings, "robot_bridge"), *recordings)
         processes += robot_processes(bridge, settings_of(settings, "robot"))
     return SystemSpec(run=arguments.run_name, endpoint=arguments.listen, processes=tuple(processes))
 

@@ -17,8 +17,8 @@ from gfm.core import Clock, Status
 from gfm.transport import Transport
 from gfm_wire import StatusRequest
 
-_SHORTEST_IDLE_NS = 100_000
-_LONGEST_IDLE_NS = 2_000_000
+_SHORTEST_NAP_NS = 100_000
+_LONGEST_NAP_NS = 2_000_000
 _LONGEST_NOTE = 500
 
 
@@ -93,6 +93,15 @@ class RunningService:
         return replace(status, counters=counters)
 
 
+def nap_ns(idle_ns: int) -> int:
+    """Returns how long to sleep after `idle_ns` without work.
+
+    Whoever was busy a moment ago is likely to be asked again soon: late by a sixteenth of the time
+    since then at most, and by 2 ms in the end.
+    """
+    return min(max(idle_ns // 16, _SHORTEST_NAP_NS), _LONGEST_NAP_NS)
+
+
 def run_service(
     service: Service, transport: Transport, clock: Clock, stopped: Callable[[], bool]
 ) -> None:
@@ -102,13 +111,14 @@ def run_service(
     have something to tell: an actor's last sequences, a bridge's hold command.
     """
     running = RunningService(service, transport)
-    idle_ns = _SHORTEST_IDLE_NS
+    worked_ns = clock.now_ns()
     try:
         while not stopped():
-            if running.step():
-                idle_ns = _SHORTEST_IDLE_NS
+            worked = running.step()
+            now_ns = clock.now_ns()
+            if worked:
+                worked_ns = now_ns
             else:
-                clock.sleep_until_ns(clock.now_ns() + idle_ns)
-                idle_ns = min(2 * idle_ns, _LONGEST_IDLE_NS)
+                clock.sleep_until_ns(now_ns + nap_ns(now_ns - worked_ns))
     finally:
         service.close()
