@@ -118,8 +118,12 @@ class StandInLearner(Service):
 
     @override
     def status(self) -> Status:
-        counters = {"learner_steps": self.version, "weights_version": self.version}
-        return make_status("learner", "learner", counters=counters)
+        return make_status(
+            "learner",
+            "learner",
+            counters={"learner_steps": self.version},
+            gauges={"weights_version": self.version},
+        )
 
     @override
     def close(self) -> None:

@@ -14,7 +14,12 @@ import pytest
 
 from gfm.core import BadInputError, ConfigError
 from gfm.launch import Supervisor, SystemSpec, free_endpoint, replay_process
-from gfm.launch.commands import add_router_parser, add_status_parser, add_up_parser
+from gfm.launch.commands import (
+    add_router_parser,
+    add_status_parser,
+    add_up_parser,
+    environment_arguments,
+)
 
 
 def arguments_of(*argv: str) -> argparse.Namespace:
@@ -79,6 +84,13 @@ def test_up_refuses_what_cannot_be_before_it_starts_anything(argv, message, monk
     with pytest.raises(ConfigError if "actors" in message else BadInputError, match=message):
         run_command("up", "--dir", str(tmp_path / "up"), *argv)
     assert not (tmp_path / "up").exists()
+
+
+def test_up_passes_the_environment_on_to_actors_and_learner():
+    argv = ["--env", "gfm_fit", "--model", "velocity=v.xml", "--model", "effort=e.xml"]
+    argv += ["--recording", "a.mcap", "--recording", "b.mcap", "--horizon", "7"]
+    assert list(environment_arguments(arguments_of("up", *argv))) == argv
+    assert environment_arguments(arguments_of("up")) == ()
 
 
 def replay(*argv: str) -> subprocess.CompletedProcess[str]:

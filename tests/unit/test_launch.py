@@ -24,9 +24,9 @@ def make_system(*processes: ProcessSpec) -> SystemSpec:
 
 
 WHOLE = make_system(
-    *actor_processes("gfm_fit", 2, seed=5),
+    *actor_processes(2, 5, ("--env", "gfm_fit")),
     *robot_processes(),
-    learner_process("gfm_fit"),
+    learner_process(),
     replay_process(),
 )
 
@@ -50,7 +50,7 @@ def test_the_hub_listens_and_everybody_else_connects_to_it():
 @pytest.mark.parametrize(
     ("processes", "message"),
     [
-        ([learner_process("a")], "hubs none: expected exactly one"),
+        ([learner_process()], "hubs none: expected exactly one"),
         ([replay_process(), replay_process()], "replay, replay: expected different names"),
     ],
 )
@@ -77,9 +77,16 @@ def make_service_status(role: str, name: str, **counters: int) -> Status:
 
 def test_the_summary_adds_up_what_the_services_say_and_is_plain_json():
     found = [
-        make_service_status("actor", "a", env_steps=10, weights_version=3, rejected_messages=1),
-        make_service_status("actor", "b", env_steps=20, weights_version=4),
-        make_service_status("learner", "l", learner_steps=5, weights_version=5),
+        make_service_status("actor", "a", env_steps=10, rejected_messages=1),
+        make_service_status("actor", "b", env_steps=20),
+        Status(
+            role="learner",
+            name="l",
+            pid=7,
+            host="h",
+            counters={"learner_steps": 6},
+            gauges={"weights_version": 5.0},
+        ),
         Status(
             role="replay",
             name="r",
@@ -95,7 +102,7 @@ def test_the_summary_adds_up_what_the_services_say_and_is_plain_json():
         "actors": 2,
         "env_steps": 30,
         "replay_sequences": 6,
-        "learner_steps": 5,
+        "learner_steps": 6,
         "weights_version": 5,
         "rejected_messages": 3,
         "processes": [

@@ -7,6 +7,7 @@ import json
 import logging
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,6 +34,7 @@ from gfm.service import (
     start_logging,
 )
 from gfm.service.config import unique_name
+from gfm.service.environment_flags import add_environment_flags
 from gfm.transport import ZenohTransport
 
 if TYPE_CHECKING:
@@ -55,9 +57,12 @@ _STATUS_TIMEOUT_S = 3.0
 def add_up_parser(subparsers: Subparsers) -> None:
     """Adds `gfm up`."""
     parser = subparsers.add_parser(
-        "up", help="start replay, learner and actors on this machine", description=_UP
+        "up",
+        help="start replay, learner and actors on this machine",
+        description=_UP,
+        argument_default=argparse.SUPPRESS,
     )
-    parser.add_argument("--env", default="gfm_fit", help="environment (default: %(default)s)")
+    add_environment_flags(parser)
     parser.add_argument(
         "--actors", type=int, default=2, metavar="N", help="actor processes (default: %(default)s)"
     )
@@ -66,12 +71,14 @@ def add_up_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--dir",
         type=Path,
+        default=None,
         metavar="DIR",
         help="logs, checkpoints, recordings (default: runs/up-TIME)",
     )
     parser.add_argument(
         "--config-dir",
         type=Path,
+        default=None,
         metavar="DIR",
         help="has actor.toml, learner.toml, replay.toml ... with settings of the services",
     )
@@ -111,17 +118,36 @@ def _system(arguments: argparse.Namespace, directory: Path) -> SystemSpec:
     settings = arguments.config_dir
     if settings is not None and not settings.is_dir():
         raise BadInputError(f"--config-dir {settings}: expected a folder")
-    env, checkpoints = arguments.env, ("--checkpoint-dir", str(directory / "checkpoints"))
+    env = environment_arguments(arguments)
+    checkpoints = ("--checkpoint-dir", str(directory / "checkpoints"))
     processes = [
         replay_process(settings_of(settings, "replay")),
-        learner_process(env, (*settings_of(settings, "learner"), *checkpoints)),
-        *actor_processes(env, arguments.actors, arguments.seed, settings_of(settings, "actor")),
+        learner_process((*settings_of(settings, "learner"), *env, *checkpoints)),
+        *actor_processes(arguments.actors, arguments.seed, (*settings_of(settings, "actor"), *env)),
     ]
     if arguments.robot == "sim":
         recordings = ("--recordings", str(directory / "recordings"))
         bridge = (*settings_of(settings, "robot_bridge"), *recordings)
         processes += robot_processes(bridge, settings_of(settings, "robot"))
     return SystemSpec(run=arguments.run_name, endpoint=arguments.listen, processes=tuple(processes))
+
+
+def environment_arguments(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Returns the environment flags that were given, to be passed on to actors and learner."""
+    given = vars(arguments)
+    env = ("--env", given["env"]) if "env" in given else ()
+    models = [f"{kind}={path}" for kind, path in given.get("environment.models", {}).items()]
+    horizon = given.get("environment.horizon")
+    return (
+        *env,
+        *_repeated("--model", models),
+        *_repeated("--recording", given.get("environment.recordings", ())),
+        *_repeated("--horizon", () if horizon is None else [str(horizon)]),
+    )
+
+
+def _repeated(flag: str, values: Iterable[str]) -> tuple[str, ...]:
+    return tuple(word for value in values for word in (flag, value))
 
 
 def add_status_parser(subparsers: Subparsers) -> None:

@@ -92,19 +92,18 @@ def replay_process(arguments: Iterable[str] = ()) -> ProcessSpec:
     return _process("replay", "replay", arguments, hub=True)
 
 
-def learner_process(env: str, arguments: Iterable[str] = ()) -> ProcessSpec:
-    """Returns the learner for an environment."""
-    return _process("learner", "learner", ("--env", env, *arguments))
+def learner_process(arguments: Iterable[str] = ()) -> ProcessSpec:
+    """Returns the learner; the arguments say for which environment."""
+    return _process("learner", "learner", arguments)
 
 
 def actor_processes(
-    env: str, count: int, seed: int, arguments: Iterable[str] = ()
+    count: int, seed: int, arguments: Iterable[str] = ()
 ) -> tuple[ProcessSpec, ...]:
-    """Returns `count` actors with different seeds."""
+    """Returns `count` actors with different seeds; the arguments say in which environment."""
     shared = tuple(arguments)
     return tuple(
-        _process("actor", f"actor-{i}", ("--env", env, "--seed", str(seed + i), *shared))
-        for i in range(count)
+        _process("actor", f"actor-{i}", (*shared, "--seed", str(seed + i))) for i in range(count)
     )
 
 

@@ -26,7 +26,7 @@ def summary(found: Sequence[Status]) -> dict[str, Any]:
     def total(counter: str) -> int:
         return sum(status.counters.get(counter, 0) for status in found)
 
-    versions = [status.counters.get("weights_version", 0) for status in found]
+    versions = [int(status.gauges.get("weights_version", 0)) for status in found]
     return {
         "actors": sum(status.role == "actor" for status in found),
         "env_steps": total("env_steps"),
