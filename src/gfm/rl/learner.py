@@ -6,15 +6,17 @@ Tensors are time-major inside: (T, B, ...).
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 import torch
 from msgspec import Meta
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from gfm.core import Batch, EnvironmentSpec
@@ -30,9 +32,15 @@ Widths = Annotated[tuple[Count, ...], Meta(min_length=1)]
 
 Stats = Mapping[str, Tensor]
 
+_CPU = torch.device("cpu")
+
 
 class LearnerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How the learner learns. A checkpoint can only be resumed with the same ones.
+
+    The defaults are Acme's, but for those that decide how fast things get going: Acme's multipliers
+    start at 10 (and 1000), need thousands of steps to come down, and its targets are copied every
+    100 steps; here a fit has a few thousand steps in all.
 
     Attributes:
         policy_hidden: Widths of the policy's hidden layers; the paper's two of 200.
@@ -59,14 +67,14 @@ class LearnerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     discount: Fraction = 0.99
     retrace_lambda: Fraction = 0.95
     samples: Count = 20
-    limits: Limits = Limits()
-    policy_learning_rate: Positive = 3e-4
-    critic_learning_rate: Positive = 3e-4
+    limits: Limits = Limits(epsilon_mean=1e-2, epsilon_stddev=1e-4)
+    policy_learning_rate: Positive = 1e-3
+    critic_learning_rate: Positive = 1e-3
     dual_learning_rate: Positive = 1e-2
-    initial_log_temperature: float = 10.0
-    initial_log_alpha_mean: float = 10.0
-    initial_log_alpha_stddev: float = 1000.0
-    target_period: Count = 100
+    initial_log_temperature: float = 0.0
+    initial_log_alpha_mean: float = 0.0
+    initial_log_alpha_stddev: float = 10.0
+    target_period: Count = 25
     gradient_limit: Positive = 40.0
     normaliser_steps: Annotated[int, Meta(ge=0)] = 1000
 
@@ -119,11 +127,16 @@ class LearnerState:
     steps: int = 0
 
 
-def init_learner(spec: EnvironmentSpec, settings: LearnerSettings, seed: int) -> LearnerState:
+def init_learner(
+    spec: EnvironmentSpec,
+    settings: LearnerSettings,
+    seed: int,
+    device: torch.device = _CPU,
+) -> LearnerState:
     """Returns the state before the first step; the same one for the same seed."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        networks = Networks(spec, settings)
+        networks = Networks(spec, settings).to(device)
     groups = [
         {"params": networks.policy.parameters(), "lr": settings.policy_learning_rate},
         {"params": networks.critic.parameters(), "lr": settings.critic_learning_rate},
@@ -207,6 +220,41 @@ def load_policy_tensors(state: LearnerState, tensors: Mapping[str, Array32]) -> 
     normaliser.scale.copy_(given.pop("scale"))
     state.networks.policy.load_state_dict(given)
     state.networks.target_policy.load_state_dict(given)
+
+
+def state_arrays(state: LearnerState) -> dict[str, NDArray[Any]]:
+    """Returns copies of everything in a state but its step count, by name."""
+    arrays = {
+        f"networks/{name}": np.array(tensor.cpu().numpy())
+        for name, tensor in state.networks.state_dict().items()
+    }
+    moments: dict[int, dict[str, Tensor]] = state.optimiser.state_dict()["state"]
+    for index, values in moments.items():
+        for name, tensor in values.items():
+            arrays[f"optimiser/{index}/{name}"] = np.array(tensor.cpu().numpy())
+    return arrays
+
+
+def load_state_arrays(
+    state: LearnerState, arrays: Mapping[str, NDArray[Any]], steps: int
+) -> LearnerState:
+    """Returns `state` with what `state_arrays` gave, loaded in place.
+
+    Raises:
+        RuntimeError: names or shapes are not those of this state's networks.
+    """
+    networks, moments = {}, defaultdict[int, dict[str, Tensor]](dict)
+    for path, array in arrays.items():
+        group, _, name = path.partition("/")
+        if group == "networks":
+            networks[name] = torch.tensor(array)
+        elif group == "optimiser":
+            index, _, moment = name.partition("/")
+            moments[int(index)][moment] = torch.tensor(array)
+    state.networks.load_state_dict(networks)
+    groups = state.optimiser.state_dict()["param_groups"]
+    state.optimiser.load_state_dict({"state": dict(moments), "param_groups": groups})
+    return replace(state, steps=steps)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,56 @@
+"""What the actor service may be told."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta
+
+from gfm.core import ConfigError
+from gfm.envs.registry import EnvironmentSettings
+from gfm.service import ServiceConfig
+
+Count = Annotated[int, Meta(ge=1)]
+Positive = Annotated[float, Meta(gt=0.0)]
+
+
+class ActorConfig(ServiceConfig, frozen=True, kw_only=True):
+    """Settings of the actor service.
+
+    Attributes:
+        env: Name of the environment to act in.
+        environment: What that environment may be told.
+        num_envs: Instances stepped together.
+        sequence_length: Transitions per sequence, T. Episodes are cut into sequences without
+            overlap; the horizon must be a multiple, so that time limits lose nothing.
+        window: Sequences that may be unacknowledged; beyond that the actor stops acting.
+        timeout_s: How long to wait for an acknowledgement before sending again.
+        max_weights_age_s: Without a sign of life from the learner for this long, it stops acting.
+        max_steps_per_s: Environment steps per second, at most; None does not limit them.
+        drain_s: How long to wait at the end for what is unacknowledged.
+        seed: Of the environment's episodes and of the sampled actions.
+    """
+
+    env: str = "gfm_fit"
+    environment: EnvironmentSettings = EnvironmentSettings()
+    num_envs: Count = 32
+    sequence_length: Count = 10
+    window: Count = 64
+    timeout_s: Positive = 5.0
+    max_weights_age_s: Positive = 60.0
+    max_steps_per_s: Positive | None = None
+    drain_s: Annotated[float, Meta(ge=0.0)] = 2.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.environment.horizon % self.sequence_length:
+            raise ConfigError(
+                f"environment.horizon is {self.environment.horizon} and sequence_length is "
+                f"{self.sequence_length}, expected a multiple of it"
+            )
+        if self.window < self.num_envs:
+            raise ConfigError(
+                f"window is {self.window} and num_envs is {self.num_envs}, expected at least as "
+                "many: all instances may finish a sequence in the same step"
+            )

@@ -1,0 +1,82 @@
+"""Batches from the replay service, asked for ahead so that learning need not wait for them."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import final
+
+from gfm.core import Batch, Clock, RefusedError, UnreachableError
+from gfm.transport import PendingReply, Transport
+from gfm_wire import NotReady, SampleRequest
+
+_KEY = "replay/sample"
+_PAUSE_NS = 20_000_000
+
+
+@final
+class BatchSource:
+    """Keeps a few questions for batches under way.
+
+    Attributes:
+        note: What is being waited for, in words; empty while batches flow.
+        unanswered: Questions that got no answer in time.
+        refused: Questions that were refused.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        clock: Clock,
+        request: SampleRequest,
+        *,
+        prefetch: int,
+        timeout_s: float,
+    ) -> None:
+        self.note = "asking for the first batch"
+        self.unanswered = 0
+        self.refused = 0
+        self._transport = transport
+        self._clock = clock
+        self._request = request
+        self._prefetch = prefetch
+        self._timeout_s = timeout_s
+        self._pending: deque[PendingReply] = deque()
+        self._resume_ns = clock.now_ns()
+
+    def poll(self) -> Batch | None:
+        """Returns a batch, or None while there is none; asks for further ones."""
+        batch = self._receive()
+        if self._clock.now_ns() >= self._resume_ns:
+            while len(self._pending) < self._prefetch:
+                self._pending.append(
+                    self._transport.request(_KEY, self._request, timeout_s=self._timeout_s)
+                )
+        return batch
+
+    def _receive(self) -> Batch | None:
+        if not self._pending:
+            return None
+        try:
+            answer = self._pending[0].poll()
+        except UnreachableError as error:
+            self.unanswered += 1
+            self._pause(f"waiting for replay: {error}")
+            return None
+        except RefusedError as error:
+            self.refused += 1
+            self._pause(f"replay refused to give a batch: {error}")
+            return None
+        if answer is None:
+            return None
+        if isinstance(answer, Batch):
+            self._pending.popleft()
+            self.note = ""
+            return answer
+        got = type(answer).__name__
+        self._pause(answer.reason if isinstance(answer, NotReady) else f"replay answered {got}")
+        return None
+
+    def _pause(self, note: str) -> None:
+        self._pending.popleft()
+        self.note = note
+        self._resume_ns = self._clock.now_ns() + _PAUSE_NS

@@ -1,0 +1,161 @@
+"""Checkpoints: everything from which learning goes on as if nothing had happened."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import torch
+
+import gfm
+from gfm.core import BadInputError, ConfigError, EnvironmentSpec, Weights
+from gfm.recording.weights_file import read_arrays, read_weights, write_arrays
+from gfm.rl.learner import (
+    LearnerSettings,
+    LearnerState,
+    init_learner,
+    load_policy_tensors,
+    load_state_arrays,
+    policy_tensors,
+    state_arrays,
+)
+from gfm_learner.config import LearnerConfig
+
+CHECKPOINT = "checkpoint.npz"
+POLICY = "policy.npz"
+_FORMAT = "gfm.checkpoint/1"
+_GENERATOR = "generator"
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """Where a learner stands, with the source of its chance.
+
+    Attributes:
+        spec: The environment learned for.
+        state: Networks, targets, optimiser, duals and steps.
+        generator: Of the sampled actions.
+    """
+
+    spec: EnvironmentSpec
+    state: LearnerState
+    generator: torch.Generator
+
+
+def begin(config: LearnerConfig, spec: EnvironmentSpec) -> Progress:
+    """Returns where to begin: at the checkpoint, at given weights, or at random.
+
+    Raises:
+        BadInputError: a checkpoint or weights file is damaged or was made for something else.
+    """
+    progress = _random_start(config, spec)
+    path = Path(config.checkpoint_dir) / CHECKPOINT
+    if config.checkpoint_dir and config.resume and path.exists():
+        progress = load_checkpoint(path, config, progress)
+        _log.info("resumed %s at step %d", path, progress.state.steps)
+    elif config.init:
+        _load_initial(Path(config.init), progress)
+        _log.info("started from the policy in %s", config.init)
+    return progress
+
+
+def _random_start(config: LearnerConfig, spec: EnvironmentSpec) -> Progress:
+    device = _device(config.device)
+    generator = torch.Generator(device).manual_seed(config.seed)
+    state = init_learner(spec, config.learning, config.seed, device)
+    return Progress(spec=spec, state=state, generator=generator)
+
+
+def _device(name: str) -> torch.device:
+    try:
+        device = torch.device(name)
+        torch.empty(0, device=device)
+    except (RuntimeError, AssertionError) as exc:
+        reason = str(exc).splitlines()[0]
+        raise ConfigError(f"device {name!r} cannot be used: {reason}") from exc
+    return device
+
+
+def _load_initial(path: Path, progress: Progress) -> None:
+    given = read_weights(path)
+    own = Weights(version=0, created_ns=0, spec_digest="", tensors=policy_tensors(progress.state))
+    if given.architecture != own.architecture:
+        raise BadInputError(f"{path}: {_first_difference(given, own)}")
+    load_policy_tensors(progress.state, given.tensors)
+
+
+def _first_difference(given: Weights, own: Weights) -> str:
+    for name in sorted(given.tensors.keys() | own.tensors.keys()):
+        shapes = [
+            str(weights.tensors[name].shape) if name in weights.tensors else "absent"
+            for weights in (given, own)
+        ]
+        if shapes[0] != shapes[1]:
+            return f"{name} is {shapes[0]}, expected {shapes[1]}"
+    return "another architecture"
+
+
+def save_checkpoint(path: Path, config: LearnerConfig, progress: Progress) -> None:
+    """Writes a checkpoint; a crash leaves the old one or the new one, never half of one."""
+    meta = {
+        "format": _FORMAT,
+        "code_version": gfm.__version__,
+        "steps": progress.state.steps,
+        "spec": asdict(progress.spec),
+        "config": msgspec.to_builtins(config),
+    }
+    arrays = state_arrays(progress.state)
+    arrays[_GENERATOR] = progress.generator.get_state().numpy()
+    write_arrays(path, meta, arrays)
+
+
+def load_checkpoint(path: Path, config: LearnerConfig, progress: Progress) -> Progress:
+    """Returns the progress that a checkpoint holds, loaded into `progress`.
+
+    Raises:
+        BadInputError: the file is damaged.
+        ConfigError: it was made for another environment or with other settings of learning.
+    """
+    meta, arrays = read_arrays(path, _FORMAT)
+    _check_same(path, meta, config.learning, progress.spec)
+    try:
+        generator_state = torch.from_numpy(arrays.pop(_GENERATOR))
+        state = load_state_arrays(progress.state, arrays, int(meta["steps"]))
+        progress.generator.set_state(generator_state)
+    except (KeyError, RuntimeError, TypeError, ValueError) as exc:
+        reason = " ".join(str(exc).split())
+        raise BadInputError(f"{path}: damaged checkpoint: {reason}") from exc
+    return Progress(spec=progress.spec, state=state, generator=progress.generator)
+
+
+def _check_same(
+    path: Path, meta: Mapping[str, Any], learning: LearnerSettings, spec: EnvironmentSpec
+) -> None:
+    stored = {"spec": meta.get("spec", {}), "learning": meta.get("config", {}).get("learning", {})}
+    wanted = {"spec": asdict(spec), "learning": json.loads(msgspec.json.encode(learning))}
+    differing = [
+        f"{name} is {here!r} here, {there!r} there" for name, here, there in _differ(wanted, stored)
+    ]
+    if differing:
+        raise ConfigError(
+            f"{path} was made with other settings: {'; '.join(differing)}. Use the same, "
+            "another folder, or --no-resume to begin anew"
+        )
+
+
+def _differ(
+    here: Mapping[str, Any], there: Mapping[str, Any], prefix: str = ""
+) -> Iterator[tuple[str, object, object]]:
+    for name in sorted(here.keys() | there.keys()):
+        ours, theirs = here.get(name, "absent"), there.get(name, "absent")
+        if isinstance(ours, dict) and isinstance(theirs, dict):
+            yield from _differ(ours, theirs, f"{prefix}{name}.")
+        elif ours != theirs:
+            yield f"{prefix}{name}", ours, theirs

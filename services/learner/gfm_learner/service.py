@@ -1,0 +1,202 @@
+"""Learns from batches of the replay service and broadcasts the policy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from typing_extensions import override
+
+from gfm.core import Batch, Clock, GfmError, Status, Weights
+from gfm.recording.weights_file import write_weights
+from gfm.rl.learner import Stats, learner_step, policy_tensors
+from gfm.service import Service, make_status
+from gfm.transport import Request, Transport
+from gfm_learner.batches import BatchSource
+from gfm_learner.checkpoint import CHECKPOINT, POLICY, Progress, save_checkpoint
+from gfm_learner.config import LearnerConfig
+from gfm_learner.metrics import MetricsSink
+from gfm_wire import SampleRequest, WeightsRequest
+
+
+class LearningDivergedError(GfmError):
+    """A loss is not finite any more; the last checkpoint is from before."""
+
+    def __init__(self, step: int, losses: Mapping[str, float]) -> None:
+        listed = ", ".join(f"{name} is {value}" for name, value in losses.items())
+        super().__init__(f"learning diverged at step {step}: {listed}, expected finite numbers")
+
+
+@final
+class LearnerService(Service):
+    """Asks `replay/sample`, publishes `weights`, serves `weights/current`.
+
+    Weights are those of the target policy (see `gfm.rl.learner.policy_tensors`). They are published
+    at the start, whenever the targets change, and as a heartbeat.
+    """
+
+    def __init__(
+        self,
+        config: LearnerConfig,
+        progress: Progress,
+        transport: Transport,
+        clock: Clock,
+        metrics: MetricsSink,
+    ) -> None:
+        self._config = config
+        self._progress = progress
+        self._transport = transport
+        self._clock = clock
+        self._metrics = metrics
+        self._healthy = True
+        request = SampleRequest(batch_size=config.batch_size, spec_digest=progress.spec.digest)
+        self._batches = BatchSource(
+            transport, clock, request, prefetch=config.prefetch, timeout_s=config.timeout_s
+        )
+        self._server = transport.serve("weights/current")
+        self._weights = self._make_weights()
+        self._published_ns: int | None = None
+        self._saved_ns = clock.now_ns()
+        self._row_began = (clock.now_ns(), progress.state.steps)
+        self._gauges: dict[str, float] = {}
+        self._refused_requests = 0
+
+    @property
+    def weights(self) -> Weights:
+        """The newest weights that were published, or are about to be."""
+        return self._weights
+
+    @override
+    def step(self) -> bool:
+        self._publish_when_due()
+        worked = self._answer()
+        if self._finished:
+            return worked
+        batch = self._batches.poll()
+        if batch is None:
+            return worked
+        self._learn(batch)
+        self._save_when_due()
+        return True
+
+    @override
+    def status(self) -> Status:
+        return make_status(
+            "learner",
+            self._config.name,
+            counters={
+                "learner_steps": self._progress.state.steps,
+                "batches_unanswered": self._batches.unanswered,
+                "batches_refused": self._batches.refused,
+                "rejected_messages": self._refused_requests,
+            },
+            gauges={"weights_version": float(self._weights.version), **self._gauges},
+            note=self._note,
+        )
+
+    @override
+    def close(self) -> None:
+        """Saves, unless what would be saved is broken."""
+        if self._healthy:
+            self._save()
+        self._metrics.close()
+
+    @property
+    def _finished(self) -> bool:
+        limit = self._config.max_steps
+        return limit is not None and self._progress.state.steps >= limit
+
+    @property
+    def _note(self) -> str:
+        if self._finished:
+            return f"done: {self._config.max_steps} steps; serving weights"
+        return self._batches.note or "learning"
+
+    def _learn(self, batch: Batch) -> None:
+        progress, config = self._progress, self._config
+        state, stats = learner_step(progress.state, batch, config.learning, progress.generator)
+        self._progress = replace(progress, state=state)
+        self._check_finite(stats)
+        if state.steps % config.learning.target_period == 0 or self._finished:
+            self._weights = self._make_weights()
+            self._publish()
+        if state.steps % config.metrics_every == 0 or self._finished:
+            self._record(batch, stats)
+
+    def _check_finite(self, stats: Stats) -> None:
+        losses = {name: float(stats[name]) for name in ("critic_loss", "policy_loss")}
+        if not all(math.isfinite(loss) for loss in losses.values()):
+            self._healthy = False
+            raise LearningDivergedError(self._progress.state.steps, losses)
+
+    def _record(self, batch: Batch, stats: Stats) -> None:
+        now_ns, steps = self._clock.now_ns(), self._progress.state.steps
+        began_ns, began_steps = self._row_began
+        staleness = np.maximum(steps - 1 - batch.weights_version, 0)
+        row = {name: float(value) for name, value in stats.items()} | {
+            "reward_mean": float(batch.reward.mean()),
+            "terminal_share": float((batch.discount == 0.0).mean()),
+            "staleness_mean_steps": float(staleness.mean()),
+            "staleness_max_steps": float(staleness.max()),
+            "learner_steps_per_s": (steps - began_steps) / max((now_ns - began_ns) * 1e-9, 1e-9),
+        }
+        self._row_began = now_ns, steps
+        self._gauges = row
+        self._metrics.write(steps, self._clock.utc_ns() * 1e-9, row)
+
+    def _make_weights(self) -> Weights:
+        return Weights(
+            version=self._progress.state.steps,
+            created_ns=self._clock.utc_ns(),
+            spec_digest=self._progress.spec.digest,
+            tensors=policy_tensors(self._progress.state),
+        )
+
+    def _publish_when_due(self) -> None:
+        heartbeat_ns = self._config.heartbeat_s * 1e9
+        if self._published_ns is None or self._clock.now_ns() - self._published_ns >= heartbeat_ns:
+            self._publish()
+
+    def _publish(self) -> None:
+        self._transport.publish("weights", self._weights)
+        self._published_ns = self._clock.now_ns()
+
+    def _answer(self) -> bool:
+        request = self._server.receive()
+        if request is None:
+            return False
+        reason = self._reason_to_refuse(request)
+        if reason is None:
+            request.reply(self._weights)
+        else:
+            self._refused_requests += 1
+            request.refuse(reason)
+        return True
+
+    def _reason_to_refuse(self, request: Request) -> str | None:
+        wanted, spec = request.message, self._progress.spec
+        if not isinstance(wanted, WeightsRequest):
+            return f"got {type(wanted).__name__}, expected WeightsRequest"
+        if wanted.spec_digest in ("", spec.digest):
+            return None
+        return (
+            f"the asker's environment has digest {wanted.spec_digest}; this learner learns for "
+            f"{spec.name} with {spec.observation_size} observations and {spec.action_size} "
+            f"actions, digest {spec.digest}"
+        )
+
+    def _save_when_due(self) -> None:
+        now_ns = self._clock.now_ns()
+        if now_ns - self._saved_ns >= self._config.checkpoint_period_s * 1e9 or self._finished:
+            self._save()
+            self._saved_ns = now_ns
+
+    def _save(self) -> None:
+        if self._config.checkpoint_dir:
+            folder = Path(self._config.checkpoint_dir)
+            save_checkpoint(folder / CHECKPOINT, self._config, self._progress)
+            write_weights(folder / POLICY, self._make_weights())

@@ -1,0 +1,49 @@
+"""The flags that say which environment, the same for every command that takes one."""
+
+from __future__ import annotations
+
+import argparse
+
+
+def add_environment_flags(parser: argparse.ArgumentParser) -> None:
+    """Adds the flags of `EnvironmentSettings` that are not left to a settings file."""
+    group = parser.add_argument_group("environment")
+    group.add_argument("--env", metavar="NAME", help="gfm_fit, point_mass ... (default: gfm_fit)")
+    group.add_argument(
+        "--model",
+        dest="environment.models",
+        action=_KindedPath,
+        metavar="KIND=FILE",
+        help="MJCF for commands of KIND (position, velocity, effort); may be given once per kind",
+    )
+    group.add_argument(
+        "--recording",
+        dest="environment.recordings",
+        action="append",
+        metavar="FILE",
+        help="MCAP recording; may be given several times",
+    )
+    group.add_argument(
+        "--horizon",
+        dest="environment.horizon",
+        type=int,
+        metavar="N",
+        help="control periods per episode",
+    )
+
+
+class _KindedPath(argparse.Action):
+    """Collects KIND=FILE into a mapping."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: object,
+        _option: str | None = None,
+    ) -> None:
+        kind, equals, path = str(values).partition("=")
+        if not (kind and equals and path):
+            parser.error(f"--model {values}: expected KIND=FILE")
+        given = dict(getattr(namespace, self.dest, {}))
+        setattr(namespace, self.dest, given | {kind: path})
