@@ -1,0 +1,55 @@
+"""The command `gfm-robot-bridge`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from gfm.core import Clock
+from gfm.service import Service, make_parser, service_main
+from gfm.sim.sawyer import JOINT_NAMES
+from gfm.transport import Transport
+from gfm_robot_bridge.config import BridgeConfig
+from gfm_robot_bridge.mirror import MirrorRobot
+from gfm_robot_bridge.robot import Robot
+from gfm_robot_bridge.service import BridgeService
+from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
+
+
+def build(config: BridgeConfig, transport: Transport, clock: Clock) -> Service:
+    """Returns the service that the settings describe."""
+    robot: Robot
+    if config.robot == "mirror":
+        robot = MirrorRobot(JOINT_NAMES)
+    else:
+        robot = SimulatedSawyer(transport, clock, lockstep=config.clock == "lockstep")
+    return BridgeService(config, robot, transport, clock)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the robot bridge until it is told to stop."""
+    parser = make_parser(
+        "gfm-robot-bridge",
+        "Stands between policies and the robot: limits commands, returns observations, records "
+        "both. The simulated robot runs beside it: python -m gfm_robot_bridge.simulated",
+    )
+    group = parser.add_argument_group("robot")
+    group.add_argument("--robot", choices=("sim", "mirror"), help="(default: sim)")
+    group.add_argument(
+        "--clock",
+        choices=("lockstep", "wall"),
+        help="whether robot time passes only with commands, or by itself (default: lockstep)",
+    )
+    group.add_argument("--control-hz", type=float, help="commands per second (default: 50)")
+    group.add_argument("--recordings", metavar="DIR", help="where to write recordings")
+    group.add_argument(
+        "--velocity-share", type=float, help="share of the velocity limits to allow (default: 0.5)"
+    )
+    group.add_argument(
+        "--position-margin-rad", type=float, help="distance to the joint limits (default: 0.05)"
+    )
+    return service_main(parser, BridgeConfig, build, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

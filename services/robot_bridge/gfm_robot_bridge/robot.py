@@ -1,0 +1,44 @@
+"""The port of every robot, real or simulated: nothing but the bridge knows one."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from gfm.core import Command, Observation
+from gfm_robot_bridge.limits import Limits
+
+
+class Robot(ABC):
+    """One arm. Nothing here waits: an exchange is begun and asked for until it is there.
+
+    Attributes:
+        joint_names: In the order of every array.
+        limits: What the joints may do.
+        command_latency_ns: From a command's stamp until it acts, as the robot documents it.
+    """
+
+    joint_names: tuple[str, ...]
+    limits: Limits
+    command_latency_ns: int
+
+    @abstractmethod
+    def time_ns(self) -> int:
+        """Returns what the robot's clock shows now: commands are stamped with it."""
+
+    @abstractmethod
+    def begin(self, command: Command | None, advance_ns: int) -> None:
+        """Sends a command (None: none) and asks for what the sensors report.
+
+        Args:
+            command: Stamped with the robot's time, in the order of the joints.
+            advance_ns: How long to let a robot run whose time passes on demand; ignored by others.
+        """
+
+    @abstractmethod
+    def poll(self) -> tuple[Observation, ...] | None:
+        """Returns the reports since the last exchange, oldest first; None while under way.
+
+        Raises:
+            UnreachableError: the robot does not answer.
+            RefusedError: it said no.
+        """

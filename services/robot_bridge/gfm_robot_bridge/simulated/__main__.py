@@ -1,0 +1,50 @@
+"""The simulated Sawyer's process: `python -m gfm_robot_bridge.simulated`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from gfm.core import Clock
+from gfm.service import Service, make_parser, service_main
+from gfm.sim.sawyer import READY
+from gfm.transport import Transport
+from gfm_robot_bridge.simulated.config import SimulatedConfig
+from gfm_robot_bridge.simulated.hidden import draw, names
+from gfm_robot_bridge.simulated.robot import Sensors, SimulatedRobot
+from gfm_robot_bridge.simulated.sealed import seal
+from gfm_robot_bridge.simulated.service import SimulatedService
+
+
+def build(config: SimulatedConfig, transport: Transport, clock: Clock) -> Service:
+    """Returns the service that the settings describe; what it hides is sealed before it answers."""
+    effects = draw(config.hidden_effect, config.seed, READY)
+    if config.sealed_path is not None:
+        seal(config.sealed_path, effects, choice=config.hidden_effect, seed=config.seed)
+    sensors = Sensors(period_ns=round(config.period_s * 1e9))
+    robot = SimulatedRobot(READY, effects=effects, seed=config.seed, sensors=sensors)
+    return SimulatedService(config, robot, transport, clock)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the simulated robot until it is told to stop."""
+    parser = make_parser(
+        "gfm-simulated-sawyer",
+        "A Sawyer arm in simulation, behind the protocol by which the robot bridge drives it. "
+        "It can hide an effect that its nominal model does not declare.",
+    )
+    group = parser.add_argument_group("robot")
+    group.add_argument("--clock", choices=("lockstep", "wall"), help="(default: lockstep)")
+    group.add_argument(
+        "--hidden-effect",
+        metavar="NAME",
+        help=f"random, none (the default), or one of {', '.join(names())}",
+    )
+    group.add_argument("--seed", type=int, help="of the hidden effect and of the noise")
+    group.add_argument("--sealed", metavar="FILE", help="where to write what is hidden")
+    group.add_argument("--period-s", type=float, help="between sensor reports (default: 0.01)")
+    return service_main(parser, SimulatedConfig, build, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

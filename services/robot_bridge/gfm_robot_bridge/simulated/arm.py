@@ -1,0 +1,195 @@
+"""The mechanics of the simulated arm, integrated by a Runge-Kutta method of third order.
+
+The arm's geometry and inertias come from the published model; what acts on it is computed here.
+Where a joint has play or a spring, its motor is a mass of its own that drives the link through
+it: the motor side is then the last element of the state.
+
+Shape letters: J joints, S state (J, or J + 1 with a motor side).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import final
+
+import mujoco
+import numpy as np
+
+from gfm.core import CommandKind
+from gfm.core.checks import Array
+from gfm.sim.sawyer import JOINT_NAMES, sawyer_spec
+from gfm_robot_bridge.simulated.coupling import coupling_of
+from gfm_robot_bridge.simulated.hidden import HiddenEffect
+from gfm_robot_bridge.simulated.laws import dry_frictions, smooth_laws
+from gfm_robot_bridge.simulated.servo import Servo
+
+_GRAVITY = 9.81
+_LAST_LINK = "right_l6"
+_COUNT = len(JOINT_NAMES)
+
+
+@final
+class Arm:
+    """The arm with its drives and whatever it hides; at rest at first, holding its position.
+
+    Attributes:
+        servo: The drives.
+    """
+
+    def __init__(self, position: Array, effects: Sequence[HiddenEffect] = ()) -> None:
+        self._model = _mechanics(effects)
+        self._data = mujoco.MjData(self._model)
+        self._compensation = _GravityCompensation()
+        self._encoder_offset = _encoder_offset(effects)
+        self._laws = smooth_laws(effects)
+        self._frictions = dry_frictions(effects, position)
+        self._coupling = coupling_of(effects)
+        if self._coupling is None:
+            self._q = position.copy()
+        else:
+            self._q = np.append(position, position[self._coupling.joint])
+            self._motor_inertia, self._motor_damping = _split_motor(
+                self._model, self._coupling.joint
+            )
+        self._v = np.zeros(len(self._q))
+        self.servo = Servo(position + self._encoder_offset, effects)
+
+    @property
+    def position(self) -> Array:
+        """What ideal encoders on the links report, rad, shape (J,)."""
+        return np.asarray(self._q[:_COUNT] + self._encoder_offset)
+
+    @property
+    def velocity(self) -> Array:
+        """Of the links, rad/s, shape (J,)."""
+        return self._v[:_COUNT].copy()
+
+    def drive(self) -> Array:
+        """Returns the torque of the drives now, with gravity compensation, N m, shape (J,)."""
+        return self._drive(self._q, self._v, 0.0)
+
+    def step(self, h: float) -> None:
+        """Advances by `h` seconds: y + h (k1 + k2 + 4 k3) / 6 with k2 at h and k3 at h / 2.
+
+        This is Shu and Osher's third-order method, 1988, eq. 2.18.
+        """
+        q, v1 = self._q, self._v
+        a1 = self._acceleration(q, v1, 0.0)
+        v2 = v1 + h * a1
+        a2 = self._acceleration(q + h * v1, v2, h)
+        v3 = v1 + (h / 4) * (a1 + a2)
+        a3 = self._acceleration(q + (h / 4) * (v1 + v2), v3, h / 2)
+        self._q = q + (h / 6) * (v1 + v2 + 4 * v3)
+        self._v = v1 + (h / 6) * (a1 + a2 + 4 * a3)
+        self.servo.pass_time(h)
+        self._drag_frictions()
+
+    def _acceleration(self, q: Array, v: Array, after_s: float) -> Array:
+        """Returns rad/s^2, shape (S,), `after_s` after the beginning of the step."""
+        drive = self._drive(q, v, after_s)
+        torque = drive.copy()
+        for law in self._laws:
+            law(q, v, torque)
+        for friction in self._frictions:
+            j = friction.joint
+            torque[j] += friction.torque(float(q[j]), float(v[j]), float(drive[j]))
+        if self._coupling is None:
+            return self._link_acceleration(q, v, torque)
+        j = self._coupling.joint
+        transmitted = self._coupling.torque(float(q[-1] - q[j]), float(v[-1] - v[j]))
+        motor = (torque[j] - self._motor_damping * v[-1] - transmitted) / self._motor_inertia
+        torque[j] = transmitted
+        return np.append(self._link_acceleration(q[:-1], v[:-1], torque), motor)
+
+    def _link_acceleration(self, q: Array, v: Array, torque: Array) -> Array:
+        data = self._data
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q, v, torque
+        mujoco.mj_forward(self._model, data)
+        return np.array(data.qacc)
+
+    def _drive(self, q: Array, v: Array, after_s: float) -> Array:
+        """Returns the torque of the drives, N m, shape (J,).
+
+        The servo sees the motors (with the encoders' offset), the compensation the links.
+        """
+        reported = q[:_COUNT] + self._encoder_offset
+        motor, speed = reported, v[:_COUNT]
+        if self._coupling is not None:
+            motor, speed = reported.copy(), speed.copy()
+            motor[self._coupling.joint], speed[self._coupling.joint] = q[-1], v[-1]
+        servo = self.servo.torque(motor, speed, after_s)
+        return np.asarray(servo + self._compensation.torque(reported))
+
+    def _drag_frictions(self) -> None:
+        if self._frictions:
+            drive = self.drive()
+            for friction in self._frictions:
+                j = friction.joint
+                friction.slide(float(self._q[j]), float(self._v[j]), float(drive[j]))
+
+
+@final
+class _GravityCompensation:
+    """What the controller believes that gravity does: upright, and without a payload."""
+
+    def __init__(self) -> None:
+        self._model = _mechanics(())
+        self._data = mujoco.MjData(self._model)
+        self._torque = np.zeros(_COUNT)
+
+    def torque(self, position: Array) -> Array:
+        """Returns the torque that holds the arm, N m, shape (J,)."""
+        self._data.qpos[:] = position
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_rne(self._model, self._data, 0, self._torque)
+        return self._torque
+
+
+def _mechanics(effects: Sequence[HiddenEffect]) -> mujoco.MjModel:
+    """Returns links and joints, without drives; with the effects that are inertia or gravity."""
+    spec = sawyer_spec(command=CommandKind.EFFORT)
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    for actuator in list(spec.actuators):
+        spec.delete(actuator)
+    for key in list(spec.keys):
+        spec.delete(key)
+    for body in spec.bodies:
+        body.gravcomp = 0.0
+    for effect in effects:
+        values = effect.parameters
+        match effect.effect:
+            case "payload":
+                where = [values["com_x"], values["com_y"], values["com_z"]]
+                load = spec.body(_LAST_LINK).add_body(name="payload", pos=where)
+                load.mass, load.inertia, load.explicitinertial = values["mass"], [1e-9] * 3, True
+            case "gravity_direction":
+                spec.option.gravity = _gravity(values["tilt_x"], values["tilt_y"])
+            case "armature":
+                spec.joint(JOINT_NAMES[effect.joints[0]]).armature += values["inertia"]
+    return spec.compile()
+
+
+def _gravity(tilt_x: float, tilt_y: float) -> list[float]:
+    return [
+        -_GRAVITY * math.cos(tilt_x) * math.sin(tilt_y),
+        _GRAVITY * math.sin(tilt_x),
+        -_GRAVITY * math.cos(tilt_x) * math.cos(tilt_y),
+    ]
+
+
+def _split_motor(model: mujoco.MjModel, joint: int) -> tuple[float, float]:
+    """Takes a joint's armature and damping off its link; returns them."""
+    inertia, damping = float(model.dof_armature[joint]), float(model.dof_damping[joint])
+    model.dof_armature[joint] = model.dof_damping[joint] = 0.0
+    return inertia, damping
+
+
+def _encoder_offset(effects: Sequence[HiddenEffect]) -> Array:
+    """Returns reported minus true position, rad, shape (J,)."""
+    offset = np.zeros(_COUNT)
+    for effect in effects:
+        if effect.effect == "encoder_offset":
+            offset[effect.joints[0]] = effect.parameters["offset"]
+    return offset

@@ -1,0 +1,145 @@
+"""The simulated robot: an arm with a clock, a command buffer and imperfect sensors.
+
+Time stands still until `advance` is called, and the same calls with the same seed give the same
+answers.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from gfm.core import Command, CommandKind, Observation
+from gfm.core.checks import Array
+from gfm.sim.sawyer import JOINT_NAMES
+from gfm_robot_bridge.simulated.arm import Arm
+from gfm_robot_bridge.simulated.hidden import HiddenEffect
+
+#: From a command's stamp until it acts. The controller keeps commands until then, so that the
+#: network's jitter does not reach the arm; it is part of the robot's description.
+COMMAND_LATENCY_NS = 4_000_000
+#: As the real arm: without a command for so long, it leaves velocity and torque mode and holds.
+COMMAND_TIMEOUT_NS = 200_000_000
+_STEP_NS = 500_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensors:
+    """How well the robot measures itself.
+
+    Attributes:
+        period_ns: Between two reports.
+        position_noise: Standard deviation, rad.
+        velocity_noise: Standard deviation, rad/s.
+        effort_noise: Standard deviation, N m.
+        encoder_step: Of the position, rad.
+    """
+
+    period_ns: int = 10_000_000
+    position_noise: float = 1e-4
+    velocity_noise: float = 2e-3
+    effort_noise: float = 0.05
+    encoder_step: float = 2e-5
+
+
+@final
+class SimulatedRobot:
+    """A Sawyer arm that starts at rest.
+
+    Args:
+        position: Where it starts, rad, shape (J,).
+        effects: What it has beyond its nominal model.
+        seed: Of the sensors' noise.
+        sensors: How well it measures.
+    """
+
+    def __init__(
+        self,
+        position: Array,
+        *,
+        effects: Sequence[HiddenEffect] = (),
+        seed: int = 0,
+        sensors: Sensors | None = None,
+    ) -> None:
+        self.time_ns = 0
+        self._arm = Arm(position, effects)
+        self._sensors = sensors or Sensors()
+        self._rng = np.random.default_rng([seed, 0x0153])
+        self._hidden_delay_ns = _delay_ns(effects)
+        self._waiting: list[tuple[int, int, Command]] = []
+        self._received = 0
+        self._commanded_ns = 0
+        self._in_force: Command | None = None
+        self._latest = self._report()
+        self._next_report_ns = 0
+
+    def advance(self, command: Command | None, advance_ns: int) -> tuple[Observation, ...]:
+        """Takes a command, lets time pass, and returns what the sensors reported meanwhile.
+
+        Where that is nothing, the latest report is returned again.
+
+        Args:
+            command: Setpoints of all joints, stamped with the robot's time; acts the declared
+                latency after its stamp, or at once where that has passed.
+            advance_ns: Time to pass.
+        """
+        if command is not None:
+            self._put(command)
+        until_ns = self.time_ns + advance_ns
+        reports: list[Observation] = []
+        while True:
+            self._take_due()
+            if self._next_report_ns <= self.time_ns:
+                self._latest = self._report()
+                reports.append(self._latest)
+                self._next_report_ns += self._sensors.period_ns
+            if self.time_ns >= until_ns:
+                return tuple(reports) or (self._latest,)
+            self._step(until_ns)
+
+    def _put(self, command: Command) -> None:
+        due_ns = command.stamp_ns + COMMAND_LATENCY_NS + self._hidden_delay_ns
+        heapq.heappush(self._waiting, (due_ns, self._received, command))
+        self._received += 1
+
+    def _take_due(self) -> None:
+        while self._waiting and self._waiting[0][0] <= self.time_ns:
+            _, _, command = heapq.heappop(self._waiting)
+            order = [command.joint_names.index(name) for name in JOINT_NAMES]
+            self._arm.servo.command(command.kind, command.values[order], self._arm.position)
+            self._in_force = command
+            self._commanded_ns = self.time_ns
+        silent_ns = self.time_ns - self._commanded_ns
+        if silent_ns > COMMAND_TIMEOUT_NS and self._arm.servo.kind is not CommandKind.POSITION:
+            here = self._arm.position
+            self._arm.servo.command(CommandKind.POSITION, here, here)
+
+    def _step(self, until_ns: int) -> None:
+        """Advances to the next thing that happens, at most by the time step."""
+        next_ns = min(until_ns, self.time_ns + _STEP_NS, self._next_report_ns)
+        if self._waiting:
+            next_ns = min(next_ns, self._waiting[0][0])
+        self._arm.step((next_ns - self.time_ns) * 1e-9)
+        self.time_ns = next_ns
+
+    def _report(self) -> Observation:
+        sensors, arm = self._sensors, self._arm
+        noise = self._rng.standard_normal((3, len(JOINT_NAMES)))
+        position = arm.position + sensors.position_noise * noise[0]
+        return Observation(
+            joint_names=JOINT_NAMES,
+            position=np.rint(position / sensors.encoder_step) * sensors.encoder_step,
+            velocity=arm.velocity + sensors.velocity_noise * noise[1],
+            effort=arm.drive() + sensors.effort_noise * noise[2],
+            stamp_ns=self.time_ns,
+            applied=self._in_force,
+        )
+
+
+def _delay_ns(effects: Sequence[HiddenEffect]) -> int:
+    seconds = [e.parameters["delay"] for e in effects if e.effect == "command_delay"]
+    return round(sum(seconds) * 1e9)

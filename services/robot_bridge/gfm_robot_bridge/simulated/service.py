@@ -1,0 +1,105 @@
+"""Serves the simulated robot under `sawyer/exchange`."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from typing import final
+
+from typing_extensions import override
+
+from gfm.core import Clock, Command, Observation, Status
+from gfm.service import Service, make_status
+from gfm.sim.sawyer import JOINT_NAMES
+from gfm.transport import Request, Transport
+from gfm_robot_bridge.simulated.config import SimulatedConfig
+from gfm_robot_bridge.simulated.robot import SimulatedRobot
+from gfm_wire import RobotExchange, RobotStates
+
+EXCHANGE = "sawyer/exchange"
+#: An exchange that asks for more than this is a mistake, and would stop the answers for long.
+_LONGEST_ADVANCE_NS = 10_000_000_000
+#: On the wall clock the robot is simulated in pieces of at least this length.
+_SHORTEST_ADVANCE_NS = 2_000_000
+_KEPT_REPORTS = 1000
+
+
+@final
+class SimulatedService(Service):
+    """Answers RobotExchange with RobotStates.
+
+    On the lockstep clock the robot's time passes in exchanges only, by as much as they ask for.
+    On the wall clock it passes by itself, and an exchange returns what was reported since the
+    last one.
+    """
+
+    def __init__(
+        self, config: SimulatedConfig, robot: SimulatedRobot, transport: Transport, clock: Clock
+    ) -> None:
+        self._config = config
+        self._robot = robot
+        self._clock = clock
+        self._started_ns = clock.now_ns()
+        self._server = transport.serve(EXCHANGE)
+        self._reports: deque[Observation] = deque(maxlen=_KEPT_REPORTS)
+        self._counters: Counter[str] = Counter(exchanges=0, rejected_messages=0)
+
+    @override
+    def step(self) -> bool:
+        if self._config.clock == "wall":
+            self._keep_up()
+        request = self._server.receive()
+        if request is None:
+            return False
+        self._answer(request)
+        return True
+
+    @override
+    def status(self) -> Status:
+        return make_status(
+            "robot",
+            self._config.name,
+            counters=self._counters,
+            gauges={"robot_time_s": self._robot.time_ns * 1e-9},
+            note=f"simulated Sawyer on the {self._config.clock} clock",
+        )
+
+    @override
+    def close(self) -> None:
+        """Nothing: the robot vanishes with its process."""
+
+    def _answer(self, request: Request) -> None:
+        message = request.message
+        problem = _problem(message)
+        if problem or not isinstance(message, RobotExchange):
+            self._counters["rejected_messages"] += 1
+            request.refuse(problem)
+            return
+        self._counters["exchanges"] += 1
+        on_wall_clock = self._config.clock == "wall"
+        advance_ns = 0 if on_wall_clock else message.advance_ns
+        states = self._robot.advance(message.command, advance_ns)
+        if on_wall_clock and self._reports:
+            states = tuple(self._reports)
+            self._reports.clear()
+        request.reply(RobotStates(states=states))
+
+    def _keep_up(self) -> None:
+        """Lets the robot's time catch up with the clock."""
+        behind_ns = self._clock.now_ns() - self._started_ns - self._robot.time_ns
+        if behind_ns >= _SHORTEST_ADVANCE_NS:
+            self._reports.extend(self._robot.advance(None, behind_ns))
+
+
+def _problem(message: object) -> str:
+    """Returns why an exchange is refused, or nothing."""
+    if not isinstance(message, RobotExchange):
+        return f"got {type(message).__name__}, expected RobotExchange"
+    if message.advance_ns > _LONGEST_ADVANCE_NS:
+        return f"advance_ns is {message.advance_ns}, expected at most {_LONGEST_ADVANCE_NS}"
+    return _command_problem(message.command)
+
+
+def _command_problem(command: Command | None) -> str:
+    if command is None or set(command.joint_names) == set(JOINT_NAMES):
+        return ""
+    return f"command names {', '.join(command.joint_names)}, expected {', '.join(JOINT_NAMES)}"

@@ -1,0 +1,83 @@
+"""The simulated Sawyer, as seen from the bridge: another process behind the transport."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+from typing_extensions import override
+
+from gfm.core import Clock, Command, Observation, RefusedError
+from gfm.sim.sawyer_numbers import JOINTS
+from gfm.transport import PendingReply, Transport
+from gfm_robot_bridge.limits import Limits
+from gfm_robot_bridge.robot import Robot
+from gfm_wire import RobotExchange, RobotStates
+
+EXCHANGE = "sawyer/exchange"
+#: Documented by the robot: its controller keeps commands until then.
+COMMAND_LATENCY_NS = 4_000_000
+#: rad/s^2, of the manufacturer's simulator.
+_ACCELERATION = (10.0, 8.0, 10.0, 10.0, 12.0, 12.0, 12.0)
+
+
+def sawyer_limits() -> Limits:
+    """Returns what Sawyer's joints may do, by its published description."""
+    return Limits(
+        lower=np.array([joint.lower for joint in JOINTS]),
+        upper=np.array([joint.upper for joint in JOINTS]),
+        velocity=np.array([joint.velocity for joint in JOINTS]),
+        acceleration=np.array(_ACCELERATION),
+        effort=np.array([joint.effort for joint in JOINTS]),
+    )
+
+
+@final
+class SimulatedSawyer(Robot):
+    """Asks whoever serves `sawyer/exchange`.
+
+    Args:
+        transport: The connection.
+        clock: Of this process.
+        lockstep: Whether the robot's time passes in exchanges only.
+        timeout_s: How long to wait for an answer.
+    """
+
+    def __init__(
+        self, transport: Transport, clock: Clock, *, lockstep: bool, timeout_s: float = 10.0
+    ) -> None:
+        self.joint_names = tuple(joint.name for joint in JOINTS)
+        self.limits = sawyer_limits()
+        self.command_latency_ns = COMMAND_LATENCY_NS
+        self._transport = transport
+        self._clock = clock
+        self._lockstep = lockstep
+        self._timeout_s = timeout_s
+        self._pending: PendingReply | None = None
+        self._robot_ns = 0
+        self._heard_ns = clock.now_ns()
+
+    @override
+    def time_ns(self) -> int:
+        passed_ns = 0 if self._lockstep else self._clock.now_ns() - self._heard_ns
+        return self._robot_ns + passed_ns
+
+    @override
+    def begin(self, command: Command | None, advance_ns: int) -> None:
+        exchange = RobotExchange(command=command, advance_ns=advance_ns)
+        self._pending = self._transport.request(EXCHANGE, exchange, timeout_s=self._timeout_s)
+
+    @override
+    def poll(self) -> tuple[Observation, ...] | None:
+        if self._pending is None:
+            return ()
+        answer = self._pending.poll()
+        if answer is None:
+            return None
+        self._pending = None
+        if not isinstance(answer, RobotStates) or not answer.states:
+            raise RefusedError(f"the robot answered {type(answer).__name__}, expected RobotStates")
+        if answer.states[-1].stamp_ns > self._robot_ns:
+            self._robot_ns = answer.states[-1].stamp_ns
+            self._heard_ns = self._clock.now_ns()
+        return answer.states

@@ -1,0 +1,219 @@
+"""Drives the robot along motions, through the bridge, and has them recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import numpy as np
+
+from gfm.core import (
+    BadInputError,
+    Clock,
+    Command,
+    CommandKind,
+    Observation,
+    RefusedError,
+    UnreachableError,
+)
+from gfm.core.checks import Array
+from gfm.experiments.waypoints import JointRanges, Motion, Purpose, minimum_jerk
+from gfm.sim.sawyer import JOINT_NAMES, READY
+from gfm.transport import Transport
+from gfm_wire import Ack, Message, RecordDone, RecordStart, RecordStop
+
+#: Velocity commands follow the reference with this gain on the position error, 1/s: enough to stay
+#: on it, too little to hide what the drives do.
+_FEEDBACK = 2.0
+#: A motion is approached at this speed, rad/s, in at least this time, s, and begun at rest.
+_APPROACH_SPEED = 0.4
+_SHORTEST_APPROACH_S = 0.5
+_SETTLE_S = 0.6
+_POLL_NS = 100_000
+_RETRY_NS = 500_000_000
+#: By how much the bridge's period may differ from the motion's.
+_PERIOD_TOLERANCE = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Driven:
+    """One motion that was driven and recorded.
+
+    Attributes:
+        name: Of the motion.
+        purpose: Training or held out.
+        kind: Of its commands.
+        path: The recording, where the bridge wrote it.
+        reports: Sensor reports in it.
+    """
+
+    name: str
+    purpose: Purpose
+    kind: CommandKind
+    path: Path
+    reports: int
+
+
+def sawyer_ranges() -> JointRanges:
+    """Returns where the arm may be driven: around the pose above the basket, at half speed."""
+    return JointRanges(
+        joint_names=JOINT_NAMES,
+        center=READY,
+        half_width=np.array([0.5, 0.35, 0.5, 0.4, 0.7, 0.5, 0.8]),
+        speed=np.array([0.8, 0.6, 0.9, 0.9, 1.0, 1.0, 1.0]),
+    )
+
+
+def drive(
+    transport: Transport,
+    clock: Clock,
+    motions: Sequence[Motion],
+    *,
+    wait_s: float = 30.0,
+    idle: Callable[[], None] | None = None,
+) -> Iterator[Driven]:
+    """Drives motions one after the other; yields each when its recording is complete.
+
+    Args:
+        transport: The connection to the run in which the bridge is.
+        clock: To wait by.
+        motions: What to drive.
+        wait_s: How long to wait for the bridge and the robot at first.
+        idle: Called while waiting for an answer; sleeps a little by default.
+
+    Raises:
+        UnreachableError: no bridge, or no robot behind it.
+        RefusedError: the bridge said no.
+        BadInputError: the bridge has another control period than a motion.
+    """
+    driver = Driver(transport, clock, idle)
+    driver.begin(motions[0].joint_names, wait_s)
+    for motion in motions:
+        driver.approach(motion)
+        yield driver.record(motion)
+
+
+@final
+class Driver:
+    """Sends commands and waits for what they did."""
+
+    def __init__(
+        self, transport: Transport, clock: Clock, idle: Callable[[], None] | None = None
+    ) -> None:
+        self._transport = transport
+        self._clock = clock
+        self._idle = idle or self._sleep
+        self._number = 0
+        self._newest: Observation | None = None
+
+    @property
+    def newest(self) -> Observation:
+        """The newest observation; `begin` gets the first."""
+        if self._newest is None:
+            raise AssertionError("begin() comes first")
+        return self._newest
+
+    def begin(self, joint_names: tuple[str, ...], wait_s: float) -> None:
+        """Begins a session by standing still; waits for a bridge and a robot that come later."""
+        deadline_ns = self._clock.now_ns() + round(wait_s * 1e9)
+        while True:
+            self._number = 0
+            try:
+                self.command(CommandKind.VELOCITY, joint_names, np.zeros(len(joint_names)))
+            except (UnreachableError, RefusedError):
+                if self._clock.now_ns() > deadline_ns:
+                    raise
+                self._wait_ns(_RETRY_NS)
+            else:
+                return
+
+    def command(
+        self, kind: CommandKind, joint_names: tuple[str, ...], values: Array
+    ) -> Observation:
+        """Sends one command; returns what the robot reported a control period later."""
+        command = Command(
+            kind=kind,
+            joint_names=joint_names,
+            values=values,
+            stamp_ns=self._clock.utc_ns(),
+            number=self._number,
+        )
+        self._number += 1
+        answer = self._ask("robot/command", command)
+        if not isinstance(answer, Observation):
+            raise RefusedError(f"the bridge answered {type(answer).__name__}, not Observation")
+        order = [answer.joint_names.index(name) for name in joint_names]
+        if order != list(range(len(order))):
+            raise BadInputError(
+                f"the robot has joints {', '.join(answer.joint_names)}, "
+                f"expected {', '.join(joint_names)}"
+            )
+        self._newest = answer
+        return answer
+
+    def approach(self, motion: Motion) -> None:
+        """Goes to where a motion begins and comes to rest there, in the motion's mode."""
+        way = motion.position[0] - self.newest.position
+        duration_s = max(1.875 * float(np.abs(way).max()) / _APPROACH_SPEED, _SHORTEST_APPROACH_S)
+        start = self.newest.position
+        for time_s in np.arange(0.0, duration_s + _SETTLE_S, motion.period_s):
+            target = start + minimum_jerk(np.array((time_s + motion.period_s) / duration_s)) * way
+            self.command(CommandKind.POSITION, motion.joint_names, target)
+        if motion.kind is CommandKind.VELOCITY:
+            self._follow(motion, 0, np.zeros_like(way))
+
+    def record(self, motion: Motion) -> Driven:
+        """Drives one motion while the bridge records it."""
+        about = {"purpose": str(motion.purpose), "motion": motion.name}
+        if not isinstance(self._ask_record(RecordStart(name=motion.name, metadata=about)), Ack):
+            raise RefusedError(f"the bridge does not record {motion.name}")
+        began_ns = self.newest.stamp_ns
+        try:
+            for step, speed in enumerate(motion.velocity):
+                self._follow(motion, step, speed)
+        finally:
+            done = self._ask_record(RecordStop())
+        self._check_period(motion, (self.newest.stamp_ns - began_ns) * 1e-9)
+        if not isinstance(done, RecordDone):
+            raise RefusedError(f"the bridge answered {type(done).__name__}, not RecordDone")
+        return Driven(
+            name=motion.name,
+            purpose=motion.purpose,
+            kind=motion.kind,
+            path=Path(done.path),
+            reports=done.ticks,
+        )
+
+    def _follow(self, motion: Motion, step: int, speed: Array) -> None:
+        """Commands one period of a motion."""
+        values = motion.position[step]
+        if motion.kind is CommandKind.VELOCITY:
+            values = speed + _FEEDBACK * (values - self.newest.position)
+        self.command(motion.kind, motion.joint_names, values)
+
+    def _check_period(self, motion: Motion, passed_s: float) -> None:
+        expected_s = motion.period_s * len(motion.position)
+        if abs(passed_s - expected_s) > _PERIOD_TOLERANCE * expected_s:
+            raise BadInputError(
+                f"{motion.name} took {passed_s:.2f} s of robot time; expected {expected_s:.2f} s: "
+                f"the bridge's control rate is not {1 / motion.period_s:g} Hz"
+            )
+
+    def _ask_record(self, message: Message) -> Message:
+        return self._ask("robot/record", message)
+
+    def _ask(self, key: str, message: Message) -> Message:
+        pending = self._transport.request(key, message, timeout_s=20.0)
+        while (answer := pending.poll()) is None:
+            self._idle()
+        return answer
+
+    def _wait_ns(self, wait_ns: int) -> None:
+        until_ns = self._clock.now_ns() + wait_ns
+        while self._clock.now_ns() < until_ns:
+            self._idle()
+
+    def _sleep(self) -> None:
+        self._clock.sleep_until_ns(self._clock.now_ns() + _POLL_NS)
