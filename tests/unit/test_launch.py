@@ -16,7 +16,7 @@ from gfm.launch import (
     robot_processes,
     summary,
 )
-from gfm.launch.spec import START_ORDER, STOP_ORDER, settings_of
+from gfm.launch.spec import START_ORDER, STOP_ORDER, in_order, settings_of
 
 
 def make_system(*processes: ProcessSpec) -> SystemSpec:
@@ -32,8 +32,8 @@ WHOLE = make_system(
 
 
 def test_whoever_is_asked_starts_first_and_the_hub_stops_last():
-    started = [process.name for process in WHOLE.in_order(START_ORDER)]
-    stopped = [process.name for process in WHOLE.in_order(STOP_ORDER)]
+    started = [process.name for process in in_order(WHOLE.processes, START_ORDER)]
+    stopped = [process.name for process in in_order(WHOLE.processes, STOP_ORDER)]
     assert started == ["replay", "learner", "robot", "robot-bridge", "actor-0", "actor-1"]
     assert stopped == ["actor-0", "actor-1", "learner", "robot-bridge", "robot", "replay"]
 

@@ -24,10 +24,10 @@ class ChildProcess:
     Ctrl-C in a terminal reaches the parent alone, which then stops its children in order.
     """
 
-    def __init__(self, spec: ProcessSpec, arguments: Sequence[str], log_path: Path) -> None:
+    def __init__(self, spec: ProcessSpec, arguments: Sequence[str], log_dir: Path) -> None:
         self.spec = spec
-        self.log_path = log_path
-        with log_path.open("wb") as log:
+        self.log_path = log_dir / f"{spec.name}.log"
+        with self.log_path.open("wb") as log:
             self._popen = subprocess.Popen(
                 [sys.executable, "-m", "gfm.launch.child", spec.module, *arguments],
                 stdin=subprocess.PIPE,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,14 +70,15 @@ class SystemSpec:
         if len(hubs) != 1:
             raise ConfigError(f"hubs {', '.join(hubs) or 'none'}: expected exactly one")
 
-    def in_order(self, roles: tuple[str, ...]) -> tuple[ProcessSpec, ...]:
-        """Returns the processes sorted by their roles' places in `roles`."""
-        return tuple(sorted(self.processes, key=lambda process: roles.index(process.role)))
-
     def arguments(self, process: ProcessSpec) -> tuple[str, ...]:
         """Returns the whole command line of a process of this system."""
         joining = ("--listen" if process.hub else "--connect", self.endpoint)
         return ("--run", self.run, *joining, "--name", process.name, *process.arguments)
+
+
+def in_order(processes: Iterable[ProcessSpec], roles: Sequence[str]) -> list[ProcessSpec]:
+    """Returns processes sorted by their roles' places in `roles`."""
+    return sorted(processes, key=lambda process: roles.index(process.role))
 
 
 def free_endpoint() -> str:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self, final
 
 from gfm.core import Clock, MonotonicClock, RefusedError, UnreachableError
 from gfm.launch.process import ChildProcess
-from gfm.launch.spec import START_ORDER, STOP_ORDER, SystemSpec
+from gfm.launch.spec import START_ORDER, STOP_ORDER, ProcessSpec, SystemSpec, in_order
 from gfm.transport import PendingReply, Transport, ZenohTransport
 from gfm_wire import StatusRequest
 
@@ -68,13 +69,26 @@ class Supervisor:
             ProcessDiedError: a process ended.
             UnreachableError: a process did not answer in time.
         """
+        self._start(self.spec.processes, stopped)
+
+    def add(self, *processes: ProcessSpec) -> None:
+        """Starts more processes in the running system and returns when they have answered.
+
+        Raises:
+            BadInputError, ProcessDiedError, UnreachableError: as `start` does.
+        """
+        self.spec = replace(self.spec, processes=(*self.spec.processes, *processes))
+        self._start(processes, lambda: False)
+
+    def _start(self, processes: Sequence[ProcessSpec], stopped: Callable[[], bool]) -> None:
         self._log_dir.mkdir(parents=True, exist_ok=True)
         deadline_ns = self._clock.now_ns() + round(self._start_timeout_s * 1e9)
-        for process in self.spec.in_order(START_ORDER):
-            log_path = self._log_dir / f"{process.name}.log"
-            child = ChildProcess(process, self.spec.arguments(process), log_path)
-            self._children.append(child)
-        for _ in self._readiness(deadline_ns):
+        children = [
+            ChildProcess(process, self.spec.arguments(process), self._log_dir)
+            for process in in_order(processes, START_ORDER)
+        ]
+        self._children += children
+        for _ in self._readiness(children, deadline_ns):
             if stopped():
                 break
             self._clock.sleep_until_ns(self._clock.now_ns() + _POLL_NS)
@@ -98,7 +112,7 @@ class Supervisor:
                 child.finish(self._stop_timeout_s)
         self._children.clear()
 
-    def _readiness(self, deadline_ns: int) -> Iterator[None]:
+    def _readiness(self, children: list[ChildProcess], deadline_ns: int) -> Iterator[None]:
         """Yields for as long as something is still waited for."""
         while self._transport is None:
             self._check_start("the hub", deadline_ns)
@@ -108,7 +122,7 @@ class Supervisor:
                 )
             except UnreachableError:
                 yield
-        for child in self._children:
+        for child in children:
             yield from self._first_answer(child, deadline_ns)
 
     def _first_answer(self, child: ChildProcess, deadline_ns: int) -> Iterator[None]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.table import Table
@@ -49,19 +49,30 @@ def _as_json(status: Status) -> dict[str, Any]:
     return {**vars(status), "counters": dict(status.counters), "gauges": gauges}
 
 
+_TABLE_GAUGES = (
+    "weights_version",
+    "weights_age_s",
+    "episode_return_mean",
+    "learner_steps_per_s",
+    "samples_per_insert",
+    "robot_time_s",
+)
+
+
 def status_table(found: Sequence[Status]) -> Table:
-    """Returns one row per service."""
-    table = Table("role", "name", "pid", "host", "counts", "values", "note")
+    """Returns one row per service, with the numbers that people ask for first."""
+    table = Table("role", "name", "pid", "host", "number", "", "note", show_lines=True)
     for status in found:
-        table.add_row(
-            status.role,
-            status.name,
-            str(status.pid),
-            status.host,
-            _lines((name, f"{count:,}") for name, count in status.counters.items() if count),
-            _lines((name, f"{value:.4g}") for name, value in status.gauges.items()),
-            status.note,
+        rows = [(name, f"{count:,}") for name, count in status.counters.items() if count]
+        rows += [(n, f"{status.gauges[n]:.4g}") for n in _TABLE_GAUGES if n in status.gauges]
+        names, values = (
+            ("\n".join(column) for column in zip(*rows, strict=True)) if rows else ("", "")
         )
+        table.add_row(
+            status.role, status.name, str(status.pid), status.host, names, values, status.note
+        )
+    table.columns[4].no_wrap = table.columns[5].no_wrap = True
+    table.columns[5].justify = "right"
     return table
 
 
@@ -69,7 +80,3 @@ def summary_line(sums: Mapping[str, Any]) -> str:
     """Returns the sums in one line."""
     names = ("actors", "env_steps", "replay_sequences", "learner_steps", "weights_version")
     return "  ".join(f"{name} {sums[name]:,}" for name in (*names, "rejected_messages"))
-
-
-def _lines(pairs: Iterable[tuple[str, str]]) -> str:
-    return "\n".join(f"{name} {value}" for name, value in pairs)

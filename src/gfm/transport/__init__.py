@@ -1,5 +1,6 @@
 """One port for messages between processes, two adapters: zenoh and in-memory."""
 
+from gfm.transport.asking import ask
 from gfm.transport.memory import MemoryHub, MemoryTransport
 from gfm.transport.port import PendingReply, Request, Server, Subscription, Transport
 from gfm.transport.zenoh import ZenohTransport
@@ -13,4 +14,5 @@ __all__ = [
     "Subscription",
     "Transport",
     "ZenohTransport",
+    "ask",
 ]
