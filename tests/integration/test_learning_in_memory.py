@@ -19,7 +19,13 @@ from gfm_replay.service import ReplayService
 
 STEPS = 250
 LEARNING = LearnerSettings(
-    policy_hidden=(32, 32), critic_hidden=(32, 32), samples=8, discount=0.9, target_period=10
+    policy_hidden=(32, 32),
+    critic_hidden=(32, 32),
+    samples=8,
+    discount=0.9,
+    target_period=10,
+    policy_learning_rate=3e-3,
+    critic_learning_rate=3e-3,
 )
 
 
@@ -71,7 +77,7 @@ def test_the_loop_learns_and_weights_flow_all_the_way_round():
     loop.run()
     after = mean_return(loop.learner.weights)
     assert before < 14.6
-    assert after > 15.6  # the best that bang-bang control reaches is about 16.2
+    assert after > 15.6  # the best linear feedback reaches 16.4
     actor, learner = loop.actor.status(), loop.learner.status()
     assert learner.gauges["weights_version"] == STEPS
     assert actor.gauges["weights_version"] >= STEPS - LEARNING.target_period

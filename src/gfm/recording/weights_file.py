@@ -45,7 +45,7 @@ def read_arrays(path: Path, expected: str) -> tuple[dict[str, Any], dict[str, ND
         BadInputError: it cannot be read, is damaged, or is something else.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         meta = json.loads(str(arrays.pop(_META)))
     except FileNotFoundError as exc:

@@ -1,0 +1,136 @@
+"""One learner step: what it is pure in, what it leaves alone, and that it learns."""
+
+import numpy as np
+import pytest
+import torch
+
+from gfm.core import Batch, EnvironmentSpec
+from gfm.rl.learner import (
+    LearnerSettings,
+    init_learner,
+    learner_step,
+    load_state_arrays,
+    policy_tensors,
+    state_arrays,
+)
+
+SPEC = EnvironmentSpec(name="test", observation_size=3, action_size=2)
+SMALL = LearnerSettings(policy_hidden=(16, 16), critic_hidden=(16, 16), samples=4, target_period=3)
+
+
+def batch(seed=0, sequences=8, steps=4, **changes):
+    rng = np.random.default_rng(seed)
+
+    def draw(*shape):
+        return rng.standard_normal((sequences, *shape), dtype=np.float32)
+
+    arrays = {
+        "observation": draw(steps + 1, 3),
+        "action": draw(steps, 2),
+        "reward": draw(steps),
+        "discount": np.ones((sequences, steps), np.float32),
+        "log_prob": draw(steps) - 2.0,
+    }
+    versions = np.zeros(sequences, np.int64)
+    return Batch(spec_digest=SPEC.digest, weights_version=versions, **(arrays | changes))
+
+
+def learn(state, batches, settings=SMALL, seed=0):
+    generator = torch.Generator().manual_seed(seed)
+    for one in batches:
+        state, stats = learner_step(state, one, settings, generator)
+    return state, {name: float(value) for name, value in stats.items()}
+
+
+def assert_same(first, second):
+    assert first.keys() == second.keys()
+    for name, array in first.items():
+        np.testing.assert_array_equal(array, second[name], err_msg=name)
+
+
+def test_is_the_same_for_the_same_state_batches_and_seed():
+    runs = [learn(init_learner(SPEC, SMALL, 0), [batch(i) for i in range(5)]) for _ in range(2)]
+    assert_same(state_arrays(runs[0][0]), state_arrays(runs[1][0]))
+    assert runs[0][1] == runs[1][1]
+
+
+def test_an_interrupted_run_goes_on_as_if_nothing_had_happened():
+    generator = torch.Generator().manual_seed(0)
+    state = init_learner(SPEC, SMALL, 0)
+    for i in range(4):
+        state, _ = learner_step(state, batch(i), SMALL, generator)
+    kept, chance = state_arrays(state), generator.get_state()
+    resumed = load_state_arrays(init_learner(SPEC, SMALL, seed=99), kept, steps=4)
+    other = torch.Generator()
+    other.set_state(chance)
+    for i in range(4, 8):
+        state, _ = learner_step(state, batch(i), SMALL, generator)
+        resumed, _ = learner_step(resumed, batch(i), SMALL, other)
+    assert resumed.steps == state.steps == 8
+    assert_same(state_arrays(resumed), state_arrays(state))
+
+
+def test_targets_change_only_once_a_period():
+    state = init_learner(SPEC, SMALL, 0)
+    first = policy_tensors(state)["mean.weight"]
+    state, _ = learn(state, [batch(0), batch(1)])
+    np.testing.assert_array_equal(policy_tensors(state)["mean.weight"], first)
+    state, _ = learn(state, [batch(2)])
+    online = state.networks.policy.mean.weight.detach().numpy()
+    np.testing.assert_array_equal(policy_tensors(state)["mean.weight"], online)
+    assert (online != first).any()
+
+
+def test_the_normaliser_is_fixed_after_its_steps():
+    settings = LearnerSettings(policy_hidden=(8,), critic_hidden=(8,), normaliser_steps=2)
+    state, _ = learn(init_learner(SPEC, settings, 0), [batch(0), batch(1)], settings)
+    shift = state.networks.normaliser.shift.clone()
+    state, _ = learn(state, [batch(2)], settings)
+    torch.testing.assert_close(state.networks.normaliser.shift, shift, rtol=0, atol=0)
+
+
+def test_what_is_observed_after_a_terminal_transition_teaches_nothing():
+    discount = np.ones((8, 4), np.float32)
+    discount[:, 1] = 0.0
+    one, other = batch(0, discount=discount), batch(0, discount=discount)
+    other.observation[:, 2] += 5.0  # terminal: neither acted in nor valued ...
+    other.observation[:, 3:] = one.observation[:, 3:]
+    settings = LearnerSettings(policy_hidden=(8,), critic_hidden=(8,), normaliser_steps=0)
+    other.reward[:, 2], one.reward[:, 2] = 0.0, 0.0
+    gradients = []
+    for data in (one, other):
+        state, _ = learn(init_learner(SPEC, settings, 0), [data], settings)
+        gradients.append(state.networks.policy.first.weight.grad.clone())
+    torch.testing.assert_close(gradients[0], gradients[1])
+
+
+def test_a_batch_of_single_transitions_is_learned_from():
+    _, stats = learn(init_learner(SPEC, SMALL, 0), [batch(0, steps=1)])
+    assert np.isfinite(list(stats.values())).all()
+
+
+def test_the_critic_learns_the_value_of_a_constant_reward():
+    settings = LearnerSettings(
+        policy_hidden=(16,), critic_hidden=(32, 32), samples=4, discount=0.5, target_period=10
+    )
+    ones = np.ones((8, 4), np.float32)
+    batches = [batch(i, reward=ones) for i in range(400)]
+    _, stats = learn(init_learner(SPEC, settings, 0), batches, settings)
+    assert stats["q_mean"] == pytest.approx(2.0, abs=0.1)
+
+
+def test_the_policy_moves_towards_rewarded_actions():
+    settings = LearnerSettings(
+        policy_hidden=(16,), critic_hidden=(32, 32), samples=8, discount=0.0, target_period=10
+    )
+
+    def rewarded(seed):
+        data = batch(seed, sequences=16)
+        data.reward[:] = -np.square(data.action - np.float32(0.5)).sum(-1)
+        return data
+
+    batches = [rewarded(i) for i in range(400)]
+    state, _ = learn(init_learner(SPEC, settings, 0), batches, settings)
+    with torch.no_grad():
+        mean = state.networks.target_policy(torch.randn(64, 3)).mean
+    assert (mean.mean(0) - 0.5).abs().max() < 0.15
