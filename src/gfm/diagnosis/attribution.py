@@ -17,19 +17,29 @@ import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.candidates import Place
-from gfm.diagnosis.problem import Problem
-from gfm.effects import EffectInstance, Scales
+from gfm.diagnosis.problem import Problem, coarse
+from gfm.effects import EffectInstance, Scales, Scope
 
 #: Candidates that are fitted in earnest in each round, and those of one effect among them.
 SHORTLIST, SHORTLIST_PER_EFFECT = 7, 2
+#: Recorded time on which candidates are screened, and on which the shortlist is fitted.
+SCREENING_S, FITTING_S = 30.0, 40.0
 #: Least share of the squared residual that a new effect must explain.
 LEAST_GAIN = 0.03
 #: Mean squared residual, in units of the noise, at which nothing is left to explain.
 ADEQUATE = 1.15
+#: Share of the nominal model's misfit that is left to the laws' own inexactness.
+INEXACT = 0.003
+#: A joint is suspected when its misfit is at least this share of the worst joint's.
+SUSPECT_JOINT = 0.02
+#: Joints that are suspected in any case.
+LEAST_SUSPECTS = 2
 #: Effects that are added at most.
 MOST_EFFECTS = 6
 #: Gauss-Newton steps of a fit, and the relative gain below which it ends.
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
+#: Damping beyond which no step helps.
+MOST_DAMPING = 1e3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,16 +75,16 @@ class Round:
     """One round of attribution.
 
     Attributes:
-        before: Cost before it.
+        before: Cost before it, on the recordings to which the shortlist is fitted.
         screened: Candidates by first-order gain, best first.
         fits: The shortlist, fitted, best first; the new effect is the last of each fit's effects.
-        accepted: Whether the best was.
+        accepted: The best of them fitted to all recordings, or None where it explains too little.
     """
 
     before: float
     screened: tuple[Screened, ...]
     fits: tuple[Fit, ...]
-    accepted: bool
+    accepted: Fit | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,14 +105,35 @@ def attribute(
     """Returns which of `candidates` the recordings support, in which amounts."""
     accepted = nothing(problem)
     nominal, rounds = accepted.cost, []
-    while len(accepted.effects) < MOST_EFFECTS and accepted.cost > ADEQUATE:
-        report(f"screening {len(candidates)} candidates (misfit {accepted.cost:.2f})")
-        this = play_round(problem, candidates, scales, accepted, report)
+    enough = max(ADEQUATE, 1.0 + INEXACT * (nominal - 1.0))
+    while len(accepted.effects) < MOST_EFFECTS and accepted.cost > enough:
+        here = suspected(problem, candidates, accepted)
+        report(f"screening {len(here)} candidates (misfit {accepted.cost:.2f})")
+        this = play_round(problem, here, scales, accepted, enough, report)
         rounds.append(this)
-        if not this.accepted:
+        if this.accepted is None:
             break
-        accepted = this.fits[0]
+        accepted = this.accepted
     return Attribution(nominal_cost=nominal, fit=accepted, rounds=tuple(rounds))
+
+
+def suspected(problem: Problem, candidates: Sequence[Place], base: Fit) -> list[Place]:
+    """Returns the candidates not yet accepted that touch a joint with something to explain."""
+    costs = problem.joint_costs(base.residual) - 1.0
+    worst = np.argsort(-costs)
+    joints = {
+        problem.joints[j]
+        for rank, j in enumerate(worst)
+        if rank < LEAST_SUSPECTS or costs[j] > SUSPECT_JOINT * costs[worst[0]]
+    }
+    taken = {instance.key for instance in base.effects}
+    return [
+        place
+        for place in candidates
+        if place.key not in taken
+        and (place.effect.scope is not Scope.JOINT or place.joints[0] in joints)
+        and (place.effect.scope is not Scope.PAIR or set(place.joints) <= joints)
+    ]
 
 
 def nothing(problem: Problem) -> Fit:
@@ -118,19 +149,33 @@ def play_round(
     candidates: Sequence[Place],
     scales: Sequence[Scales],
     base: Fit,
+    enough: float,
     report: Callable[[str], None],
 ) -> Round:
-    """Returns one round: screening, fits of the shortlist, and whether the best is accepted."""
-    taken = {instance.key for instance in base.effects}
-    open_places = [place for place in candidates if place.key not in taken]
-    screened = screen(problem, open_places, scales, base)
-    fits = []
-    for candidate in shortlist(screened):
-        report(f"fitting {describe(candidate.instance)}")
-        fits.append(fit(problem, (*base.effects, candidate.instance)))
-    fits.sort(key=lambda f: f.cost)
-    accepted = bool(fits) and fits[0].cost < (1.0 - LEAST_GAIN) * base.cost
-    return Round(before=base.cost, screened=tuple(screened), fits=tuple(fits), accepted=accepted)
+    """Returns one round: screening, fits of the shortlist, and whether the best is accepted.
+
+    What takes long to simulate is looked at only where nothing simpler explains enough.
+    """
+    sample = problem.sample(FITTING_S)
+    part, here = problem.subset(sample), _rows(problem, sample)
+    before = _cost(base.residual[here])
+    screened: list[Screened] = []
+    fits: list[Fit] = []
+    for costly in (False, True):
+        tier = [place for place in candidates if place.effect.costly is costly]
+        found = screen(problem, tier, scales, base)
+        screened.extend(found)
+        for candidate in shortlist(found):
+            report(f"fitting {describe(candidate.instance)}")
+            fits.append(fit(part, (*base.effects, candidate.instance)))
+        fits.sort(key=lambda f: f.cost)
+        if fits and fits[0].cost < enough:
+            break
+    screened.sort(key=lambda s: -s.gain)
+    accepted = None
+    if fits and fits[0].cost < (1.0 - LEAST_GAIN) * before:
+        accepted = fit(problem, fits[0].effects)
+    return Round(before=before, screened=tuple(screened), fits=tuple(fits), accepted=accepted)
 
 
 def describe(instance: EffectInstance) -> str:
@@ -143,20 +188,31 @@ def screen(
     problem: Problem, candidates: Sequence[Place], scales: Sequence[Scales], base: Fit
 ) -> list[Screened]:
     """Returns the candidates with their best amounts to first order, best first."""
+    sample = problem.sample(SCREENING_S)
+    fast, here = coarse(problem.subset(sample)), _rows(problem, sample)
     probes = list(_probes(problem, candidates, scales))
     sets = [(*base.effects, instance) for _, group in probes for instance in group]
-    moved = problem.residuals(sets)
-    basis = _orthonormal(base.jacobian)
-    residual = base.residual - basis @ (basis.T @ base.residual)
+    still, *moved = fast.residuals([base.effects, *sets])
+    basis = _orthonormal(base.jacobian[here])
+    residual = base.residual[here] - basis @ (basis.T @ base.residual[here])
     best: dict[tuple[str, tuple[str, ...]], Screened] = {}
     row = 0
     for place, group in probes:
-        columns = (base.residual - moved[row : row + len(group)]).T
+        columns = still[:, None] - np.stack(moved[row : row + len(group)], axis=1)
         row += len(group)
         found = _weigh(place, group, columns - basis @ (basis.T @ columns), residual)
         if found and (place.key not in best or found.gain > best[place.key].gain):
             best[place.key] = found
     return sorted(best.values(), key=lambda s: -s.gain)
+
+
+def _rows(problem: Problem, segments: Sequence[int]) -> Array:
+    """Returns a mask of the numbers that belong to some segments, shape (N,)."""
+    slices = problem.slices()
+    mask = np.zeros(slices[-1].stop, dtype=bool)
+    for i in segments:
+        mask[slices[i]] = True
+    return mask
 
 
 def _probes(
@@ -205,22 +261,19 @@ def fit(problem: Problem, effects: Sequence[EffectInstance]) -> Fit:
     """Returns `effects` with the values that leave the least residual (damped Gauss-Newton)."""
     current, values = tuple(effects), _vector(effects)
     residual = problem.residuals([current])[0]
-    damping = 1e-3
     jacobian = _jacobian(problem, current, residual)
+    damping = 1e-3
     for _ in range(FIT_STEPS):
-        steps = [_step(jacobian, residual, d) for d in (damping, 100.0 * damping, 1e4 * damping)]
-        trials = [_clipped(current, values + step) for step in steps]
-        residuals = problem.residuals([_with_vector(current, trial) for trial in trials])
-        best = int(np.argmin([_cost(r) for r in residuals]))
-        gain = 1.0 - _cost(residuals[best]) / _cost(residual)
-        if gain <= 0.0:
+        trial = _clipped(current, values + _step(jacobian, residual, damping))
+        candidate = _with_vector(current, trial)
+        tried = problem.residuals([candidate])[0]
+        gain = 1.0 - _cost(tried) / _cost(residual)
+        damping *= 0.1 if gain > 0.0 else 30.0
+        if gain > 0.0:
+            current, values, residual = candidate, trial, tried
+            jacobian = _jacobian(problem, current, residual)
+        if abs(gain) < FIT_TOLERANCE or damping > MOST_DAMPING:
             break
-        values, residual = trials[best], residuals[best]
-        current = _with_vector(current, values)
-        damping *= (0.1, 3.0, 30.0)[best]
-        if gain < FIT_TOLERANCE:
-            break
-        jacobian = _jacobian(problem, current, residual)
     return Fit(effects=current, cost=_cost(residual), jacobian=jacobian, residual=residual)
 
 

@@ -120,6 +120,11 @@ class Problem:
             errors.append(part[:count].reshape(segment.position.shape) * self.noise.position)
         return errors
 
+    def joint_costs(self, residual: Array) -> Array:
+        """Returns the mean squared residual of each joint, shape (J,)."""
+        joints = len(self.joints)
+        return np.asarray((residual.reshape(-1, joints) ** 2).mean(axis=0))
+
     def slices(self) -> list[slice]:
         """Returns where each segment's numbers lie in a residual."""
         ends = np.cumsum([self._size(segment) for segment in self.segments])
@@ -130,14 +135,34 @@ class Problem:
         both = segment.effort is not None and self.noise.effort is not None
         return segment.position.size * (2 if both else 1)
 
-    def subset(self, recordings: Sequence[int]) -> Problem:
-        """Returns the same problem with the segments of some recordings only."""
-        keep = [i for i, s in enumerate(self.segments) if s.recording in recordings]
+    def subset(self, keep: Sequence[int]) -> Problem:
+        """Returns the same problem with some of its segments only."""
         return replace(
             self,
             segments=tuple(self.segments[i] for i in keep),
             state_basis=tuple(self.state_basis[i] for i in keep),
         )
+
+    def sample(self, simulated_s: float) -> list[int]:
+        """Returns segments, spread over the recordings and kinds, of about so much time in all."""
+        by_recording = sorted(range(len(self.segments)), key=lambda i: self._turn(i))
+        chosen, total_s = [], 0.0
+        for i in by_recording:
+            if total_s >= simulated_s:
+                break
+            chosen.append(i)
+            total_s += float(self.segments[i].time_s[-1])
+        return sorted(chosen)
+
+    def _turn(self, index: int) -> tuple[int, int, int]:
+        """Returns a key by which kinds take turns, within a kind recordings, then segments."""
+        here = self.segments[index]
+        same_kind = sorted({s.recording for s in self.segments if s.kind is here.kind})
+        within = [i for i, s in enumerate(self.segments) if s.recording == here.recording]
+        place = within.index(index)
+        # A golden-ratio order takes windows from all over a recording before their neighbours.
+        spread = int((place * 0.618033988749895 % 1.0) * len(within))
+        return (spread * len(same_kind) + same_kind.index(here.recording), here.recording, place)
 
 
 def make_problem(
@@ -168,6 +193,14 @@ def make_problem(
         noise=noise or measure_noise(recordings),
     )
     return _with_state_basis(replace(problem, after_command=_efforts_follow_commands(problem)))
+
+
+def coarse(problem: Problem) -> Problem:
+    """Returns the problem with fast integration: good enough for differences of predictions."""
+    fast = {kind: spec.copy() for kind, spec in problem.specs.items()}
+    for spec in fast.values():
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    return replace(problem, specs=fast)
 
 
 def accurately_integrated(spec: mujoco.MjSpec) -> mujoco.MjSpec:
@@ -260,12 +293,13 @@ def _efforts_follow_commands(problem: Problem) -> bool:
 
 def _with_state_basis(problem: Problem) -> Problem:
     """Returns the problem with what each initial state can explain."""
-    base = [problem.whitened(s, p) for s, p in _pairs(problem)]
+    fast = coarse(problem)
+    base = [problem.whitened(s, p) for s, p in _pairs(fast)]
     columns: list[list[Array]] = [[] for _ in problem.segments]
     for what, step in zip(("initial_position", "initial_velocity"), STATE_STEP, strict=True):
         for j in range(len(problem.joints)):
             moved = replace(
-                problem, segments=tuple(_moved(s, what, j, step) for s in problem.segments)
+                fast, segments=tuple(_moved(s, what, j, step) for s in problem.segments)
             )
             for i, (segment, prediction) in enumerate(_pairs(moved)):
                 columns[i].append(problem.whitened(segment, prediction) - base[i])

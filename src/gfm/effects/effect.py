@@ -97,6 +97,8 @@ class Effect(ABC):
     native: ClassVar[bool] = True
     #: Whether it stands between the motor (armature, friction, drive) and the link.
     separates_motor: ClassVar[bool] = False
+    #: Whether simulating it takes so long that simpler explanations are tried first.
+    costly: ClassVar[bool] = False
     #: Of an effect of the robot: whether it names the joints that share it.
     shares_joints: ClassVar[bool] = False
     #: Parameters that a fit leaves as the search found them.

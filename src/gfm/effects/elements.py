@@ -8,6 +8,8 @@ from gfm.effects.effect import angle, find_joint
 
 #: Bristle stiffness per unit of friction, 1/rad: a joint at rest gives by less than 0.1 mrad.
 BRISTLES_PER_RAD = 1e4
+#: Solver settings of dry friction with which a joint at rest stays there.
+HOLDING_SOLREF, HOLDING_SOLIMP = (0.004, 1.0), (0.99, 0.999, 0.001)
 #: Stiffness of the soft, far stretched spring that stands for a constant torque, N m/rad.
 SOFT_SPRING = 1e-6
 
@@ -22,6 +24,14 @@ def add_spring(spec: mujoco.MjSpec, name: str, stiffness: float, rest_rad: float
     moment = before * float(joint.springref) + stiffness * angle(spec, joint, rest_rad)
     joint.stiffness[0] = total
     joint.springref = moment / total
+
+
+def add_dry_friction(spec: mujoco.MjSpec, name: str, torque: float) -> None:
+    """Adds dry friction that holds: MuJoCo's default lets a joint creep under a load below it."""
+    joint = find_joint(spec, name)
+    joint.frictionloss += torque
+    joint.solref_friction = HOLDING_SOLREF
+    joint.solimp_friction[0:3] = HOLDING_SOLIMP
 
 
 def add_constant_torque(spec: mujoco.MjSpec, name: str, torque: float) -> None:

@@ -21,7 +21,12 @@ from gfm.effects.effect import (
     find_joint,
     sign,
 )
-from gfm.effects.elements import BRISTLES_PER_RAD, add_constant_torque, add_passive_motor
+from gfm.effects.elements import (
+    BRISTLES_PER_RAD,
+    add_constant_torque,
+    add_dry_friction,
+    add_passive_motor,
+)
 
 #: Velocity over which the sign of a *measured* velocity is taken to pass through zero.
 SIGN_WIDTH_RAD_S = 0.01
@@ -37,7 +42,7 @@ class CoulombFriction(Effect):
 
     @override
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
-        find_joint(spec, joints[0]).frictionloss += values["torque"]
+        add_dry_friction(spec, joints[0], values["torque"])
 
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
@@ -169,9 +174,14 @@ class LoadDependentFriction(Effect):
     """Dry friction that grows with the torque of the drive. MuJoCo cannot express it."""
 
     name = "load_dependent_friction"
+    costly = True
     parameters = (Parameter(name="coefficient", unit="1", lower=0.0, upper=0.9),)
     native = False
     shown_by = "reversals under different loads"
+
+    @override
+    def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
+        add_dry_friction(spec, joints[0], 0.0)
 
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:

@@ -9,6 +9,7 @@ import copy
 import os
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import mujoco
@@ -134,18 +135,31 @@ def _with_servo_gain(plant: Plant, segment: Segment) -> mujoco.MjModel:
 
 def _rollout(jobs: list[_Job], threads: int) -> list[Prediction]:
     steps = max(job.steps for job in jobs)
-    states, sensors = rollout.rollout(
-        [job.model for job in jobs],
-        [mujoco.MjData(jobs[0].model) for _ in range(min(threads, len(jobs)))],
-        np.stack([_initial_state(job) for job in jobs]),
-        np.stack([_controls(job, steps) for job in jobs]),
-        persistent_pool=True,
-    )
+    controls = np.stack([_controls(job, steps) for job in jobs])
+    with _quiet():
+        states, sensors = rollout.rollout(
+            [job.model for job in jobs],
+            [mujoco.MjData(jobs[0].model) for _ in range(min(threads, len(jobs)))],
+            np.stack([_initial_state(job) for job in jobs]),
+            controls,
+            persistent_pool=True,
+        )
     nq = jobs[0].model.nq
     return [
-        _prediction(job, states[i, :, 0], states[i, :, 1 : 1 + nq], sensors[i])
+        _prediction(job, states[i, :, 0], states[i, :, 1 : 1 + nq], sensors[i], controls[i])
         for i, job in enumerate(jobs)
     ]
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keeps MuJoCo from printing that a candidate's simulation diverged: that is an answer."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def _initial_state(job: _Job) -> Array:
@@ -217,7 +231,9 @@ def _lagged_means(value: Array, lag_s: float, period_s: float) -> Array:
     return np.asarray(value + (start - value) * (lag_s / period_s) * (1.0 - decay))
 
 
-def _prediction(job: _Job, time_s: Array, qpos: Array, sensors: Array) -> Prediction:
+def _prediction(
+    job: _Job, time_s: Array, qpos: Array, sensors: Array, controls: Array
+) -> Prediction:
     """Returns the prediction at the measurement times from what each step left behind.
 
     State k is that after step k; sensors k are those before it.
@@ -225,12 +241,12 @@ def _prediction(job: _Job, time_s: Array, qpos: Array, sensors: Array) -> Predic
     segment, plant = job.segment, job.plant
     period_s = job.model.opt.timestep
     after = np.concatenate([segment.initial_position[None], qpos[:, plant.qpos]])
-    drive = sensors @ plant.drive.T
+    drive, command = sensors @ plant.drive.T, controls[:, plant.actuator]
     broken = bool(np.any(np.diff(time_s[: job.steps]) <= 0.0)) or not np.isfinite(after).all()
     return Prediction(
         position=_sample(after, segment.time_s / period_s),
-        effort=_hold(drive, segment.time_s / period_s - 1e-6),
-        effort_after=_hold(drive, segment.time_s / period_s + 1e-6),
+        effort=_just_before(drive, command, segment.time_s / period_s),
+        effort_after=_just_before(drive, command, segment.time_s / period_s + 2e-6),
         diverged=broken,
     )
 
@@ -242,10 +258,19 @@ def _sample(values: Array, place: Array) -> Array:
     return np.asarray((1.0 - share) * values[low] + share * values[low + 1])
 
 
-def _hold(values: Array, place: Array) -> Array:
-    """Returns the row of the step under way at each fractional row number."""
-    rows = np.floor(place).astype(np.intp)
-    return np.asarray(values[np.clip(rows, 0, len(values) - 1)])
+def _just_before(drive: Array, command: Array, place: Array) -> Array:
+    """Returns the drive torque just before each fractional row number, shape (T, J).
+
+    Row k of `drive` holds at the start of step k, under the command of that step. Within a step
+    the torque goes on to the next row where the command stays the same, and else as it came.
+    """
+    last = len(drive) - 1
+    row = np.clip(np.floor(place - 1e-6).astype(np.intp), 0, last)
+    share = (place - row)[:, None]
+    before, after = np.maximum(row - 1, 0), np.minimum(row + 1, last)
+    onward = np.where(np.isclose(command[after], command[row]), drive[after] - drive[row], np.nan)
+    backward = np.where(np.isclose(command[before], command[row]), drive[row] - drive[before], 0.0)
+    return np.asarray(drive[row] + share * np.where(np.isnan(onward), backward, onward))
 
 
 def _step_by_step(jobs: list[_Job], threads: int) -> list[Prediction]:
@@ -259,16 +284,18 @@ def _step_by_step(jobs: list[_Job], threads: int) -> list[Prediction]:
     laws = _StepLaws(jobs, sims)
     time_s, kept_qpos, kept_sensors = [], [], []
     clock, sensordata, ctrl = sims.bind("time"), sims.bind("sensordata"), sims.bind("ctrl")
-    for k in range(steps):
-        ctrl[:] = controls[k]
-        laws.act()
-        sims.step(nstep=1)
-        time_s.append(np.array(clock).reshape(len(jobs)))
-        kept_qpos.append(np.array(qpos))
-        kept_sensors.append(np.array(sensordata))
+    with _quiet():
+        for k in range(steps):
+            ctrl[:] = controls[k]
+            laws.act()
+            sims.step(nstep=1)
+            time_s.append(np.array(clock).reshape(len(jobs)))
+            kept_qpos.append(np.array(qpos))
+            kept_sensors.append(np.array(sensordata))
     times, positions, sensors = np.stack(time_s), np.stack(kept_qpos), np.stack(kept_sensors)
     return [
-        _prediction(job, times[:, i], positions[:, i], sensors[:, i]) for i, job in enumerate(jobs)
+        _prediction(job, times[:, i], positions[:, i], sensors[:, i], controls[:, i])
+        for i, job in enumerate(jobs)
     ]
 
 
