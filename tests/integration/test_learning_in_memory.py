@@ -75,6 +75,7 @@ def test_the_loop_learns_and_weights_flow_all_the_way_round():
     loop = Loop()
     before = mean_return(loop.learner.weights)
     loop.run()
+    loop.actor.close()  # takes in the last acknowledgements
     after = mean_return(loop.learner.weights)
     assert before < 14.6
     assert after > 15.6  # the best linear feedback reaches 16.4
