@@ -18,9 +18,11 @@ from gfm.core.checks import Array
 #: them, for their drives have 9 N m against 40 and 80.
 _WRIST_SHARE = 0.4
 _LARGE = 4
-#: Joints that carry weight in every pose that is driven, and those that hardly do.
+#: Joints that carry weight in every pose that is driven.
 _LOADED = (1, 3)
-_BALANCED = (0, 2)
+#: The joint about the vertical axis: no weight presses on its play, and it makes no difference on
+#: which side of a coupling gravity is compensated.
+_UNLOADED = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,15 +197,11 @@ def _gravity(dice: _Dice) -> tuple[HiddenEffect, ...]:
 
 def _armature(dice: _Dice) -> tuple[HiddenEffect, ...]:
     j = dice.joint()
-    return (
-        _one(
-            "armature", j, inertia=dice.between(1.0, 2.5) if j < _LARGE else dice.between(0.5, 1.2)
-        ),
-    )
+    return (_one("armature", j, inertia=dice.torque(j, 1.0, 2.0)),)
 
 
 def _gain(dice: _Dice) -> tuple[HiddenEffect, ...]:
-    scale = dice.between(0.55, 0.8) if dice.between(0.0, 1.0) < 0.5 else dice.between(1.25, 1.6)
+    scale = dice.between(0.5, 0.7) if dice.between(0.0, 1.0) < 0.5 else dice.between(1.5, 1.9)
     return (_one("actuator_gain", dice.joint(), scale=scale),)
 
 
@@ -242,11 +240,11 @@ def _cogging(dice: _Dice) -> tuple[HiddenEffect, ...]:
 
 
 def _backlash(dice: _Dice) -> tuple[HiddenEffect, ...]:
-    return (_one("backlash", dice.joint(_BALANCED), gap=dice.between(0.01, 0.03)),)
+    return (_one("backlash", _UNLOADED, gap=dice.between(0.01, 0.03)),)
 
 
 def _elasticity(dice: _Dice) -> tuple[HiddenEffect, ...]:
-    return (_one("joint_elasticity", dice.joint(_BALANCED), stiffness=dice.between(300.0, 900.0)),)
+    return (_one("joint_elasticity", _UNLOADED, stiffness=dice.between(300.0, 900.0)),)
 
 
 def _encoder(dice: _Dice) -> tuple[HiddenEffect, ...]:
