@@ -131,17 +131,9 @@ def test_sensors_are_as_noisy_as_they_say() -> None:
 def test_without_commands_the_robot_leaves_velocity_mode_and_holds() -> None:
     robot = SimulatedRobot(READY, sensors=QUIET)
     robot.advance(command(np.full(7, 0.2), 0, "velocity"), COMMAND_TIMEOUT_NS)
-    assert abs(robot.advance(None, 0)[-1].velocity).min() > 0.1
+    assert abs(robot.latest.velocity).min() > 0.1
     rest = robot.advance(None, 1500 * MS)[-1]
     assert abs(rest.velocity).max() < 2e-3
-
-
-def test_an_exchange_of_no_time_repeats_the_latest_report() -> None:
-    robot = SimulatedRobot(READY)
-    (first,) = robot.advance(None, 0)
-    (again,) = robot.advance(None, 0)
-    assert first is again
-    assert first.stamp_ns == 0
 
 
 # What is hidden
@@ -223,6 +215,14 @@ def test_in_lockstep_time_passes_only_in_exchanges() -> None:
     assert [r.stamp_ns for r in first.states] == [0]
     assert [r.stamp_ns for r in second.states] == [10 * MS, 20 * MS]
     assert [r.stamp_ns for r in third.states] == [30 * MS]
+
+
+def test_an_exchange_of_no_time_repeats_the_latest_report() -> None:
+    config = SimulatedConfig(name="robot")
+    first, again = answer(config, ManualClock(), exchange(0), exchange(0))
+    assert isinstance(first, RobotStates)
+    assert isinstance(again, RobotStates)
+    assert [r.stamp_ns for r in first.states] == [r.stamp_ns for r in again.states] == [0]
 
 
 def test_on_the_wall_clock_time_passes_by_itself() -> None:

@@ -62,7 +62,7 @@ def sawyer_ranges() -> JointRanges:
         joint_names=JOINT_NAMES,
         center=READY,
         half_width=np.array([0.5, 0.35, 0.5, 0.4, 0.7, 0.5, 0.8]),
-        speed=np.array([0.8, 0.6, 0.9, 0.9, 1.0, 1.0, 1.0]),
+        speed=np.array([0.75, 0.55, 0.85, 0.85, 1.0, 1.0, 1.0]),
     )
 
 

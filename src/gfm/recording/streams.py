@@ -102,7 +102,7 @@ def stamps_of(where: str, messages: Sequence[Any]) -> Stamps:
     gap_s = np.diff(stamp_ns) * 1e-9
     if (gap_s <= 0.0).any():
         i = int((gap_s <= 0.0).argmax()) + 1
-        problem = f"message {i} is stamped {-gap_s[i - 1]:.6f} s before the one before it"
+        problem = f"message {i} is stamped {abs(gap_s[i - 1]):.6f} s before the one before it"
         raise RecordingError(where, problem, "strictly increasing stamps")
     return stamp_ns
 

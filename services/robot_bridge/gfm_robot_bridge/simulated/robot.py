@@ -55,6 +55,10 @@ class SimulatedRobot:
         effects: What it has beyond its nominal model.
         seed: Of the sensors' noise.
         sensors: How well it measures.
+
+    Attributes:
+        time_ns: What its clock shows.
+        latest: The latest report.
     """
 
     def __init__(
@@ -74,13 +78,11 @@ class SimulatedRobot:
         self._received = 0
         self._commanded_ns = 0
         self._in_force: Command | None = None
-        self._latest = self._report()
+        self.latest = self._report()
         self._next_report_ns = 0
 
     def advance(self, command: Command | None, advance_ns: int) -> tuple[Observation, ...]:
         """Takes a command, lets time pass, and returns what the sensors reported meanwhile.
-
-        Where that is nothing, the latest report is returned again.
 
         Args:
             command: Setpoints of all joints, stamped with the robot's time; acts the declared
@@ -94,11 +96,11 @@ class SimulatedRobot:
         while True:
             self._take_due()
             if self._next_report_ns <= self.time_ns:
-                self._latest = self._report()
-                reports.append(self._latest)
+                self.latest = self._report()
+                reports.append(self.latest)
                 self._next_report_ns += self._sensors.period_ns
             if self.time_ns >= until_ns:
-                return tuple(reports) or (self._latest,)
+                return tuple(reports)
             self._step(until_ns)
 
     def _put(self, command: Command) -> None:

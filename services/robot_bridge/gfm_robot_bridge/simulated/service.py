@@ -75,12 +75,10 @@ class SimulatedService(Service):
             request.refuse(problem)
             return
         self._counters["exchanges"] += 1
-        on_wall_clock = self._config.clock == "wall"
-        advance_ns = 0 if on_wall_clock else message.advance_ns
-        states = self._robot.advance(message.command, advance_ns)
-        if on_wall_clock and self._reports:
-            states = tuple(self._reports)
-            self._reports.clear()
+        advance_ns = 0 if self._config.clock == "wall" else message.advance_ns
+        self._reports.extend(self._robot.advance(message.command, advance_ns))
+        states = tuple(self._reports) or (self._robot.latest,)
+        self._reports.clear()
         request.reply(RobotStates(states=states))
 
     def _keep_up(self) -> None:

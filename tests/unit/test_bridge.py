@@ -1,0 +1,375 @@
+"""The bridge: what it lets through, what it refuses, what it records, when it stops the robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gfm.core import (
+    Command,
+    CommandKind,
+    ConfigError,
+    ManualClock,
+    Observation,
+    RefusedError,
+)
+from gfm.recording import read_recording
+from gfm.transport import MemoryHub, MemoryTransport
+from gfm_robot_bridge.config import BridgeConfig
+from gfm_robot_bridge.limits import Limiter, Limits, Reason
+from gfm_robot_bridge.mirror import MirrorRobot
+from gfm_robot_bridge.service import BridgeService
+from gfm_wire import Ack, Message, RecordDone, RecordStart, RecordStop
+
+JOINTS = ("a", "b")
+LIMITS = Limits(
+    lower=np.array([-1.0, -2.0]),
+    upper=np.array([1.0, 2.0]),
+    velocity=np.array([1.0, 2.0]),
+    acceleration=np.array([10.0, 10.0]),
+    effort=np.array([5.0, 3.0]),
+)
+PERIOD_S = 0.02
+
+
+class Rig:
+    """A bridge, a mirror robot and somebody who asks, in one thread."""
+
+    def __init__(self, folder: Path, **settings: Any) -> None:
+        hub = MemoryHub()
+        self.clock = ManualClock()
+        self.robot = MirrorRobot(JOINTS, LIMITS)
+        config = BridgeConfig(name="bridge", recordings=str(folder), **settings)
+        transport = MemoryTransport(hub, clock=self.clock)
+        self.bridge = BridgeService(config, self.robot, transport, self.clock)
+        self.asker = MemoryTransport(hub, clock=self.clock)
+        self.observations = self.asker.subscribe("robot/observation", keep=1000)
+        self.number = 0
+        self.pass_time(PERIOD_S)
+
+    def pass_time(self, seconds: float) -> None:
+        for _ in range(round(seconds / 1e-3)):
+            self.clock.advance_s(1e-3)
+            while self.bridge.step():
+                pass
+
+    def ask(self, key: str, message: Message) -> Message:
+        pending = self.asker.request(key, message, timeout_s=5.0)
+        while (answer := pending.poll()) is None:
+            self.pass_time(1e-3)
+        return answer
+
+    def command(
+        self, kind: str, values: list[float], *, number: int | None = None, names: Any = JOINTS
+    ) -> Observation:
+        sent = Command(
+            kind=CommandKind(kind),
+            joint_names=names,
+            values=np.array(values),
+            stamp_ns=0,
+            number=self.number if number is None else number,
+        )
+        self.number = sent.number + 1
+        answer = self.ask("robot/command", sent)
+        assert isinstance(answer, Observation)
+        return answer
+
+    def counter(self, name: str) -> int:
+        return self.bridge.status().counters[name]
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    return Rig(tmp_path)
+
+
+def test_a_command_is_answered_by_what_it_did(rig: Rig) -> None:
+    answer = rig.command("velocity", [0.1, -0.1])
+    assert answer.reason == Reason.NONE
+    assert answer.applied is not None
+    assert answer.applied.values.tolist() == [0.1, -0.1]
+    assert answer.stamp_ns == answer.applied.stamp_ns + 20_000_000
+    newest = rig.observations.latest()
+    assert isinstance(newest, Observation)
+    assert newest.stamp_ns == answer.stamp_ns
+
+
+def test_joints_may_be_named_in_any_order(rig: Rig) -> None:
+    rig.command("velocity", [0.2, 0.1], names=("b", "a"))
+    assert rig.robot.told[-1].values.tolist() == [0.1, 0.2]
+    assert rig.robot.told[-1].joint_names == JOINTS
+
+
+def test_in_lockstep_time_passes_only_with_commands(rig: Rig) -> None:
+    before = rig.robot.time_ns()
+    rig.pass_time(1.0)
+    assert rig.robot.time_ns() == before
+    rig.command("velocity", [0.0, 0.0])
+    assert rig.robot.time_ns() == before + 20_000_000
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "reason", "applied"),
+    [
+        ("velocity", [0.9, 0.0], Reason.VELOCITY | Reason.ACCELERATION, [0.2, 0.0]),
+        ("velocity", [0.4, 0.0], Reason.ACCELERATION, [0.2, 0.0]),
+        ("position", [0.5, 0.0], Reason.VELOCITY, [0.01, 0.0]),
+        ("position", [3.0, 0.0], Reason.VELOCITY | Reason.POSITION, [0.01, 0.0]),
+        ("effort", [6.0, -1.0], Reason.EFFORT, [5.0, -1.0]),
+    ],
+)
+def test_what_was_changed_is_said(
+    rig: Rig, kind: str, values: list[float], reason: Reason, applied: list[float]
+) -> None:
+    answer = rig.command(kind, values)
+    assert Reason(answer.reason) == reason
+    assert answer.applied is not None
+    assert answer.applied.values.tolist() == pytest.approx(applied)
+    assert rig.counter("clipped_commands") == 1
+
+
+SETPOINTS = st.floats(allow_nan=False, allow_infinity=False, width=64)
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(list(CommandKind)), st.tuples(SETPOINTS, SETPOINTS)),
+        min_size=1,
+        max_size=40,
+    )
+)
+def test_no_sequence_of_commands_leads_out_of_the_limits(
+    sent: list[tuple[CommandKind, tuple[float, float]]],
+) -> None:
+    limiter = Limiter(LIMITS, period_s=PERIOD_S, margin_rad=0.05, velocity_share=0.5)
+    position, velocity = np.zeros(2), np.zeros(2)
+    for kind, values in sent:
+        wanted = Command(kind=kind, joint_names=JOINTS, values=np.array(values), stamp_ns=0)
+        applied, _ = limiter.limited(wanted, position, velocity)
+        before = position
+        match kind:
+            case CommandKind.POSITION:
+                position, velocity = applied, np.zeros(2)
+            case CommandKind.VELOCITY:
+                position, velocity = position + PERIOD_S * applied, applied
+            case CommandKind.EFFORT:
+                assert (np.abs(applied) <= LIMITS.effort).all()
+        assert (position >= LIMITS.lower + 0.05 - 1e-9).all()
+        assert (position <= LIMITS.upper - 0.05 + 1e-9).all()
+        assert (np.abs(position - before) <= 0.5 * LIMITS.velocity * PERIOD_S + 1e-12).all()
+
+
+def test_commands_within_the_limits_pass_unchanged() -> None:
+    limiter = Limiter(LIMITS, period_s=PERIOD_S, margin_rad=0.05, velocity_share=0.5)
+    for step in range(100):
+        values = np.array([0.2, 0.5]) * np.sin(0.02 * step)
+        wanted = Command(kind=CommandKind.POSITION, joint_names=JOINTS, values=values, stamp_ns=0)
+        applied, reason = limiter.limited(wanted, np.zeros(2), np.zeros(2))
+        assert reason is Reason.NONE
+        np.testing.assert_array_equal(applied, values)
+
+
+def test_a_joint_outside_its_range_may_only_come_back() -> None:
+    limiter = Limiter(LIMITS, period_s=PERIOD_S, margin_rad=0.05, velocity_share=0.5)
+    outside = np.array([1.2, 0.0])
+    for sign, expected in ((1.0, 0.0), (-1.0, -0.2)):
+        limiter.forget()
+        wanted = Command(
+            kind=CommandKind.VELOCITY,
+            joint_names=JOINTS,
+            values=np.array([sign, 0.0]),
+            stamp_ns=0,
+        )
+        applied, _ = limiter.limited(wanted, outside, np.zeros(2))
+        assert applied[0] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        (RecordStop(), "got RecordStop, expected Command"),
+        (
+            Command(kind=CommandKind.EFFORT, joint_names=("z",), values=np.zeros(1), stamp_ns=0),
+            "command names joints z, expected a, b",
+        ),
+        (
+            Command(
+                kind=CommandKind.EFFORT,
+                joint_names=JOINTS,
+                values=np.zeros(2),
+                stamp_ns=0,
+                number=3,
+            ),
+            "expected 0 to begin a session",
+        ),
+        (
+            Command(
+                kind=CommandKind.EFFORT,
+                joint_names=JOINTS,
+                values=np.array([0.0, np.nan]),
+                stamp_ns=0,
+            ),
+            "NaN",
+        ),
+    ],
+)
+def test_what_is_no_command_never_reaches_the_robot(rig: Rig, message: Message, words: str) -> None:
+    with pytest.raises(RefusedError, match=words):
+        rig.ask("robot/command", message)
+    assert rig.robot.told == []
+
+
+def test_stale_commands_are_refused(rig: Rig) -> None:
+    rig.command("velocity", [0.1, 0.0])
+    rig.command("velocity", [0.2, 0.0])
+    with pytest.raises(RefusedError, match="command 1 came after 1: stale"):
+        rig.command("velocity", [0.1, 0.0], number=1)
+
+
+# Recordings
+
+
+def test_a_recording_holds_reports_and_both_commands(rig: Rig, tmp_path: Path) -> None:
+    rig.command("position", [0.0, 0.0])
+    rig.command("velocity", [0.0, 0.0])
+    assert rig.ask("robot/record", RecordStart(name="one", metadata={"who": "me"})) == Ack()
+    for step in range(1, 11):
+        rig.command("velocity", [0.1 * step, 0.0])
+    done = rig.ask("robot/record", RecordStop())
+    assert isinstance(done, RecordDone)
+    assert done == RecordDone(path=str(tmp_path / "one.mcap"), ticks=20)
+    recording = read_recording(done.path)
+    assert recording.joint_names == JOINTS
+    assert len(recording.stamp_ns) == 20
+    assert recording.command_kind is CommandKind.VELOCITY
+    # The command that was in force when it began comes first.
+    np.testing.assert_allclose(recording.command[:4, 0], [0.0, 0.1, 0.2, 0.3])
+    assert recording.requested is not None
+    np.testing.assert_allclose(recording.requested[-1], [1.0, 0.0])
+    assert recording.command[-1, 0] == pytest.approx(0.5)
+    assert recording.metadata["who"] == "me"
+    assert recording.metadata["run"] == "default"
+    assert rig.counter("recordings") == 1
+
+
+def test_another_mode_ends_a_recording(rig: Rig) -> None:
+    rig.command("velocity", [0.0, 0.0])
+    rig.ask("robot/record", RecordStart(name="one"))
+    for _ in range(6):
+        rig.command("velocity", [0.0, 0.0])
+    rig.command("position", [0.0, 0.0])
+    done = rig.ask("robot/record", RecordStop())
+    assert isinstance(done, RecordDone)
+    assert done.ticks == 12
+    assert read_recording(done.path).command_kind is CommandKind.VELOCITY
+
+
+@pytest.mark.parametrize("name", ["", "../up", "a/b", ".hidden", "x" * 101])
+def test_recordings_cannot_leave_their_folder(rig: Rig, name: str) -> None:
+    with pytest.raises(RefusedError, match="expected letters, digits"):
+        rig.ask("robot/record", RecordStart(name=name))
+
+
+def test_recordings_are_never_overwritten(rig: Rig) -> None:
+    rig.ask("robot/record", RecordStart(name="one"))
+    with pytest.raises(RefusedError, match=r"one.mcap is being recorded"):
+        rig.ask("robot/record", RecordStart(name="two"))
+    rig.ask("robot/record", RecordStop())
+    with pytest.raises(RefusedError, match="never overwritten"):
+        rig.ask("robot/record", RecordStart(name="one"))
+    with pytest.raises(RefusedError, match="nothing is being recorded"):
+        rig.ask("robot/record", RecordStop())
+    with pytest.raises(RefusedError, match="got Ack, expected RecordStart or RecordStop"):
+        rig.ask("robot/record", Ack())
+
+
+def test_closing_completes_the_recording_and_holds_the_robot(rig: Rig, tmp_path: Path) -> None:
+    rig.command("velocity", [0.1, 0.0])
+    rig.ask("robot/record", RecordStart(name="one"))
+    for _ in range(10):
+        rig.command("velocity", [0.1, 0.0])
+    rig.bridge.close()
+    assert rig.robot.told[-1].values.tolist() == [0.0, 0.0]
+    assert len(read_recording(tmp_path / "one.mcap").stamp_ns) == 20
+
+
+# On the wall clock
+
+
+@pytest.fixture
+def wall(tmp_path: Path) -> Rig:
+    return Rig(tmp_path, clock="wall")
+
+
+def test_on_the_wall_clock_every_period_is_an_exchange(wall: Rig) -> None:
+    before = wall.counter("ticks")
+    wall.pass_time(1.0)
+    assert wall.counter("ticks") - before == 50
+    assert wall.counter("overruns") == 0
+
+
+def test_silence_stops_the_robot_once(wall: Rig) -> None:
+    wall.command("velocity", [0.1, 0.1])
+    wall.pass_time(0.5)
+    assert wall.counter("watchdog_trips") == 1
+    assert [told.values.tolist() for told in wall.robot.told] == [[0.1, 0.1], [0.0, 0.0]]
+    newest = wall.observations.latest()
+    assert isinstance(newest, Observation)
+    assert newest.velocity.tolist() == [0.0, 0.0]
+
+
+def test_silence_is_noticed_after_two_periods(wall: Rig) -> None:
+    wall.command("velocity", [0.1, 0.1])
+    wall.pass_time(0.035)
+    assert wall.counter("watchdog_trips") == 0
+    wall.pass_time(0.03)
+    assert wall.counter("watchdog_trips") == 1
+
+
+def test_after_silence_only_a_new_session_moves_the_robot(wall: Rig) -> None:
+    wall.command("velocity", [0.1, 0.1])
+    wall.pass_time(0.5)
+    with pytest.raises(RefusedError, match=r"no command for \d+ ms, the robot holds; a command wi"):
+        wall.command("velocity", [0.1, 0.1])
+    assert wall.command("velocity", [0.1, 0.1], number=0).reason == Reason.NONE
+
+
+def test_a_driver_that_keeps_up_is_not_stopped(wall: Rig) -> None:
+    for _ in range(50):
+        wall.command("velocity", [0.1, 0.1])
+    assert wall.counter("watchdog_trips") == 0
+
+
+def test_a_slow_bridge_counts_what_it_missed(wall: Rig) -> None:
+    wall.clock.advance_s(0.1)
+    wall.pass_time(0.02)
+    assert wall.counter("overruns") == 1
+
+
+# Faults
+
+
+def test_a_lost_robot_ends_the_session_and_is_tried_again(rig: Rig) -> None:
+    rig.command("velocity", [0.1, 0.1])
+    rig.robot.lost = True
+    with pytest.raises(RefusedError, match="robot: no answer from the mirror robot"):
+        rig.command("velocity", [0.1, 0.1])
+    assert rig.counter("robot_failures") == 1
+    rig.robot.lost = False
+    with pytest.raises(RefusedError, match="a command with number 0 begins again"):
+        rig.command("velocity", [0.1, 0.1])
+    rig.command("velocity", [0.1, 0.1], number=0)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("control_hz", 0.0), ("velocity_share", 1.5), ("position_margin_rad", -1.0)],
+)
+def test_settings_out_of_range_are_refused(name: str, value: float) -> None:
+    with pytest.raises(ConfigError, match=f"{name} is {value}, expected"):
+        BridgeConfig(**{name: value})
