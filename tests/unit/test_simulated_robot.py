@@ -162,6 +162,8 @@ def test_none_hides_nothing_and_unknown_names_are_refused() -> None:
     assert draw("none", 1, READY) == ()
     with pytest.raises(UnknownNameError, match=r"unknown hidden effect 'magic'; available: .*coul"):
         draw("magic", 1, READY)
+    with pytest.raises(UnknownNameError, match="unknown hidden effect 'magic'"):
+        SimulatedConfig(hidden_effect="magic")
 
 
 def test_the_sealed_file_tells_all_to_its_owner_only(tmp_path: Path) -> None:

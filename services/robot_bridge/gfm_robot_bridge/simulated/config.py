@@ -7,6 +7,7 @@ from typing import Literal
 
 from gfm.core import ConfigError
 from gfm.service import ServiceConfig
+from gfm_robot_bridge.simulated.hidden import check_choice
 
 
 class SimulatedConfig(ServiceConfig, frozen=True, kw_only=True):
@@ -30,6 +31,7 @@ class SimulatedConfig(ServiceConfig, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_choice(self.hidden_effect)
         if not 0.001 <= self.period_s <= 0.1:
             raise ConfigError(f"period_s is {self.period_s}, expected 0.001 to 0.1")
         if self.seed < 0:

@@ -115,14 +115,19 @@ def draw(name: str, seed: int, pose: Array) -> tuple[HiddenEffect, ...]:
         The effect, followed by those without which it does not occur (excess friction at low
         speed comes on top of a level).
     """
+    check_choice(name)
     if name == "none":
         return ()
-    if name != "random" and name not in _DRAWS:
-        raise UnknownNameError("hidden effect", name, [*_DRAWS, "random", "none"])
     rng = np.random.default_rng([seed, 0x5EA1ED])
     # Drawn in any case, so that a name and `random` give the same amounts for a seed.
     drawn = str(rng.choice(sorted(_DRAWS)))
     return _DRAWS[drawn if name == "random" else name](_Dice(rng, pose))
+
+
+def check_choice(name: str) -> None:
+    """Raises UnknownNameError for what cannot be hidden."""
+    if name not in (*_DRAWS, "random", "none"):
+        raise UnknownNameError("hidden effect", name, [*_DRAWS, "random", "none"])
 
 
 def names() -> tuple[str, ...]:
