@@ -1,35 +1,56 @@
-# `make run` and `make test` do all set-up on a machine with Python >= 3.11 and make.
+# Every target sets up what it needs, on a machine with Python >= 3.11 and make.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
+LOCK_VENV := build/lock
 RUN_ARGS ?=
 
-.PHONY: run test test-slow check format bench clean
+.PHONY: help run test test-slow test-containers check format lock images clean
 
+help:  ## say what can be made
+	@sed -En 's/^([a-z-]+):.*## (.*)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
+
+# Nothing floats: the lock names every package, those that build this one included.
 $(VENV)/.installed: pyproject.toml requirements.lock
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	$(PIP) install --requirement requirements.lock
+	$(PIP) install --no-deps --no-build-isolation --editable .
 	touch $@
 
-run: $(VENV)/.installed  ## close the loop once on this machine
+run: $(VENV)/.installed  ## close the loop once on this machine (RUN_ARGS=--help)
 	$(BIN)/gfm run $(RUN_ARGS)
 
-test: $(VENV)/.installed
+test: $(VENV)/.installed  ## run the tests
 	$(BIN)/python -m pytest -m "not slow and not containers"
 
-test-slow: $(VENV)/.installed
+test-slow: $(VENV)/.installed  ## run the tests that take longer
 	$(BIN)/python -m pytest -m "slow and not containers"
 
-check: $(VENV)/.installed
+test-containers: $(VENV)/.installed  ## build the images and run the system in them (CONTAINER_ENGINE)
+	$(BIN)/python -m pytest -m containers
+
+check: $(VENV)/.installed  ## check format, lint, imports and types
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
-format: $(VENV)/.installed
+format: $(VENV)/.installed  ## format and repair what can be repaired
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-clean:
-	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
+# Keeps the versions that are there: delete the lines that should move, or the file for all.
+# torch's own CUDA packages are left out: it names them to the digit, and its CPU build has none.
+lock:  ## write requirements.lock from pyproject.toml
+	touch requirements.lock
+	$(PYTHON) -m venv --clear $(LOCK_VENV)
+	$(LOCK_VENV)/bin/python -m pip --quiet uninstall --yes setuptools
+	$(LOCK_VENV)/bin/python -m pip --quiet install --constraint requirements.lock '.[dev]'
+	{ echo '# Written by `make lock` from pyproject.toml.'; \
+	  $(LOCK_VENV)/bin/python -m pip freeze --all --exclude pip --exclude gfm-sim2real \
+	  | sed -E '/^(cuda|nvidia|triton)/d; s/\+[a-z0-9.]+$$//'; } > $(LOCK_VENV)/requirements.lock
+	mv $(LOCK_VENV)/requirements.lock requirements.lock
+
+clean:  ## remove what was made, except runs
+	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
