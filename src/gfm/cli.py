@@ -1,1 +1,111 @@
-"""The command `gfm`."""
+"""The command `gfm`: one line of help per subcommand; each is imported only when it is called."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+
+import gfm
+
+_DESCRIPTION = """\
+Closes the gap between a MuJoCo model and the robot it stands for: records the robot, finds what the
+model gets wrong, names the missing effect and adds it, and learns forces for the rest.
+"""
+_EPILOG = """\
+Start with `gfm run`. Exit status: 0 done, 1 a peer stayed away or said no, 2 bad input (one line
+says what), 130 interrupted.
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subcommand:
+    """Where a subcommand lives.
+
+    Attributes:
+        name: As it is typed.
+        module: Has the function that adds its parser.
+        adder: That function's name; the parser's default `run` does the work.
+        summary: One line for a newcomer.
+    """
+
+    name: str
+    module: str
+    adder: str
+    summary: str
+
+
+SUBCOMMANDS = (
+    Subcommand(
+        name="run",
+        module="gfm.experiments.commands",
+        adder="add_run_parser",
+        summary="close the whole loop once on this machine",
+    ),
+    Subcommand(
+        name="diagnose",
+        module="gfm.experiments.commands",
+        adder="add_diagnose_parser",
+        summary="find what a model lacks to explain recordings",
+    ),
+    Subcommand(
+        name="record",
+        module="gfm.experiments.record",
+        adder="add_parser",
+        summary="drive the robot along motions and record them",
+    ),
+    Subcommand(
+        name="import",
+        module="gfm.recording.commands",
+        adder="add_parser",
+        summary="turn CSV or JSON tables into recordings",
+    ),
+    Subcommand(
+        name="up",
+        module="gfm.launch.commands",
+        adder="add_up_parser",
+        summary="start replay, learner and actors on this machine",
+    ),
+    Subcommand(
+        name="status",
+        module="gfm.launch.commands",
+        adder="add_status_parser",
+        summary="ask a running system how it is",
+    ),
+    Subcommand(
+        name="router",
+        module="gfm.launch.commands",
+        adder="add_router_parser",
+        summary="run a router that services connect to",
+    ),
+)
+
+
+def make_parser(chosen: str = "") -> argparse.ArgumentParser:
+    """Returns the parser of the command line; only the `chosen` subcommand has its flags."""
+    parser = argparse.ArgumentParser("gfm", description=_DESCRIPTION, epilog=_EPILOG)
+    parser.add_argument("--version", action="version", version=f"gfm {gfm.__version__}")
+    subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for one in SUBCOMMANDS:
+        if one.name == chosen:
+            getattr(import_module(one.module), one.adder)(subparsers)
+        else:
+            subparsers.add_parser(one.name, help=one.summary)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one command to its exit status."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    arguments = make_parser(words[0] if words else "").parse_args(words)
+
+    # Not before: it loads the transport, which `gfm --help` can do without.
+    from gfm.service import exit_status
+
+    return exit_status(lambda: arguments.run(arguments))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -58,7 +58,7 @@ def identify(
     specs: Mapping[CommandKind, mujoco.MjSpec],
     recordings: Sequence[Trajectory],
     *,
-    most_s: float = 24.0,
+    most_s: float = 20.0,
     max_iterations: int = 15,
 ) -> Identified:
     """Returns the gains and dampings that minimise the error of open-loop rollouts.
@@ -90,7 +90,7 @@ def identify(
         gain=gain,
         damping=added + objective.nominal_damping,
         before=objective.unit_rad,
-        after=objective.unit_rad * float(np.sqrt(found.fun)),
+        after=objective.unit_rad * float(np.sqrt(2.0 * found.fun)),
         recordings=tuple(recording.name for recording in chosen),
         iterations=int(found.nit),
         converged=bool(found.success),
@@ -108,10 +108,11 @@ def _alternating(recordings: Sequence[Trajectory], most_s: float) -> list[Trajec
 
 @final
 class _Objective:
-    """Mean squared position error of rollouts, in units of the nominal model's.
+    """Half the mean squared position error of rollouts, in units of the nominal model's.
 
     Rollouts are integrated fast; what that changes is measured once, on the nominal model, and
-    taken off. SLSQP's variables are scaled so that each changes the residuals about as much.
+    taken off. SLSQP's variables are scaled so that each changes the residuals about as much, and
+    the objective has about unit curvature in them, which is what SLSQP assumes at first.
 
     Attributes:
         unit_rad: RMSE of the nominal model.
@@ -180,12 +181,10 @@ class _Objective:
     def gradient(self, scaled: Array) -> Array:
         """Returns its gradient, shape (P,): finite differences of the residuals, in one batch."""
         residual, columns = self._jacobian(self.parameters(scaled))
-        return np.asarray(
-            2.0 * (columns @ residual) / residual.size * self._scale / self.unit_rad**2
-        )
+        return np.asarray(columns @ residual / residual.size * self._scale / self.unit_rad**2)
 
     def _cost(self, residual: Array) -> float:
-        return float(np.mean(residual**2)) / self.unit_rad**2
+        return 0.5 * float(np.mean(residual**2)) / self.unit_rad**2
 
     def _jacobian(self, parameters: Array) -> tuple[Array, Array]:
         """Returns the residual (N,) and its derivatives (P, N)."""

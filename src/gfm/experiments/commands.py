@@ -1,0 +1,152 @@
+"""The flags of `gfm run` and `gfm diagnose`; what they do is imported when it is done."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+if TYPE_CHECKING:
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+
+_RUN = """\
+Closes the loop once on this machine, with real services as processes of their own: drives a
+simulated Sawyer and records it, measures how far its nominal model is off, identifies gains and
+dampings (the usual answer), diagnoses which effect the model lacks, learns generalized forces for
+the rest, and reports all of it. The robot hides an effect that is revealed after the verdict.
+"""
+_DIAGNOSE = """\
+Finds what a MuJoCo model lacks to explain recordings of the robot that it stands for: names the
+missing effect, says how large it is and how sure that is, and writes a corrected model.
+"""
+_DIAGNOSE_END = """\
+Recordings are MCAP files with sensor_msgs/msg/JointState on both topics (`gfm import` makes them
+from tables). The model has one actuator per joint, named as the joint, of the kind of the commands:
+position servo, velocity servo or motor. Exit status: 0 a verdict was reached, 2 bad input.
+"""
+
+
+def add_run_parser(subparsers: Subparsers) -> None:
+    """Adds `gfm run`."""
+    parser = subparsers.add_parser(
+        "run", help="close the whole loop once on this machine", description=_RUN
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of everything random (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--hidden-effect",
+        default="random",
+        metavar="NAME",
+        help="what the robot hides: random, none, or an effect (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--skip-gfm", action="store_true", help="leave out learning generalized forces"
+    )
+    parser.add_argument(
+        "--actors", type=int, default=2, metavar="N", help="actor processes (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="a new folder for everything (default: runs/TIME)"
+    )
+    parser.add_argument(
+        "--budget-minutes",
+        type=float,
+        default=9.5,
+        metavar="MINUTES",
+        help="for the whole run; learning takes what the rest leaves (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--motion-s",
+        type=float,
+        default=12.0,
+        metavar="SECONDS",
+        help="length of each of the ten motions (default: %(default)s)",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Closes the loop."""
+    from gfm.experiments.run import RunSettings, close_the_loop
+
+    settings = RunSettings(
+        folder=arguments.out or Path("runs") / time.strftime("%Y%m%d-%H%M%S"),
+        seed=arguments.seed,
+        hidden_effect=arguments.hidden_effect,
+        skip_gfm=arguments.skip_gfm,
+        actors=arguments.actors,
+        budget_s=60.0 * arguments.budget_minutes,
+        motion_s=arguments.motion_s,
+    )
+    close_the_loop(settings, Console())
+    return 0
+
+
+def add_diagnose_parser(subparsers: Subparsers) -> None:
+    """Adds `gfm diagnose`."""
+    parser = subparsers.add_parser(
+        "diagnose",
+        help="find what a model lacks to explain recordings",
+        description=_DIAGNOSE,
+        epilog=_DIAGNOSE_END,
+    )
+    parser.add_argument(
+        "recordings", nargs="+", type=Path, metavar="RECORDING", help="MCAP file to learn from"
+    )
+    parser.add_argument(
+        "--model",
+        dest="models",
+        action="append",
+        required=True,
+        type=Path,
+        metavar="MODEL.xml",
+        help="MJCF of the robot; once per kind of command in the recordings",
+    )
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="for report and corrected model"
+    )
+    parser.add_argument(
+        "--holdout",
+        nargs="+",
+        action="extend",
+        type=Path,
+        default=[],
+        metavar="RECORDING",
+        help="what errors are measured on (default: the last recording, or the end of a lone one)",
+    )
+    parser.add_argument(
+        "--joint-states",
+        default="/joint_states",
+        metavar="TOPIC",
+        help="measurements (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--command",
+        default="/joint_command",
+        metavar="TOPIC",
+        help="commands (default: %(default)s)",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="kept in the report")
+    parser.set_defaults(run=run_diagnose)
+
+
+def run_diagnose(arguments: argparse.Namespace) -> int:
+    """Diagnoses recordings."""
+    from gfm.experiments.diagnose_command import DiagnoseRequest, diagnose_files
+
+    request = DiagnoseRequest(
+        recordings=tuple(arguments.recordings),
+        holdout=tuple(arguments.holdout),
+        models=tuple(arguments.models),
+        out=arguments.out,
+        joint_states=arguments.joint_states,
+        command=arguments.command,
+        seed=arguments.seed,
+    )
+    diagnose_files(request, Console(), Console(file=sys.stderr))
+    return 0

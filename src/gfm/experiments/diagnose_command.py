@@ -1,0 +1,132 @@
+"""What `gfm diagnose` does: recordings and a model in, a verdict out."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from gfm.core import BadInputError, ConfigError
+from gfm.diagnosis.diagnose import diagnose
+from gfm.diagnosis.result import Diagnosis
+from gfm.experiments.inputs import (
+    check_together,
+    command_line,
+    load_specs,
+    provenance,
+    read_recordings,
+    sha256,
+    split,
+)
+from gfm.recording.schemas import COMMAND, JOINT_STATES
+from gfm.report import print_diagnosis, write_diagnosis
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseRequest:
+    """What is to be diagnosed.
+
+    Attributes:
+        recordings: What effects are looked for in.
+        holdout: What errors are measured on; empty to split that off the recordings.
+        models: One MJCF file per kind of command.
+        out: Folder to write to.
+        joint_states: Topic of the measurements.
+        command: Topic of the commands.
+        seed: Of everything random; the diagnosis has nothing random today, and says so.
+    """
+
+    recordings: tuple[Path, ...]
+    holdout: tuple[Path, ...]
+    models: tuple[Path, ...]
+    out: Path
+    joint_states: str = JOINT_STATES
+    command: str = COMMAND
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _check_folder(self.out)
+        given = [*self.recordings, *self.holdout]
+        twice = [path for i, path in enumerate(given) if path.resolve() in _resolved(given[:i])]
+        if twice:
+            raise ConfigError(f"{twice[0]}: given twice; expected different recordings")
+
+
+def diagnose_files(request: DiagnoseRequest, answer: Console, progress: Console) -> None:
+    """Reads, diagnoses, writes and prints.
+
+    Args:
+        request: What.
+        answer: Gets the verdict.
+        progress: Told what is happening.
+
+    Raises:
+        BadInputError: something given cannot be used; nothing was written.
+    """
+    diagnosis = _diagnosed(request, progress)
+    paths = write_whole(request.out, diagnosis)
+    print_diagnosis(answer, diagnosis)
+    for path in paths:
+        answer.print(Text(str(path)), soft_wrap=True)
+
+
+def _diagnosed(request: DiagnoseRequest, progress: Console) -> Diagnosis:
+    specs = load_specs(request.models)
+    paths = [*request.recordings, *request.holdout]
+    recordings = read_recordings(paths, joint_states=request.joint_states, command=request.command)
+    _check_different(paths)
+    check_together(specs, list(zip(paths, recordings, strict=True)))
+    count = len(request.recordings)
+    training, holdout, notes = recordings[:count], recordings[count:], []
+    if not holdout:
+        training, holdout, note = split(training)
+        notes.append(note)
+    files = {
+        "model": request.models,
+        "recording": request.recordings,
+        "held-out recording": request.holdout,
+    }
+    return diagnose(
+        specs,
+        training,
+        holdout,
+        report=lambda words: progress.print(Text(f"  {words}", style="dim"), soft_wrap=True),
+        provenance=provenance(files, request.seed, command_line()),
+        notes=notes,
+    )
+
+
+def _check_different(paths: Sequence[Path]) -> None:
+    """Raises ConfigError where two files have the same content."""
+    seen: dict[str, Path] = {}
+    for path in paths:
+        before = seen.setdefault(sha256(path), path)
+        if before is not path:
+            raise ConfigError(f"{before} and {path} are the same; expected different recordings")
+
+
+def _resolved(paths: Sequence[Path]) -> list[Path]:
+    return [path.resolve() for path in paths]
+
+
+def _check_folder(out: Path) -> None:
+    there = next(place for place in (out, *out.absolute().parents) if place.exists())
+    if not there.is_dir():
+        raise BadInputError(f"{there}: is a file; expected a folder to write to")
+
+
+def write_whole(out: Path, diagnosis: Diagnosis) -> tuple[Path, ...]:
+    """Writes the files of a diagnosis beside `out` first, then moves them there."""
+    out.absolute().parent.mkdir(parents=True, exist_ok=True)
+    partial = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.absolute().parent))
+    try:
+        written = write_diagnosis(partial, diagnosis)
+        out.mkdir(exist_ok=True)
+        return tuple(path.replace(out / path.name) for path in written)
+    finally:
+        shutil.rmtree(partial)

@@ -1,0 +1,254 @@
+"""What commands read: models and recordings that belong together, and where they came from."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import shlex
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+import gfm
+from gfm.core import BadInputError, CommandKind, ConfigError, RecordingError, Trajectory
+from gfm.core.checks import Array
+from gfm.recording import read_recording
+from gfm.recording.schemas import COMMAND, JOINT_STATES
+
+#: Share of a single recording that effects are looked for in; the rest is held out.
+TRAINING_SHARE = 0.7
+#: Commands so long before the cut are kept with the second part: a robot may act on them late, s.
+_COMMAND_MEMORY_S = 1.0
+_FIXED = int(mujoco.mjtGain.mjGAIN_FIXED)
+_NO_BIAS, _AFFINE = int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)
+_SERVO_DYNAMICS = (
+    int(mujoco.mjtDyn.mjDYN_NONE),
+    int(mujoco.mjtDyn.mjDYN_FILTER),
+    int(mujoco.mjtDyn.mjDYN_FILTEREXACT),
+)
+
+
+def load_specs(paths: Sequence[Path]) -> dict[CommandKind, mujoco.MjSpec]:
+    """Returns the models in MJCF files by the kind of command that their actuators take.
+
+    Raises:
+        BadInputError: a file is missing or no MJCF, or its actuators take no one kind of command.
+        ConfigError: two files are of the same kind.
+    """
+    specs: dict[CommandKind, mujoco.MjSpec] = {}
+    origin: dict[CommandKind, Path] = {}
+    for path in paths:
+        spec, model = _load(path)
+        kind = command_kind(model, str(path))
+        if kind in specs:
+            raise ConfigError(
+                f"{origin[kind]} and {path}: both have {kind} actuators; "
+                "expected one model per kind of command"
+            )
+        specs[kind], origin[kind] = spec, path
+    return specs
+
+
+def _load(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    if not path.is_file():
+        raise BadInputError(f"model {path}: no such file, expected MJCF")
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        return spec, spec.compile()
+    except ValueError as exc:
+        reason = " ".join(str(exc).split())
+        raise BadInputError(f"model {path}: {reason}; expected MJCF that MuJoCo loads") from exc
+
+
+def command_kind(model: mujoco.MjModel, where: str) -> CommandKind:
+    """Returns the kind of command that all actuators of a model take.
+
+    Raises:
+        ConfigError: there are none, or they take different kinds.
+    """
+    kinds = {model.actuator(i).name: _actuator_kind(model, i) for i in range(model.nu)}
+    if not kinds:
+        raise ConfigError(
+            f"model {where}: no actuators; expected one per driven joint, named as the joint"
+        )
+    strange = [name for name, kind in kinds.items() if kind is None]
+    if strange:
+        raise ConfigError(
+            f"model {where}: actuator {', '.join(strange)} is no position servo, velocity servo or "
+            "motor"
+        )
+    first = next(iter(kinds.values()))
+    if first is None or set(kinds.values()) != {first}:
+        listed = ", ".join(f"{name} ({kind})" for name, kind in kinds.items())
+        raise ConfigError(f"model {where}: actuators {listed}; expected one kind of command")
+    return first
+
+
+def _actuator_kind(model: mujoco.MjModel, index: int) -> CommandKind | None:
+    """Returns what an actuator takes; None where that is neither of the three."""
+    gain, bias = float(model.actuator_gainprm[index, 0]), model.actuator_biasprm[index, :3]
+    fixed = model.actuator_gaintype[index] == _FIXED
+    if not fixed or model.actuator_dyntype[index] not in _SERVO_DYNAMICS:
+        return None
+    if model.actuator_biastype[index] == _NO_BIAS:
+        return CommandKind.EFFORT
+    if model.actuator_biastype[index] != _AFFINE:
+        return None
+    if bias[1] != 0.0:
+        return CommandKind.POSITION if np.isclose(gain, -bias[1]) else None
+    return CommandKind.VELOCITY if bias[2] != 0.0 and np.isclose(gain, -bias[2]) else None
+
+
+def read_recordings(
+    paths: Sequence[Path], *, joint_states: str = JOINT_STATES, command: str = COMMAND
+) -> list[Trajectory]:
+    """Returns recordings with their joints in the order of the first one's.
+
+    Args:
+        paths: MCAP files.
+        joint_states: Topic of the measurements.
+        command: Topic of the commands.
+
+    Raises:
+        RecordingError: a file cannot be trusted, or has other joints than the first.
+    """
+    read = [read_recording(path, joint_states=joint_states, command=command) for path in paths]
+    return [_ordered(t, read[0], path) for t, path in zip(read, paths, strict=True)]
+
+
+def _ordered(trajectory: Trajectory, first: Trajectory, path: Path) -> Trajectory:
+    names = first.joint_names
+    if set(trajectory.joint_names) != set(names):
+        raise RecordingError(
+            str(path),
+            f"joints {', '.join(trajectory.joint_names)}",
+            f"those of {first.name}: {', '.join(names)}",
+        )
+    columns = [trajectory.joint_names.index(name) for name in names]
+
+    def ordered(values: Array | None) -> Array | None:
+        return None if values is None else values[:, columns]
+
+    return replace(
+        trajectory,
+        joint_names=names,
+        position=trajectory.position[:, columns],
+        velocity=ordered(trajectory.velocity),
+        effort=ordered(trajectory.effort),
+        command=trajectory.command[:, columns],
+        requested=ordered(trajectory.requested),
+    )
+
+
+def check_together(
+    specs: Mapping[CommandKind, mujoco.MjSpec], recordings: Sequence[tuple[Path, Trajectory]]
+) -> None:
+    """Raises RecordingError for the first recording that no model is made for."""
+    for path, recording in recordings:
+        kind = recording.command_kind
+        if kind not in specs:
+            kinds = " or ".join(sorted(specs))
+            raise RecordingError(
+                str(path), f"{kind} commands", f"{kinds} commands: those the models' actuators take"
+            )
+        joints = {joint.name for joint in specs[kind].joints}
+        _check_names(path, recording, "joint", joints)
+        driven = {actuator.name for actuator in specs[kind].actuators}
+        _check_names(path, recording, "actuator", driven)
+
+
+def _check_names(path: Path, recording: Trajectory, what: str, there: Iterable[str]) -> None:
+    missing = [name for name in recording.joint_names if name not in there]
+    if missing:
+        raise RecordingError(
+            str(path),
+            f"no {what} of the model is called {', '.join(missing)}, as a recorded joint is",
+            f"names from the model's {what}s: {', '.join(sorted(there)) or 'none'}",
+        )
+
+
+def split(
+    recordings: Sequence[Trajectory],
+) -> tuple[list[Trajectory], list[Trajectory], str]:
+    """Returns what to train on, what to hold out, and a note that says so.
+
+    The last of several recordings is held out, and the last part of a single one.
+    """
+    if len(recordings) > 1:
+        note = f"No --holdout was given: errors are measured on the last one, {recordings[-1].name}"
+        return list(recordings[:-1]), [recordings[-1]], f"{note}."
+    first, second = cut_in_two(recordings[0], TRAINING_SHARE)
+    note = (
+        f"No --holdout was given: errors are measured on the last {100 * (1 - TRAINING_SHARE):.0f} "
+        "% of the only recording. Another motion would say more."
+    )
+    return [first], [second], note
+
+
+def cut_in_two(recording: Trajectory, share: float) -> tuple[Trajectory, Trajectory]:
+    """Returns the first `share` of a recording's time, and the rest."""
+    cut_ns = recording.stamp_ns[0] + round(recording.duration_s * share * 1e9)
+    first = recording.stamp_ns < cut_ns
+    early = recording.command_stamp_ns < cut_ns
+    late = recording.command_stamp_ns >= cut_ns - round(_COMMAND_MEMORY_S * 1e9)
+    # Whatever held at the beginning of the second part has to be there, however old it is.
+    late[max(int(early.sum()) - 1, 0)] = True
+    early[0] = True
+    return _part(recording, "first", first, early), _part(recording, "last", ~first, late)
+
+
+def _part(
+    recording: Trajectory, label: str, states: np.ndarray, commands: np.ndarray
+) -> Trajectory:
+    return replace(
+        recording,
+        name=f"{recording.name} ({label} part)",
+        stamp_ns=recording.stamp_ns[states],
+        position=recording.position[states],
+        velocity=None if recording.velocity is None else recording.velocity[states],
+        effort=None if recording.effort is None else recording.effort[states],
+        command_stamp_ns=recording.command_stamp_ns[commands],
+        command=recording.command[commands],
+        requested=None if recording.requested is None else recording.requested[commands],
+    )
+
+
+def provenance(
+    files: Mapping[str, Sequence[Path]], seed: int, words: Sequence[str]
+) -> dict[str, object]:
+    """Returns what a result should say about where it came from.
+
+    Args:
+        files: What was read, by role.
+        seed: Of everything random.
+        words: The command line.
+    """
+    return {
+        "files": [
+            {"role": role, "path": str(path), "sha256": sha256(path)}
+            for role, paths in files.items()
+            for path in paths
+        ],
+        "versions": {
+            "gfm": gfm.__version__,
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("mujoco", "numpy", "scipy")},
+        },
+        "seed": seed,
+        "command": shlex.join(words),
+    }
+
+
+def command_line() -> list[str]:
+    """Returns the words with which this process was started."""
+    return [Path(sys.argv[0]).name, *sys.argv[1:]]
+
+
+def sha256(path: Path) -> str:
+    """Returns the hash of a file's content."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,388 @@
+"""What `gfm run` does: the whole loop once, with real services, in one folder.
+
+Services are processes of their own; this one drives, diagnoses, compares and reports. The file in
+which the simulated robot sealed what it hides is opened after everything else is decided.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import final
+
+import mujoco
+from rich.console import Console
+from rich.text import Text
+
+from gfm.core import BadInputError, Clock, CommandKind, ConfigError, MonotonicClock, Trajectory
+from gfm.diagnosis.baseline import Identified, identify
+from gfm.diagnosis.correction import corrected_xml
+from gfm.diagnosis.diagnose import diagnose
+from gfm.diagnosis.problem import measure_noise
+from gfm.diagnosis.result import Diagnosis, NamedEffect
+from gfm.effects import EffectInstance, find_effect
+from gfm.experiments.drive import Driven, drive, sawyer_ranges
+from gfm.experiments.fit import BEST, FitInputs, FittedForces, ForceFit
+from gfm.experiments.inputs import command_line, provenance, read_recordings
+from gfm.experiments.joint_control import JointControlTest, ModelErrors, make_test
+from gfm.experiments.progress import Phase, RunProgress
+from gfm.experiments.sealed import unseal
+from gfm.experiments.waypoints import Purpose, motions
+from gfm.launch import (
+    Supervisor,
+    SystemSpec,
+    free_endpoint,
+    replay_process,
+    robot_processes,
+    statuses,
+    summary,
+)
+from gfm.report import ModelKind, PhaseTime, RunReport, SystemFacts, print_run, write_run
+from gfm.sim.sawyer import sawyer_spec
+
+KINDS = (CommandKind.POSITION, CommandKind.VELOCITY)
+START, DRIVE, MEASURE, IDENTIFY, DIAGNOSE, LEARN, EVALUATE = (
+    "start the services",
+    "drive and record the robot",
+    "measure the nominal model",
+    "identify gain and damping (SLSQP)",
+    "diagnose",
+    "learn generalized forces",
+    "compare the models and report",
+)
+_EXPECTED_S = {
+    START: 6.0,
+    DRIVE: 45.0,
+    MEASURE: 6.0,
+    IDENTIFY: 30.0,
+    DIAGNOSE: 90.0,
+    LEARN: 240.0,
+    EVALUATE: 15.0,
+}
+#: Learning ends so long before the budget does, and is not begun for less than the second, s.
+_RESERVE_S, _LEAST_LEARNING_S = 30.0, 20.0
+#: Longest time that is spent on learning, and between two looks at the policy, s.
+_MOST_LEARNING_S, _SNAPSHOT_S = 240.0, 15.0
+_IDLE_NS = 100_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSettings:
+    """What a run may be told.
+
+    Attributes:
+        folder: Gets everything; must be new or empty.
+        seed: Of everything random.
+        hidden_effect: What the simulated robot hides: random, none, or a name.
+        skip_gfm: Leave out learning generalized forces.
+        actors: Actor processes.
+        budget_s: For the whole run; learning takes what the rest leaves.
+        motion_s: Length of each motion.
+    """
+
+    folder: Path
+    seed: int = 0
+    hidden_effect: str = "random"
+    skip_gfm: bool = False
+    actors: int = 2
+    budget_s: float = 570.0
+    motion_s: float = 12.0
+
+    def __post_init__(self) -> None:
+        ranges = {
+            "seed": (0, 2**31),
+            "actors": (1, 64),
+            "budget_s": (30.0, 86400.0),
+            "motion_s": (4.0, 120.0),
+        }
+        for name, (least, most) in ranges.items():
+            value = getattr(self, name)
+            if not least <= value <= most:
+                raise ConfigError(f"{name} is {value:g}, expected {least:g} to {most:g}")
+        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
+            raise BadInputError(f"{self.folder}: exists; expected a new or an empty folder")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """What was driven.
+
+    Attributes:
+        paths: Of the recordings, by purpose.
+        training: To find effects in and to fit.
+        held_out: To measure errors on.
+    """
+
+    paths: Mapping[Purpose, tuple[Path, ...]]
+    training: list[Trajectory]
+    held_out: list[Trajectory]
+
+
+def close_the_loop(
+    settings: RunSettings, console: Console, clock: Clock | None = None
+) -> RunReport:
+    """Runs the loop, writes its report and prints it.
+
+    Raises:
+        BadInputError: a setting cannot be used; where the robot says so, the folder is removed.
+        GfmError: a service failed.
+    """
+    # SIGTERM ends a run as Ctrl-C does: by leaving the block that owns the processes.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Every service computes in one thread; more of them would only get into each other's way.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    report = _Run(settings, console, clock or MonotonicClock()).report()
+    paths = write_run(settings.folder, report)
+    print_run(console, report)
+    for path in paths:
+        console.print(Text(str(path)), soft_wrap=True)
+    return report
+
+
+@final
+class _Run:
+    """The state of one run: what each phase leaves for the next ones."""
+
+    def __init__(self, settings: RunSettings, console: Console, clock: Clock) -> None:
+        self._settings, self._clock = settings, clock
+        self._specs = {kind: sawyer_spec(command=kind) for kind in KINDS}
+        left_out = {LEARN} if settings.skip_gfm else set()
+        phases = [Phase(name=n, expected_s=s) for n, s in _EXPECTED_S.items() if n not in left_out]
+        self._progress = RunProgress(phases, console=console, clock=clock)
+
+    def report(self) -> RunReport:
+        """Runs all phases."""
+        with self._progress:
+            with self._supervisor() as supervisor:
+                self._start(supervisor)
+                recorded = self._drive(supervisor)
+                test, nominal = self._measure(recorded)
+                identified = self._identify(recorded)
+                diagnosis = self._diagnose(recorded)
+                fitted = self._learn(supervisor, recorded)
+                facts = _facts(supervisor)
+            return self._compare(test, nominal, identified, diagnosis, fitted, facts)
+
+    @property
+    def _sealed(self) -> Path:
+        return self._settings.folder.absolute() / "sealed.json"
+
+    @property
+    def _models(self) -> dict[CommandKind, Path]:
+        folder = self._settings.folder / "models"
+        return {kind: folder / f"sawyer_{kind}.xml" for kind in KINDS}
+
+    def _supervisor(self) -> Supervisor:
+        folder, seed = self._settings.folder.absolute(), self._settings.seed
+        robot = (
+            *("--hidden-effect", self._settings.hidden_effect),
+            *("--seed", str(seed), "--sealed", str(self._sealed)),
+        )
+        system = SystemSpec(
+            run="loop",  # a router of its own: nobody else is there
+            endpoint=free_endpoint(),
+            processes=(
+                replay_process(),
+                *robot_processes(("--recordings", str(folder / "recordings")), robot),
+            ),
+        )
+        return Supervisor(system, folder / "logs", clock=self._clock)
+
+    def _start(self, supervisor: Supervisor) -> None:
+        with self._progress.phase(START):
+            self._progress.say("replay, robot bridge, simulated Sawyer")
+            try:
+                supervisor.start()
+            except BadInputError:
+                supervisor.stop()
+                shutil.rmtree(self._settings.folder)  # it was new, and holds logs alone
+                raise
+            for kind, path in self._models.items():
+                path.parent.mkdir(exist_ok=True)
+                path.write_text(_mjcf(self._specs[kind]), encoding="utf-8")
+
+    def _drive(self, supervisor: Supervisor) -> Recorded:
+        chosen = motions(
+            sawyer_ranges(), seed=self._settings.seed, duration_s=self._settings.motion_s
+        )
+
+        def idle() -> None:
+            supervisor.check()
+            self._clock.sleep_until_ns(self._clock.now_ns() + _IDLE_NS)
+
+        driven: list[Driven] = []
+        with self._progress.phase(DRIVE):
+            self._progress.say(chosen[0].name, share=0.0)
+            for one in drive(supervisor.transport, self._clock, chosen, idle=idle):
+                driven.append(one)
+                ahead = chosen[len(driven) : len(driven) + 1]
+                now = ahead[0].name if ahead else "reading the recordings"
+                self._progress.say(now, share=len(driven) / len(chosen))
+            paths = {p: tuple(d.path for d in driven if d.purpose is p) for p in Purpose}
+            return Recorded(
+                paths=paths,
+                training=read_recordings(paths[Purpose.TRAINING]),
+                held_out=read_recordings(paths[Purpose.HELDOUT]),
+            )
+
+    def _measure(self, recorded: Recorded) -> tuple[JointControlTest, ModelErrors]:
+        with self._progress.phase(MEASURE):
+            self._progress.say("open-loop rollouts of the held-out recordings")
+            noise = measure_noise(recorded.training)
+            test = make_test(self._specs, recorded.held_out, noise)
+            return test, test.model_errors(ModelKind.NOMINAL, (), "as published")
+
+    def _identify(self, recorded: Recorded) -> Identified:
+        with self._progress.phase(IDENTIFY):
+            self._progress.say("gain and damping of every joint, on training recordings")
+            return identify(self._specs, recorded.training)
+
+    def _diagnose(self, recorded: Recorded) -> Diagnosis:
+        files = {
+            "model": tuple(self._models.values()),
+            "recording": recorded.paths[Purpose.TRAINING],
+            "held-out recording": recorded.paths[Purpose.HELDOUT],
+        }
+        with self._progress.phase(DIAGNOSE):
+            return diagnose(
+                self._specs,
+                recorded.training,
+                recorded.held_out,
+                report=self._progress.say,
+                provenance=provenance(files, self._settings.seed, command_line()),
+            )
+
+    def _learn(self, supervisor: Supervisor, recorded: Recorded) -> FittedForces | None:
+        if self._settings.skip_gfm:
+            return None
+        inputs = FitInputs(
+            models=self._models,
+            recordings=recorded.paths[Purpose.TRAINING],
+            folder=self._settings.folder / "checkpoints",
+            seed=self._settings.seed,
+            actors=self._settings.actors,
+        )
+        with self._progress.phase(LEARN):
+            self._progress.say("warm start: inverse dynamics, regressed")
+            fit = ForceFit(inputs, self._clock)
+            left_s = self._settings.budget_s - _RESERVE_S - self._progress.time_s
+            if left_s >= _LEAST_LEARNING_S:
+                self._progress.say("starting learner and actors")
+                fit.start(supervisor)
+                self._follow(supervisor, fit, min(left_s, _MOST_LEARNING_S))
+            return fit.finish()
+
+    def _follow(self, supervisor: Supervisor, fit: ForceFit, whole_s: float) -> None:
+        """Watches learning until its time is up, and measures the policy now and then."""
+        looks = 0
+        while fit.time_s < whole_s:
+            supervisor.check()
+            self._progress.say(fit.wait(), share=fit.time_s / whole_s)
+            if fit.time_s >= _SNAPSHOT_S * (looks + 1):
+                fit.snapshot(supervisor)
+                looks = int(fit.time_s // _SNAPSHOT_S)
+        fit.snapshot(supervisor)
+
+    def _compare(
+        self,
+        test: JointControlTest,
+        nominal: ModelErrors,
+        identified: Identified,
+        diagnosis: Diagnosis,
+        fitted: FittedForces | None,
+        facts: SystemFacts,
+    ) -> RunReport:
+        with self._progress.phase(EVALUATE):
+            self._progress.say("open-loop rollouts of the held-out recordings")
+            models = [
+                nominal,
+                test.model_errors(
+                    ModelKind.IDENTIFIED, identified.effects, _identified_words(identified)
+                ),
+            ]
+            if fitted is not None:
+                models.append(
+                    test.hybrid_errors(fitted.forces, fitted.problem.model, fitted.detail)
+                )
+            effects = [_instance(effect) for effect in diagnosis.effects]
+            models.append(
+                test.model_errors(ModelKind.CORRECTED, effects, _corrected_words(diagnosis))
+            )
+            self._write_corrected(effects, diagnosis.effects)
+        phases = self._progress.durations_s().items()
+        return RunReport(
+            run_id=self._settings.folder.name,
+            robot="simulated Sawyer, driven through the robot bridge",
+            simulated=True,
+            diagnosis=replace(diagnosis, notes=(*diagnosis.notes, *_notes(fitted, test))),
+            comparison=test.comparison(models),
+            rollouts=test.held_out_rollouts(models),
+            training=fitted.curves if fitted else (),
+            hidden=unseal(self._sealed),
+            system=replace(
+                facts, phases=tuple(PhaseTime(name=name, seconds=s) for name, s in phases)
+            ),
+        )
+
+    def _write_corrected(
+        self, effects: list[EffectInstance], named: tuple[NamedEffect, ...]
+    ) -> None:
+        """Writes the corrected model for every kind of command, not only the report's one."""
+        for kind, spec in self._specs.items():
+            path = self._settings.folder / "models" / f"corrected_{kind}.xml"
+            path.write_text(corrected_xml(spec, effects, named), encoding="utf-8")
+
+
+def _mjcf(spec: mujoco.MjSpec) -> str:
+    spec.compile()
+    return str(spec.to_xml())
+
+
+def _instance(named: NamedEffect) -> EffectInstance:
+    return EffectInstance(
+        effect=find_effect(named.effect),
+        joints=named.joints,
+        values={name: estimate.value for name, estimate in named.parameters.items()},
+    )
+
+
+def _facts(supervisor: Supervisor) -> SystemFacts:
+    """Returns what the services say at the end; phases come later."""
+    found = statuses(supervisor.transport)
+    sums = summary(found)
+    counts = ("env_steps", "replay_sequences", "learner_steps", "weights_version")
+    return SystemFacts(
+        processes=tuple(found),
+        **{name: sums[name] for name in (*counts, "rejected_messages")},
+        phases=(),
+    )
+
+
+def _identified_words(identified: Identified) -> str:
+    ended = "" if identified.converged else ", stopped before it converged"
+    return (
+        f"gain and damping of every joint by SLSQP: {identified.iterations} iterations{ended} on "
+        f"{', '.join(identified.recordings)}"
+    )
+
+
+def _corrected_words(diagnosis: Diagnosis) -> str:
+    named = [f"{one.effect} ({', '.join(one.joints) or 'robot'})" for one in diagnosis.effects]
+    return f"nominal with {', '.join(named)}" if named else "nominal: nothing was named"
+
+
+def _notes(fitted: FittedForces | None, test: JointControlTest) -> list[str]:
+    notes = [
+        f"Models are compared by open-loop rollouts of {len(test.recordings)} whole held-out "
+        "recordings; what a wrong initial state explains is taken out, for all models alike."
+    ]
+    if fitted is not None:
+        notes.append(
+            f"Generalized forces (no named effect in their model): {fitted.detail}. Chosen on "
+            f"training recordings; kept in checkpoints/{BEST}."
+        )
+    return notes
