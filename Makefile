@@ -51,6 +51,7 @@ lock:  ## write requirements.lock from pyproject.toml
 	  $(LOCK_VENV)/bin/python -m pip freeze --all --exclude pip --exclude gfm-sim2real \
 	  | sed -E '/^(cuda|nvidia|triton)/d; s/\+[a-z0-9.]+$$//'; } > $(LOCK_VENV)/requirements.lock
 	mv $(LOCK_VENV)/requirements.lock requirements.lock
+	rm -r $(LOCK_VENV)
 
 clean:  ## remove what was made, except runs
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis

@@ -19,10 +19,9 @@ from gfm_actor.service import ActorService
 
 def build(config: ActorConfig, transport: Transport, clock: Clock) -> Service:
     """Returns the service that the settings describe."""
-    env = load_environment(
-        config.env, config.environment, num_envs=config.num_envs, seed=config.seed
-    )
-    return ActorService(config, env, transport, clock, np.random.default_rng(config.seed))
+    seed = config.chosen_seed
+    env = load_environment(config.env, config.environment, num_envs=config.num_envs, seed=seed)
+    return ActorService(config, env, transport, clock, np.random.default_rng(seed))
 
 
 def make_actor_parser() -> argparse.ArgumentParser:
@@ -42,7 +41,9 @@ def make_actor_parser() -> argparse.ArgumentParser:
         metavar="RATE",
         help="environment steps per second, at most",
     )
-    group.add_argument("--seed", type=int, help="of episodes and sampled actions")
+    group.add_argument(
+        "--seed", type=int, help="of episodes and sampled actions (default: made from the name)"
+    )
     return parser
 
 

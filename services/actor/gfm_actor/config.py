@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from typing import Annotated
 
 from msgspec import Meta
@@ -28,7 +29,8 @@ class ActorConfig(ServiceConfig, frozen=True, kw_only=True):
         max_weights_age_s: Without a sign of life from the learner for this long, it stops acting.
         max_steps_per_s: Environment steps per second, at most; None does not limit them.
         drain_s: How long to wait at the end for what is unacknowledged.
-        seed: Of the environment's episodes and of the sampled actions.
+        seed: Of the environment's episodes and of the sampled actions; None makes one from the
+            name, so that actors that were started alike do not act alike.
     """
 
     env: str = "gfm_fit"
@@ -40,7 +42,7 @@ class ActorConfig(ServiceConfig, frozen=True, kw_only=True):
     max_weights_age_s: Positive = 60.0
     max_steps_per_s: Positive | None = None
     drain_s: Annotated[float, Meta(ge=0.0)] = 2.0
-    seed: int = 0
+    seed: int | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -54,3 +56,8 @@ class ActorConfig(ServiceConfig, frozen=True, kw_only=True):
                 f"window is {self.window} and num_envs is {self.num_envs}, expected at least as "
                 "many: all instances may finish a sequence in the same step"
             )
+
+    @property
+    def chosen_seed(self) -> int:
+        """The seed, or the one made from the name."""
+        return zlib.crc32(self.name.encode()) if self.seed is None else self.seed
