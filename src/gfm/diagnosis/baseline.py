@@ -81,7 +81,7 @@ def identify(
         jac=objective.gradient,
         method="SLSQP",
         bounds=objective.bounds,
-        options={"maxiter": max_iterations, "ftol": 1e-4},
+        options={"maxiter": max_iterations, "ftol": 1e-6},
     )
     parameters = objective.parameters(found.x)
     gain, added = np.split(parameters, 2)
