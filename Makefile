@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 LOCK_VENV := build/lock
 RUN_ARGS ?=
 
-.PHONY: help run test test-slow test-containers check format lock images clean
+.PHONY: help run test test-slow test-containers check format lock images clean bench-effects
 
 help:  ## say what can be made
 	@sed -En 's/^([a-z-]+):.*## (.*)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -35,6 +35,9 @@ check: $(VENV)/.installed  ## check format, lint, imports and types
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
+
+bench-effects: $(VENV)/.installed  ## see whether runs name what their robots hide (20 runs)
+	$(BIN)/python benchmarks/effects_10_seeds.py
 
 format: $(VENV)/.installed  ## format and repair what can be repaired
 	$(BIN)/ruff format .
