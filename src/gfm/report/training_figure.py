@@ -27,7 +27,7 @@ from gfm.report.run import CurveGroup, TrainingCurve
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, INK)
 _PANELS = {
     CurveGroup.REWARD: "reward",
-    CurveGroup.ERROR: "held-out error",
+    CurveGroup.ERROR: "error of open-loop rollouts",
     CurveGroup.LOSS: "loss",
     CurveGroup.KL: "KL divergence",
 }
