@@ -12,7 +12,7 @@ import pytest
 import gfm
 from gfm.cli import SUBCOMMANDS, main, make_parser
 from gfm.core import BadInputError, ConfigError
-from gfm.experiments.run import RunSettings
+from gfm.experiments.run_settings import RunSettings
 
 MODELS = Path(__file__).parents[2] / "models"
 NAMES = [one.name for one in SUBCOMMANDS]

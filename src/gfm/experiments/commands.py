@@ -72,7 +72,7 @@ def add_run_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Closes the loop."""
-    from gfm.experiments.run import RunSettings, close_the_loop
+    from gfm.experiments.run_settings import RunSettings
 
     settings = RunSettings(
         folder=arguments.out or Path("runs") / time.strftime("%Y%m%d-%H%M%S"),
@@ -83,6 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
         budget_s=60.0 * arguments.budget_minutes,
         motion_s=arguments.motion_s,
     )
+    from gfm.experiments.run import close_the_loop
+
     close_the_loop(settings, Console())
     return 0
 

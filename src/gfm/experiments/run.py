@@ -9,8 +9,8 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
@@ -18,18 +18,19 @@ import mujoco
 from rich.console import Console
 from rich.text import Text
 
-from gfm.core import BadInputError, Clock, CommandKind, ConfigError, MonotonicClock, Trajectory
+from gfm.core import BadInputError, Clock, CommandKind, MonotonicClock, Trajectory
 from gfm.diagnosis.baseline import Identified, identify
 from gfm.diagnosis.correction import corrected_xml
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.problem import measure_noise
-from gfm.diagnosis.result import Diagnosis, NamedEffect
-from gfm.effects import EffectInstance, find_effect
+from gfm.diagnosis.result import Diagnosis
 from gfm.experiments.drive import Driven, drive, sawyer_ranges
-from gfm.experiments.fit import BEST, FitInputs, FittedForces, ForceFit
+from gfm.experiments.findings import Findings, system_facts
+from gfm.experiments.fit import FitInputs, FittedForces, ForceFit
 from gfm.experiments.inputs import command_line, provenance, read_recordings
 from gfm.experiments.joint_control import JointControlTest, ModelErrors, make_test
 from gfm.experiments.progress import Phase, RunProgress
+from gfm.experiments.run_settings import RunSettings
 from gfm.experiments.sealed import unseal
 from gfm.experiments.waypoints import Purpose, motions
 from gfm.launch import (
@@ -38,10 +39,8 @@ from gfm.launch import (
     free_endpoint,
     replay_process,
     robot_processes,
-    statuses,
-    summary,
 )
-from gfm.report import ModelKind, PhaseTime, RunReport, SystemFacts, print_run, write_run
+from gfm.report import ModelKind, RunReport, print_run, write_run
 from gfm.sim.sawyer import sawyer_spec
 
 KINDS = (CommandKind.POSITION, CommandKind.VELOCITY)
@@ -67,44 +66,7 @@ _EXPECTED_S = {
 _RESERVE_S, _LEAST_LEARNING_S = 30.0, 20.0
 #: Longest time that is spent on learning, and between two looks at the policy, s.
 _MOST_LEARNING_S, _SNAPSHOT_S = 240.0, 15.0
-_IDLE_NS = 100_000
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunSettings:
-    """What a run may be told.
-
-    Attributes:
-        folder: Gets everything; must be new or empty.
-        seed: Of everything random.
-        hidden_effect: What the simulated robot hides: random, none, or a name.
-        skip_gfm: Leave out learning generalized forces.
-        actors: Actor processes.
-        budget_s: For the whole run; learning takes what the rest leaves.
-        motion_s: Length of each motion.
-    """
-
-    folder: Path
-    seed: int = 0
-    hidden_effect: str = "random"
-    skip_gfm: bool = False
-    actors: int = 2
-    budget_s: float = 570.0
-    motion_s: float = 12.0
-
-    def __post_init__(self) -> None:
-        ranges = {
-            "seed": (0, 2**31),
-            "actors": (1, 64),
-            "budget_s": (30.0, 86400.0),
-            "motion_s": (4.0, 120.0),
-        }
-        for name, (least, most) in ranges.items():
-            value = getattr(self, name)
-            if not least <= value <= most:
-                raise ConfigError(f"{name} is {value:g}, expected {least:g} to {most:g}")
-        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
-            raise BadInputError(f"{self.folder}: exists; expected a new or an empty folder")
+_IDLE_NS, _CHECK_NS = 100_000, 100_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,9 +84,7 @@ class Recorded:
     held_out: list[Trajectory]
 
 
-def close_the_loop(
-    settings: RunSettings, console: Console, clock: Clock | None = None
-) -> RunReport:
+def close_the_loop(settings: RunSettings, console: Console) -> RunReport:
     """Runs the loop, writes its report and prints it.
 
     Raises:
@@ -135,7 +95,7 @@ def close_the_loop(
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     # Every service computes in one thread; more of them would only get into each other's way.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    report = _Run(settings, console, clock or MonotonicClock()).report()
+    report = _Run(settings, console, MonotonicClock()).report()
     paths = write_run(settings.folder, report)
     print_run(console, report)
     for path in paths:
@@ -164,8 +124,17 @@ class _Run:
                 identified = self._identify(recorded)
                 diagnosis = self._diagnose(recorded)
                 fitted = self._learn(supervisor, recorded)
-                facts = _facts(supervisor)
-            return self._compare(test, nominal, identified, diagnosis, fitted, facts)
+                facts = system_facts(supervisor)
+            return self._compare(
+                Findings(
+                    test=test,
+                    nominal=nominal,
+                    identified=identified,
+                    diagnosis=diagnosis,
+                    fitted=fitted,
+                    facts=facts,
+                )
+            )
 
     @property
     def _sealed(self) -> Path:
@@ -210,11 +179,8 @@ class _Run:
             sawyer_ranges(), seed=self._settings.seed, duration_s=self._settings.motion_s
         )
 
-        def idle() -> None:
-            supervisor.check()
-            self._clock.sleep_until_ns(self._clock.now_ns() + _IDLE_NS)
-
         driven: list[Driven] = []
+        idle = _watching(supervisor, self._clock)
         with self._progress.phase(DRIVE):
             self._progress.say(chosen[0].name, share=0.0)
             for one in drive(supervisor.transport, self._clock, chosen, idle=idle):
@@ -287,102 +253,38 @@ class _Run:
                 looks = int(fit.time_s // _SNAPSHOT_S)
         fit.snapshot(supervisor)
 
-    def _compare(
-        self,
-        test: JointControlTest,
-        nominal: ModelErrors,
-        identified: Identified,
-        diagnosis: Diagnosis,
-        fitted: FittedForces | None,
-        facts: SystemFacts,
-    ) -> RunReport:
+    def _compare(self, findings: Findings) -> RunReport:
         with self._progress.phase(EVALUATE):
             self._progress.say("open-loop rollouts of the held-out recordings")
-            models = [
-                nominal,
-                test.model_errors(
-                    ModelKind.IDENTIFIED, identified.effects, _identified_words(identified)
-                ),
-            ]
-            if fitted is not None:
-                models.append(
-                    test.hybrid_errors(fitted.forces, fitted.problem.model, fitted.detail)
-                )
-            effects = [_instance(effect) for effect in diagnosis.effects]
-            models.append(
-                test.model_errors(ModelKind.CORRECTED, effects, _corrected_words(diagnosis))
-            )
-            self._write_corrected(effects, diagnosis.effects)
-        phases = self._progress.durations_s().items()
-        return RunReport(
-            run_id=self._settings.folder.name,
-            robot="simulated Sawyer, driven through the robot bridge",
-            simulated=True,
-            diagnosis=replace(diagnosis, notes=(*diagnosis.notes, *_notes(fitted, test))),
-            comparison=test.comparison(models),
-            rollouts=test.held_out_rollouts(models),
-            training=fitted.curves if fitted else (),
-            hidden=unseal(self._sealed),
-            system=replace(
-                facts, phases=tuple(PhaseTime(name=name, seconds=s) for name, s in phases)
-            ),
+            models = findings.models()
+            self._write_corrected(findings)
+        return findings.report(
+            self._settings.folder.name, models, self._progress.durations_s(), unseal(self._sealed)
         )
 
-    def _write_corrected(
-        self, effects: list[EffectInstance], named: tuple[NamedEffect, ...]
-    ) -> None:
+    def _write_corrected(self, findings: Findings) -> None:
         """Writes the corrected model for every kind of command, not only the report's one."""
         for kind, spec in self._specs.items():
             path = self._settings.folder / "models" / f"corrected_{kind}.xml"
-            path.write_text(corrected_xml(spec, effects, named), encoding="utf-8")
+            text = corrected_xml(spec, findings.effects, findings.diagnosis.effects)
+            path.write_text(text, encoding="utf-8")
+
+
+def _watching(supervisor: Supervisor, clock: Clock) -> Callable[[], None]:
+    """Returns what to do while waiting: nap, and now and then see whether everybody is alive."""
+    checked_ns = clock.now_ns()
+
+    def idle() -> None:
+        nonlocal checked_ns
+        now_ns = clock.now_ns()
+        if now_ns - checked_ns >= _CHECK_NS:
+            supervisor.check()
+            checked_ns = now_ns
+        clock.sleep_until_ns(now_ns + _IDLE_NS)
+
+    return idle
 
 
 def _mjcf(spec: mujoco.MjSpec) -> str:
     spec.compile()
     return str(spec.to_xml())
-
-
-def _instance(named: NamedEffect) -> EffectInstance:
-    return EffectInstance(
-        effect=find_effect(named.effect),
-        joints=named.joints,
-        values={name: estimate.value for name, estimate in named.parameters.items()},
-    )
-
-
-def _facts(supervisor: Supervisor) -> SystemFacts:
-    """Returns what the services say at the end; phases come later."""
-    found = statuses(supervisor.transport)
-    sums = summary(found)
-    counts = ("env_steps", "replay_sequences", "learner_steps", "weights_version")
-    return SystemFacts(
-        processes=tuple(found),
-        **{name: sums[name] for name in (*counts, "rejected_messages")},
-        phases=(),
-    )
-
-
-def _identified_words(identified: Identified) -> str:
-    ended = "" if identified.converged else ", stopped before it converged"
-    return (
-        f"gain and damping of every joint by SLSQP: {identified.iterations} iterations{ended} on "
-        f"{', '.join(identified.recordings)}"
-    )
-
-
-def _corrected_words(diagnosis: Diagnosis) -> str:
-    named = [f"{one.effect} ({', '.join(one.joints) or 'robot'})" for one in diagnosis.effects]
-    return f"nominal with {', '.join(named)}" if named else "nominal: nothing was named"
-
-
-def _notes(fitted: FittedForces | None, test: JointControlTest) -> list[str]:
-    notes = [
-        f"Models are compared by open-loop rollouts of {len(test.recordings)} whole held-out "
-        "recordings; what a wrong initial state explains is taken out, for all models alike."
-    ]
-    if fitted is not None:
-        notes.append(
-            f"Generalized forces (no named effect in their model): {fitted.detail}. Chosen on "
-            f"training recordings; kept in checkpoints/{BEST}."
-        )
-    return notes

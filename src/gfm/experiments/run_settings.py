@@ -1,0 +1,45 @@
+"""What `gfm run` may be told; apart from the run, so that a bad setting is refused at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from gfm.core import BadInputError, ConfigError
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSettings:
+    """What a run may be told.
+
+    Attributes:
+        folder: Gets everything; must be new or empty.
+        seed: Of everything random.
+        hidden_effect: What the simulated robot hides: random, none, or a name.
+        skip_gfm: Leave out learning generalized forces.
+        actors: Actor processes.
+        budget_s: For the whole run; learning takes what the rest leaves.
+        motion_s: Length of each motion.
+    """
+
+    folder: Path
+    seed: int = 0
+    hidden_effect: str = "random"
+    skip_gfm: bool = False
+    actors: int = 2
+    budget_s: float = 570.0
+    motion_s: float = 12.0
+
+    def __post_init__(self) -> None:
+        ranges = {
+            "seed": (0, 2**31),
+            "actors": (1, 64),
+            "budget_s": (30.0, 86400.0),
+            "motion_s": (4.0, 120.0),
+        }
+        for name, (least, most) in ranges.items():
+            value = getattr(self, name)
+            if not least <= value <= most:
+                raise ConfigError(f"{name} is {value:g}, expected {least:g} to {most:g}")
+        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
+            raise BadInputError(f"{self.folder}: exists; expected a new or an empty folder")
