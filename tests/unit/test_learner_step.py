@@ -84,9 +84,9 @@ def test_targets_change_only_once_a_period():
 def test_the_normaliser_is_fixed_after_its_steps():
     settings = LearnerSettings(policy_hidden=(8,), critic_hidden=(8,), normaliser_steps=2)
     state, _ = learn(init_learner(SPEC, settings, 0), [batch(0), batch(1)], settings)
-    shift = state.networks.normaliser.shift.clone()
+    shift = state.networks.policy_normaliser.shift.clone()
     state, _ = learn(state, [batch(2)], settings)
-    torch.testing.assert_close(state.networks.normaliser.shift, shift, rtol=0, atol=0)
+    torch.testing.assert_close(state.networks.policy_normaliser.shift, shift, rtol=0, atol=0)
 
 
 def test_what_is_observed_after_a_terminal_transition_teaches_nothing():
@@ -107,6 +107,20 @@ def test_what_is_observed_after_a_terminal_transition_teaches_nothing():
 def test_a_batch_of_single_transitions_is_learned_from():
     _, stats = learn(init_learner(SPEC, SMALL, 0), [batch(0, steps=1)])
     assert np.isfinite(list(stats.values())).all()
+
+
+def test_the_policy_waits_for_the_critic_where_it_is_told_to():
+    settings = LearnerSettings(
+        policy_hidden=(8,), critic_hidden=(8,), target_period=1, critic_first_steps=2
+    )
+    state = init_learner(SPEC, settings, 0)
+    first = policy_tensors(state)["mean.bias"]
+    critic = state.networks.critic.value.weight.detach().clone()
+    state, _ = learn(state, [batch(0), batch(1)], settings)
+    np.testing.assert_array_equal(policy_tensors(state)["mean.bias"], first)
+    assert (state.networks.critic.value.weight != critic).any()
+    state, _ = learn(state, [batch(2)], settings)
+    assert (policy_tensors(state)["mean.bias"] != first).any()
 
 
 def test_the_critic_learns_the_value_of_a_constant_reward():

@@ -87,8 +87,8 @@ def test_numpy_policy_is_the_networks_function(hidden):
     with torch.no_grad():
         for parameter in networks.target_policy.parameters():
             parameter.add_(0.3 * torch.randn(parameter.shape, generator=generator))
-        networks.normaliser.update(observation)
-        expected = networks.target_policy(networks.normaliser(observation))
+        networks.policy_normaliser.update(observation)
+        expected = networks.target_policy(networks.policy_normaliser(observation))
     policy = GaussianPolicy.from_weights(policy_tensors(state))
     mean = policy.mean_action(observation.numpy())
     np.testing.assert_allclose(mean, expected.mean.clamp(-1, 1), rtol=0, atol=2e-5)
@@ -110,7 +110,7 @@ def test_numpy_policy_samples_around_its_mean():
 
 def test_loaded_tensors_come_out_again():
     source = init_learner(SPEC, LearnerSettings(), seed=0)
-    source.networks.normaliser.update(torch.randn(100, 5))
+    source.networks.policy_normaliser.update(torch.randn(100, 5))
     state = init_learner(SPEC, LearnerSettings(), seed=1)
     load_policy_tensors(state, policy_tensors(source))
     for name, tensor in policy_tensors(source).items():

@@ -125,7 +125,8 @@ class ActorService(Service):
             self._next_ns = max(self._next_ns + period_ns, self._clock.now_ns() - period_ns)
 
     def _act(self, policy: GaussianPolicy) -> None:
-        action, log_prob = policy.sample(self._observation, self._rng)
+        seen = self._observation[:, : self._env.spec.policy_size]
+        action, log_prob = policy.sample(seen, self._rng)
         transition = self._env.step(action)
         valid = _is_finite(transition)
         acted = Acted(

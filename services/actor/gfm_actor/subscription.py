@@ -98,7 +98,7 @@ class PolicySubscription:
             self._reject(str(error))
             return
         sizes = policy.observation_size, policy.action_size
-        if sizes != (self._spec.observation_size, self._spec.action_size):
+        if sizes != (self._spec.policy_size, self._spec.action_size):
             self._reject(f"they map {sizes[0]} observations to {sizes[1]} actions")
             return
         if weights.version < self.version:

@@ -23,16 +23,25 @@ class EnvironmentSpec:
         name: The environment's registered name.
         observation_size: O.
         action_size: A.
+        privileged_size: Of the observation, so many last numbers are for the critic alone: what is
+            known in training, but not where the policy acts.
     """
 
     name: str
     observation_size: int
     action_size: int
+    privileged_size: int = 0
+
+    @property
+    def policy_size(self) -> int:
+        """Of the observation, so many first numbers are what the policy sees."""
+        return self.observation_size - self.privileged_size
 
     @property
     def digest(self) -> str:
         """A short hash: two sides that compare it agree on what they exchange."""
-        text = f"{self.name}/{self.observation_size}/{self.action_size}"
+        sizes = f"{self.observation_size}/{self.action_size}/{self.privileged_size}"
+        text = f"{self.name}/{sizes}"
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

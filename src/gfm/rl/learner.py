@@ -59,6 +59,8 @@ class LearnerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         target_period: Steps between copies of policy and critic to their targets.
         gradient_limit: Largest norm of the policy's gradient, and of the critic's.
         normaliser_steps: Steps whose observations shape the normaliser; it is fixed afterwards.
+        critic_first_steps: Steps in which only the critic learns: a policy that begins well would
+            unlearn it while its critic is still random.
     """
 
     policy_hidden: Widths = (200, 200)
@@ -77,6 +79,7 @@ class LearnerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     target_period: Count = 25
     gradient_limit: Positive = 40.0
     normaliser_steps: Annotated[int, Meta(ge=0)] = 1000
+    critic_first_steps: Annotated[int, Meta(ge=0)] = 0
 
 
 class Networks(nn.Module):
@@ -84,12 +87,15 @@ class Networks(nn.Module):
 
     def __init__(self, spec: EnvironmentSpec, settings: LearnerSettings) -> None:
         super().__init__()
-        sizes = spec.observation_size, spec.action_size
-        self.normaliser = Normaliser(spec.observation_size)
+        self.policy_normaliser = Normaliser(spec.policy_size)
+        self.critic_normaliser = Normaliser(spec.observation_size)
         self.policy = PolicyNetwork(
-            *sizes, settings.policy_hidden, initial_stddev=settings.initial_stddev
+            spec.policy_size,
+            spec.action_size,
+            settings.policy_hidden,
+            initial_stddev=settings.initial_stddev,
         )
-        self.critic = CriticNetwork(*sizes, settings.critic_hidden)
+        self.critic = CriticNetwork(spec.observation_size, spec.action_size, settings.critic_hidden)
         self.target_policy = deepcopy(self.policy).requires_grad_(requires_grad=False)
         self.target_critic = deepcopy(self.critic).requires_grad_(requires_grad=False)
         self.duals = Duals(
@@ -99,6 +105,14 @@ class Networks(nn.Module):
             log_alpha_mean=settings.initial_log_alpha_mean,
             log_alpha_stddev=settings.initial_log_alpha_stddev,
         )
+
+    def normalise(self, observation: Tensor, *, update: bool) -> tuple[Tensor, Tensor]:
+        """Returns what policy and critic see of observations (E*, O), scaled."""
+        seen = observation[..., : len(self.policy_normaliser.shift)]
+        if update:
+            self.policy_normaliser.update(seen)
+            self.critic_normaliser.update(observation)
+        return self.policy_normaliser(seen), self.critic_normaliser(observation)
 
     @torch.no_grad()
     def update_targets(self) -> None:
@@ -159,19 +173,22 @@ def learner_step(
         generator: Where the sampled actions come from, on the device of the networks.
     """
     networks, data = state.networks, _time_major(batch, generator.device)
-    if state.steps < settings.normaliser_steps:
-        networks.normaliser.update(data.observation)
-    observation = networks.normaliser(data.observation)
-    estimate = _evaluate(networks, observation, data, settings, generator)
-    q_tm1 = networks.critic(observation[:-1], data.action)
+    seen, judged = networks.normalise(
+        data.observation, update=state.steps < settings.normaliser_steps
+    )
+    estimate = _evaluate(networks, (seen, judged), data, settings, generator)
+    q_tm1 = networks.critic(judged[:-1], data.action)
     critic_loss = 0.5 * (estimate.returns - q_tm1).square()
-    policy_loss, mpo = _policy_loss(networks, observation[1:], estimate, settings)
+    policy_loss, mpo = _policy_loss(networks, seen[1:], estimate, settings)
     # After a terminal transition there is nothing to act on.
     alive = (data.discount > 0.0).to(policy_loss.dtype)
-    mean_policy_loss = (alive * policy_loss).sum() / alive.sum().clamp(min=1.0)
+    loss = critic_loss.mean()
+    if state.steps >= settings.critic_first_steps:
+        loss = loss + (alive * policy_loss).sum() / alive.sum().clamp(min=1.0)
 
+    # Parameters without a gradient are left alone by the optimiser, moments and all.
     state.optimiser.zero_grad(set_to_none=True)
-    torch.autograd.backward(critic_loss.mean() + mean_policy_loss)
+    torch.autograd.backward(loss)
     norms = [
         nn.utils.clip_grad_norm_(network.parameters(), settings.gradient_limit)
         for network in (networks.policy, networks.critic)
@@ -201,21 +218,23 @@ def policy_tensors(state: LearnerState) -> dict[str, Array32]:
     """
     networks = state.networks
     tensors = dict(networks.target_policy.state_dict())
-    tensors |= {"shift": networks.normaliser.shift, "scale": networks.normaliser.scale}
+    normaliser = networks.policy_normaliser
+    tensors |= {"shift": normaliser.shift, "scale": normaliser.scale}
     return {name: np.array(tensor.cpu().numpy()) for name, tensor in tensors.items()}
 
 
 @torch.no_grad()
 def load_policy_tensors(state: LearnerState, tensors: Mapping[str, Array32]) -> None:
-    """Starts policy, target policy and normaliser from given parameters, in place.
+    """Starts policy, target policy and the policy's normaliser from given parameters, in place.
 
-    The normaliser stays as it is given: the first layer was made for it.
+    That normaliser stays as it is given: the first layer was made for it.
 
     Raises:
         RuntimeError: names or shapes are not those of the networks (see `Weights.architecture`).
     """
     given = {name: torch.tensor(tensor) for name, tensor in tensors.items()}
-    normaliser = state.networks.normaliser
+    normaliser = state.networks.policy_normaliser
+    normaliser.fixed.fill_(value=True)
     normaliser.shift.copy_(given.pop("shift"))
     normaliser.scale.copy_(given.pop("scale"))
     state.networks.policy.load_state_dict(given)
@@ -303,15 +322,16 @@ class _Estimate:
 @torch.no_grad()
 def _evaluate(
     networks: Networks,
-    observation: Tensor,
+    observation: tuple[Tensor, Tensor],
     data: _Data,
     settings: LearnerSettings,
     generator: torch.Generator,
 ) -> _Estimate:
-    target: Gaussian = networks.target_policy(observation[1:])
+    seen, judged = observation
+    target: Gaussian = networks.target_policy(seen[1:])
     actions = target.sample(settings.samples, generator)
-    q = networks.target_critic(observation[1:], actions)
-    q_t = networks.target_critic(observation[1:-1], data.action[1:])
+    q = networks.target_critic(judged[1:], actions)
+    q_t = networks.target_critic(judged[1:-1], data.action[1:])
     log_rho_t = target[:-1].log_prob(data.action[1:]) - data.log_prob[1:]
     c_t = trace_coefficients(log_rho_t, settings.retrace_lambda)
     discount_t = settings.discount * data.discount

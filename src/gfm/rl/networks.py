@@ -23,10 +23,11 @@ _LAST_LAYER_GAIN = 1e-2
 class Normaliser(nn.Module):
     """Shifts and scales observations by the statistics of those it was shown.
 
-    It is shown the learner's first batches and then stays as it is, so that the inputs of every
-    network stop moving. One instance serves the policy, the critic and their targets.
+    It is shown the learner's first batches and then stays as it is, so that the inputs of the
+    networks stop moving. A network and its target share one.
     """
 
+    fixed: Tensor
     shift: Tensor
     scale: Tensor
     square: Tensor
@@ -34,6 +35,7 @@ class Normaliser(nn.Module):
 
     def __init__(self, observation_size: int) -> None:
         super().__init__()
+        self.register_buffer("fixed", torch.tensor(data=False))
         self.register_buffer("shift", torch.zeros(observation_size))
         self.register_buffer("scale", torch.ones(observation_size))
         self.register_buffer("square", torch.zeros(observation_size))
@@ -46,6 +48,8 @@ class Normaliser(nn.Module):
     @torch.no_grad()
     def update(self, observation: Tensor) -> None:
         """Takes observations (E*, O) into the running mean and variance (Chan et al. 1983)."""
+        if self.fixed:
+            return
         rows = observation.reshape(-1, observation.shape[-1])
         total = self.count + len(rows)
         offset = rows.mean(0) - self.shift
