@@ -3,7 +3,8 @@
     python benchmarks/effects_10_seeds.py --out runs/effects
 
 Every run is a whole `gfm run --skip-gfm` with services and recordings of its own. Runs whose report
-is already there are not repeated. The robot is a simulated one, written apart from the diagnosis.
+is already there are not repeated, so that a run that failed (its log lies beside its folder) can be
+looked into and made again. The robot is a simulated one, written apart from the diagnosis.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import platform
+import shutil
 import subprocess
 import sys
 import time
@@ -75,6 +77,7 @@ class Outcome:
 def run_once(seed: int, asked: str, folder: Path) -> Outcome:
     """Runs the loop, unless its report is there, and returns what it found."""
     if not (folder / "report.json").exists():
+        shutil.rmtree(folder, ignore_errors=True)
         words = [*("run", "--skip-gfm", "--seed", str(seed)), "--hidden-effect", asked]
         log = folder.with_suffix(".log")
         log.parent.mkdir(parents=True, exist_ok=True)
