@@ -22,8 +22,10 @@ from gfm.effects import EffectInstance, Scales, Scope
 
 #: Candidates that are fitted in earnest in each round, and those of one effect among them.
 SHORTLIST, SHORTLIST_PER_EFFECT = 7, 2
+#: Share of the best first-order gain from which a candidate is a rival of one that is enough.
+RIVAL = 0.4
 #: Recorded time on which candidates are screened, and on which the shortlist is fitted.
-SCREENING_S, FITTING_S = 30.0, 40.0
+SCREENING_S, FITTING_S = 24.0, 24.0
 #: Least share of the squared residual that a new effect must explain.
 LEAST_GAIN = 0.03
 #: Mean squared residual, in units of the noise, at which nothing is left to explain.
@@ -165,9 +167,7 @@ def play_round(
         tier = [place for place in candidates if place.effect.costly is costly]
         found = screen(problem, tier, scales, base)
         screened.extend(found)
-        for candidate in shortlist(found):
-            report(f"fitting {describe(candidate.instance)}")
-            fits.append(fit(part, (*base.effects, candidate.instance)))
+        fits.extend(_fit_best(part, found, base, enough, report))
         fits.sort(key=lambda f: f.cost)
         if fits and fits[0].cost < enough:
             break
@@ -176,6 +176,24 @@ def play_round(
     if fits and fits[0].cost < (1.0 - LEAST_GAIN) * before:
         accepted = fit(problem, fits[0].effects)
     return Round(before=before, screened=tuple(screened), fits=tuple(fits), accepted=accepted)
+
+
+def _fit_best(
+    problem: Problem,
+    screened: Sequence[Screened],
+    base: Fit,
+    enough: float,
+    report: Callable[[str], None],
+) -> list[Fit]:
+    """Returns the fitted shortlist; once one is good enough, only its serious rivals with it."""
+    fits: list[Fit] = []
+    for candidate in shortlist(screened):
+        settled = any(f.cost < enough for f in fits)
+        if settled and candidate.gain < RIVAL * screened[0].gain:
+            continue
+        report(f"fitting {describe(candidate.instance)}")
+        fits.append(fit(problem, (*base.effects, candidate.instance)))
+    return fits
 
 
 def describe(instance: EffectInstance) -> str:
@@ -281,7 +299,7 @@ def _cost(residual: Array) -> float:
     return float(np.mean(residual**2))
 
 
-def _free(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:
+def free_parameters(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:
     """Returns the parameters that are fitted; a number of periods is found by search instead."""
     return [
         (i, p.name)
@@ -292,12 +310,12 @@ def _free(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:
 
 
 def _vector(effects: Sequence[EffectInstance]) -> Array:
-    return np.array([effects[i].values[name] for i, name in _free(effects)])
+    return np.array([effects[i].values[name] for i, name in free_parameters(effects)])
 
 
 def _with_vector(effects: Sequence[EffectInstance], vector: Array) -> tuple[EffectInstance, ...]:
     values = [dict(instance.values) for instance in effects]
-    for (i, name), value in zip(_free(effects), vector, strict=True):
+    for (i, name), value in zip(free_parameters(effects), vector, strict=True):
         values[i][name] = float(value)
     return tuple(replace(e, values=v) for e, v in zip(effects, values, strict=True))
 
@@ -305,7 +323,7 @@ def _with_vector(effects: Sequence[EffectInstance], vector: Array) -> tuple[Effe
 def _bounds(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
     both = [
         (p.lower, p.upper)
-        for i, name in _free(effects)
+        for i, name in free_parameters(effects)
         for p in effects[i].effect.parameters
         if p.name == name
     ]

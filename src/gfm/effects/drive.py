@@ -21,7 +21,7 @@ from gfm.effects.effect import (
     Values,
     find_actuator,
 )
-from gfm.effects.elements import add_constant_torque, add_passive_motor
+from gfm.effects.elements import add_cogging, add_constant_torque
 
 
 @final
@@ -165,12 +165,8 @@ class CoggingTorque(Effect):
 
     @override
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
-        add_passive_motor(
-            spec,
-            joints[0],
-            "cogging",
-            cogging=(values["amplitude"], round(values["per_revolution"]), values["phase"]),
-        )
+        periods = round(values["per_revolution"])
+        add_cogging(spec, joints[0], values["amplitude"], periods, values["phase"])
 
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:

@@ -1,11 +1,12 @@
 """The port of every named effect: parameters with units and bounds, and how it acts in a model.
 
-An effect changes a model in one or more of three ways, and the simulation of a recording
+An effect changes a model in one or more of these ways, and the simulation of a recording
 (`gfm.sim.plant`) asks for each of them:
 
 * `apply` edits an MjSpec: everything that MuJoCo can express natively;
 * `retime` and `lag_s` transform what is commanded before the model sees it;
-* `extra_friction` is a level that MuJoCo cannot express and that is therefore set at every step.
+* `extra_friction` is a level that MuJoCo cannot express and that is therefore set at every step;
+* `compensation` says how a controller that cancels gravity errs under it.
 
 Amounts are always *added* to what the model already has.
 """
@@ -82,6 +83,24 @@ class Motion:
     other_velocity: Array | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Compensation:
+    """What a gravity compensation does that MuJoCo's own does not, under some effect.
+
+    A controller compensates for upright gravity at the *reported* position; MuJoCo for the gravity
+    that there is at the true one.
+
+    Attributes:
+        gravity: Under which the controller computes its torques, m/s^2, shape (3,).
+        shift: What it adds to qpos before, shape (nq,).
+        missing: Whether MuJoCo's own compensation was taken out of the model.
+    """
+
+    gravity: Array
+    shift: Array
+    missing: bool
+
+
 #: Probes of one effect at one place: a group of parameter values whose responses span, to first
 #: order, all that the effect can do near nothing.
 ProbeGroup = Sequence[Values]
@@ -119,9 +138,24 @@ class Effect(ABC):
         del values
         return 0.0
 
-    def extra_friction(self, drive: Array, values: Values) -> Array | None:
-        """Returns the dry friction that a drive torque of shape (N,) adds, N m; None for none."""
-        del drive, values
+    def extra_friction(
+        self, velocity: Array, drive: Array, values: Mapping[str, Array]
+    ) -> Array | None:
+        """Returns the dry friction to add at a velocity and drive torque, N m; None for none.
+
+        Args:
+            velocity: rad/s, shape (N,).
+            drive: N m, shape (N,).
+            values: Each parameter, shape (N,).
+        """
+        del velocity, drive, values
+        return None
+
+    def compensation(
+        self, model: mujoco.MjModel, joints: Sequence[str], values: Values
+    ) -> Compensation | None:
+        """Returns how a gravity compensation errs under this effect; None where it does not."""
+        del model, joints, values
         return None
 
     @abstractmethod

@@ -70,7 +70,6 @@ class Backlash(Effect):
     """Free play between the motor side and the link."""
 
     name = "backlash"
-    costly = True
     parameters = (Parameter(name="gap", unit="rad", lower=0.0, upper=0.5),)
     separates_motor = True
     shown_by = "reversals under changing load"
@@ -93,7 +92,6 @@ class JointElasticity(Effect):
     """A spring between the motor side and the link: a harmonic drive, a belt."""
 
     name = "joint_elasticity"
-    costly = True
     parameters = (Parameter(name="stiffness", unit="N m/rad", lower=0.5, upper=1e6),)
     separates_motor = True
     shown_by = "fast reversals: steps and multisine near the resonance"

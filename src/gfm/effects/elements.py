@@ -6,8 +6,6 @@ import mujoco
 
 from gfm.effects.effect import angle, find_joint
 
-#: Bristle stiffness per unit of friction, 1/rad: a joint at rest gives by less than 0.1 mrad.
-BRISTLES_PER_RAD = 1e4
 #: Solver settings of dry friction with which a joint at rest stays there.
 HOLDING_SOLREF, HOLDING_SOLIMP = (0.004, 1.0), (0.99, 0.999, 0.001)
 #: Stiffness of the soft, far stretched spring that stands for a constant torque, N m/rad.
@@ -40,24 +38,15 @@ def add_constant_torque(spec: mujoco.MjSpec, name: str, torque: float) -> None:
         add_spring(spec, name, SOFT_SPRING, torque / SOFT_SPRING)
 
 
-def add_passive_motor(
-    spec: mujoco.MjSpec,
-    joint: str,
-    what: str,
-    *,
-    lugre: tuple[float, float, float, float, float] | None = None,
-    cogging: tuple[float, int, float] | None = None,
+def add_cogging(
+    spec: mujoco.MjSpec, joint: str, amplitude: float, periods: int, phase: float
 ) -> None:
-    """Adds a motor without windings or inputs to a joint: only its friction or cogging acts.
+    """Adds a motor without windings or inputs to a joint: only its cogging torque acts.
 
     Written field by field, as MuJoCo's reader does for `<dcmotor input="none" motorconst="0">`,
     because `MjsActuator.set_to_dcmotor` refuses a motor constant of zero.
-
-    Args:
-        lugre: Bristle stiffness and damping, Coulomb and static level, Stribeck velocity.
-        cogging: Amplitude, periods per revolution, phase.
     """
-    motor = spec.add_actuator(name=f"{joint}_{what}", target=joint)
+    motor = spec.add_actuator(name=f"{joint}_cogging", target=joint)
     motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
     motor.dyntype = mujoco.mjtDyn.mjDYN_DCMOTOR
     motor.gaintype = mujoco.mjtGain.mjGAIN_DCMOTOR
@@ -66,12 +55,7 @@ def add_passive_motor(
     motor.actearly = True
     motor.actlimited = mujoco.mjtLimited.mjLIMITED_FALSE
     motor.dynprm[0] = 0.0
-    if cogging is not None:
-        motor.biasprm[0:3] = cogging
-    if lugre is not None:
-        motor.actdim = 1
-        motor.dynprm[5:7] = lugre[0:2]
-        motor.biasprm[3:6] = lugre[2:5]
+    motor.biasprm[0:3] = [amplitude, periods, phase]
 
 
 #: MjsActuator.ctrlspec of `input="none"`.

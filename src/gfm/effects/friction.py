@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import final
 
 import mujoco
@@ -22,10 +22,8 @@ from gfm.effects.effect import (
     sign,
 )
 from gfm.effects.elements import (
-    BRISTLES_PER_RAD,
     add_constant_torque,
     add_dry_friction,
-    add_passive_motor,
 )
 
 #: Velocity over which the sign of a *measured* velocity is taken to pass through zero.
@@ -99,11 +97,13 @@ class QuadraticDrag(Effect):
 class StribeckFriction(Effect):
     """Extra dry friction at low speed that fades with it.
 
-    In MuJoCo: the bristle model of a passive DC motor (LuGre) whose level at speed is zero. Its
-    bristles are stiff enough to bend less than an encoder sees.
+    MuJoCo's bristle model (LuGre, of its DC motor) has such a term, but with a level of its own in
+    place of the joint's; on top of any other friction the level is set at every step.
     """
 
     name = "stribeck_friction"
+    costly = True
+    native = False
     parameters = (
         Parameter(name="static_excess", unit="N m", lower=0.0, upper=1e3),
         Parameter(name="stribeck_velocity", unit="rad/s", lower=1e-3, upper=5.0),
@@ -112,28 +112,20 @@ class StribeckFriction(Effect):
 
     @override
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
-        excess = values["static_excess"]
-        if excess <= 0.0:
-            return
-        add_passive_motor(
-            spec,
-            joints[0],
-            "stribeck",
-            lugre=(
-                BRISTLES_PER_RAD * excess,
-                0.0,
-                1e-6 * excess,
-                excess,
-                values["stribeck_velocity"],
-            ),
-        )
+        add_dry_friction(spec, joints[0], 0.0)
 
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
-        shares = (0.03, 0.1, 0.3, 0.6)
         excess = 0.5 * scales.excess_nm
-        speeds = [max(share * scales.velocity_rad_s, 2e-3) for share in shares]
+        speeds = [max(share * scales.velocity_rad_s, 2e-3) for share in (0.1, 0.3, 0.6)]
         return [[{"static_excess": excess, "stribeck_velocity": speed}] for speed in speeds]
+
+    @override
+    def extra_friction(
+        self, velocity: Array, drive: Array, values: Mapping[str, Array]
+    ) -> Array | None:
+        fade = np.exp(-((velocity / values["stribeck_velocity"]) ** 2))
+        return np.asarray(values["static_excess"] * fade)
 
     @override
     def torque(self, motion: Motion, values: Values) -> Array | None:
@@ -189,7 +181,9 @@ class LoadDependentFriction(Effect):
         return [[{"coefficient": min(max(share, 1e-3), 0.3)}]]
 
     @override
-    def extra_friction(self, drive: Array, values: Values) -> Array | None:
+    def extra_friction(
+        self, velocity: Array, drive: Array, values: Mapping[str, Array]
+    ) -> Array | None:
         return np.asarray(values["coefficient"] * np.abs(drive))
 
     @override

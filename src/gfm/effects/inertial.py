@@ -10,9 +10,19 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from gfm.effects.effect import Effect, Parameter, ProbeGroup, Scales, Scope, Values, find_joint
+from gfm.effects.effect import (
+    Compensation,
+    Effect,
+    Parameter,
+    ProbeGroup,
+    Scales,
+    Scope,
+    Values,
+    find_joint,
+)
 
 GRAVITY = 9.81
+UPRIGHT = (0.0, 0.0, -GRAVITY)
 
 
 @final
@@ -73,7 +83,18 @@ class GravityDirection(Effect):
 
     @override
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
-        spec.option.gravity = tilted_gravity(values["tilt_x"], values["tilt_y"])
+        tilted = np.array(tilted_gravity(values["tilt_x"], values["tilt_y"]))
+        compensated = [body for body in spec.bodies if body.gravcomp]
+        for body in compensated:
+            body.gravcomp = 0.0
+        # A controller goes on to cancel upright gravity: what is left is the difference.
+        spec.option.gravity = tilted - np.array(UPRIGHT) if compensated else tilted
+
+    @override
+    def compensation(
+        self, model: mujoco.MjModel, joints: Sequence[str], values: Values
+    ) -> Compensation | None:
+        return Compensation(gravity=np.array(UPRIGHT), shift=np.zeros(model.nq), missing=True)
 
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:

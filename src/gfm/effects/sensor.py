@@ -6,9 +6,20 @@ from collections.abc import Sequence
 from typing import final
 
 import mujoco
+import numpy as np
 from typing_extensions import override
 
-from gfm.effects.effect import Effect, Parameter, ProbeGroup, Scales, Values, angle, find_joint
+from gfm.effects.effect import (
+    Compensation,
+    Effect,
+    Parameter,
+    ProbeGroup,
+    Scales,
+    Values,
+    angle,
+    find_joint,
+)
+from gfm.effects.inertial import UPRIGHT
 
 
 @final
@@ -23,6 +34,14 @@ class EncoderOffset(Effect):
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
         joint = find_joint(spec, joints[0])
         joint.ref += angle(spec, joint, values["offset"])
+
+    @override
+    def compensation(
+        self, model: mujoco.MjModel, joints: Sequence[str], values: Values
+    ) -> Compensation | None:
+        shift = np.zeros(model.nq)
+        shift[model.jnt_qposadr[model.joint(joints[0]).id]] = values["offset"]
+        return Compensation(gravity=np.array(UPRIGHT), shift=shift, missing=False)
 
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:

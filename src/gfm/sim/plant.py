@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gfm.core import UnknownNameError
 from gfm.effects import EffectInstance
-from gfm.effects.effect import find_actuator
+from gfm.effects.effect import Compensation
 from gfm.effects.elastic import MOTOR_SIDE
 
 #: Prefix of the sensors that a plant adds: the drive torque of each joint, and what to take off it.
@@ -30,6 +30,7 @@ class Plant:
         motor_qpos: Addresses of their motor sides in qpos, -1 where there is none, shape (J,).
         actuator: Their actuators, shape (J,).
         drive: Matrix from sensordata to the drive torque of each joint, shape (J, nsensordata).
+        compensated: Whether the nominal model cancels gravity.
         effects: Every effect that was added.
     """
 
@@ -40,19 +41,28 @@ class Plant:
     motor_qpos: NDArray[np.intp]
     actuator: NDArray[np.intp]
     drive: NDArray[np.float64]
+    compensated: bool = False
     effects: tuple[EffectInstance, ...] = field(default=())
 
     @property
     def stepwise(self) -> tuple[EffectInstance, ...]:
         """The effects that have to be evaluated at every step."""
-        one = np.zeros(1)
-        return tuple(e for e in self.effects if e.effect.extra_friction(one, e.values) is not None)
+        return tuple(e for e in self.effects if _adds_friction(e))
+
+    @property
+    def compensations(self) -> tuple[Compensation, ...]:
+        """How the robot's gravity compensation errs; nothing where it has none."""
+        if not self.compensated:
+            return ()
+        told = (e.effect.compensation(self.model, e.joints, e.values) for e in self.effects)
+        return tuple(c for c in told if c is not None)
 
     @property
     def layout(self) -> tuple[int, ...]:
         """Plants of the same layout can be simulated in one batch."""
         model = self.model
-        return (model.nq, model.nv, model.na, model.nu, model.nsensordata, model.ntendon, model.nM)
+        moving = (model.nq, model.nv, model.na, model.nu, model.nM)
+        return (*moving, model.nbody, model.nsensordata, model.ntendon)
 
 
 def make_plant(
@@ -71,7 +81,8 @@ def make_plant(
         if not acts_on_command(instance):
             instance.effect.apply(changed, instance.joints, instance.values)
     _add_drive_sensors(changed, joints)
-    return _plant(changed.compile(), joints, tuple(effects))
+    compensated = any(body.gravcomp for body in spec.bodies)
+    return _plant(changed.compile(), joints, compensated, tuple(effects))
 
 
 def in_order(effects: Sequence[EffectInstance]) -> list[EffectInstance]:
@@ -98,6 +109,12 @@ def check_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
             raise UnknownNameError("joint", name, there)
         if name not in driven:
             raise UnknownNameError("actuator", name, driven)
+
+
+def _adds_friction(instance: EffectInstance) -> bool:
+    still = np.zeros(1)
+    values = {name: np.array([value]) for name, value in instance.values.items()}
+    return instance.effect.extra_friction(still, still, values) is not None
 
 
 def _add_drive_sensors(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
@@ -127,7 +144,10 @@ def _add_drive_sensors(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
 
 
 def _plant(
-    model: mujoco.MjModel, joints: Sequence[str], effects: tuple[EffectInstance, ...]
+    model: mujoco.MjModel,
+    joints: Sequence[str],
+    compensated: bool,
+    effects: tuple[EffectInstance, ...],
 ) -> Plant:
     ids = [model.joint(name).id for name in joints]
     motors = [
@@ -141,6 +161,7 @@ def _plant(
         motor_qpos=np.array([model.jnt_qposadr[i] if i >= 0 else -1 for i in motors]),
         actuator=np.array([model.actuator(name).id for name in joints]),
         drive=_drive_matrix(model, joints),
+        compensated=compensated,
         effects=effects,
     )
 
@@ -169,8 +190,3 @@ def native_spec(spec: mujoco.MjSpec, effects: Sequence[EffectInstance]) -> mujoc
     for instance in in_order([e for e in effects if e.effect.native]):
         instance.effect.apply(changed, instance.joints, instance.values)
     return changed
-
-
-def joint_actuator(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator:
-    """Returns the actuator that drives `joint`."""
-    return find_actuator(spec, joint)

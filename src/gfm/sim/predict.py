@@ -15,12 +15,13 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 from mujoco import batch, rollout
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
+from gfm.effects import EffectInstance
 from gfm.effects.elastic import MOTOR_SIDE
+from gfm.sim.compensation import CompensationError, compensation_error
 from gfm.sim.plant import Plant
 
 #: Memory that one call of the batched rollout may fill, bytes.
@@ -80,9 +81,11 @@ class _Job:
     place: tuple[int, int]
     steps: int
     model: mujoco.MjModel = field(init=False)
+    compensation: CompensationError | None = field(init=False)
 
     def __post_init__(self) -> None:
         self.model = _with_servo_gain(self.plant, self.segment)
+        self.compensation = compensation_error(self.plant, self.segment.position)
 
 
 def predict(
@@ -91,16 +94,10 @@ def predict(
     """Returns the prediction of every plant for every segment, plants first."""
     answers: list[list[Prediction | None]] = [[None] * len(segments) for _ in plants]
     for jobs in _batches(plants, segments):
-        run = _step_by_step if needs_stepping(jobs[0].plant, jobs[0].segment.kind) else _rollout
+        run = _step_by_step if jobs[0].plant.stepwise else _rollout
         for job, prediction in zip(jobs, run(jobs, threads or os.cpu_count() or 1), strict=True):
             answers[job.place[0]][job.place[1]] = prediction
     return [[p for p in row if p is not None] for row in answers]
-
-
-def needs_stepping(plant: Plant, kind: CommandKind) -> bool:
-    """Returns whether some effect of the plant must be evaluated at every step."""
-    feedback = kind is not CommandKind.EFFORT and bool((plant.motor_qpos >= 0).any())
-    return feedback or bool(plant.stepwise)
 
 
 def _batches(plants: Sequence[Plant], segments: Sequence[Segment]) -> Iterator[list[_Job]]:
@@ -110,8 +107,7 @@ def _batches(plants: Sequence[Plant], segments: Sequence[Segment]) -> Iterator[l
         names = tuple(e.key for e in plant.effects if e in plant.stepwise)
         for s, segment in enumerate(segments):
             steps = int(np.ceil(segment.time_s[-1] / plant.model.opt.timestep - 1e-6)) + 1
-            stepping = needs_stepping(plant, segment.kind)
-            key = (plant.layout, stepping, names, steps.bit_length())
+            key = (plant.layout, names, bool(plant.compensations), steps.bit_length())
             groups[key].append(_Job(plant, segment, (p, s), steps))
     for jobs in groups.values():
         jobs.sort(key=lambda job: job.steps)
@@ -123,25 +119,31 @@ def _batches(plants: Sequence[Plant], segments: Sequence[Segment]) -> Iterator[l
 
 
 def _with_servo_gain(plant: Plant, segment: Segment) -> mujoco.MjModel:
-    """Returns the plant's model with the servo gains of the recording."""
+    """Returns the plant's model with the servo gains of the recording; one of zero is no drive."""
     if (segment.servo_gain == 1.0).all():
         return plant.model
     model = copy.copy(plant.model)
     feedback = 2 if segment.kind is CommandKind.VELOCITY else 1
     model.actuator_gainprm[plant.actuator, 0] *= segment.servo_gain
     model.actuator_biasprm[plant.actuator, feedback] *= segment.servo_gain
+    model.actuator_biasprm[plant.actuator] *= (segment.servo_gain > 0.0)[:, None]
     return model
 
 
 def _rollout(jobs: list[_Job], threads: int) -> list[Prediction]:
     steps = max(job.steps for job in jobs)
     controls = np.stack([_controls(job, steps) for job in jobs])
+    inputs, what = controls, mujoco.mjtState.mjSTATE_CTRL.value
+    if jobs[0].plant.compensations:
+        inputs = np.concatenate([controls, np.stack([_forces(j, steps) for j in jobs])], axis=2)
+        what |= mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
     with _quiet():
         states, sensors = rollout.rollout(
             [job.model for job in jobs],
             [mujoco.MjData(jobs[0].model) for _ in range(min(threads, len(jobs)))],
             np.stack([_initial_state(job) for job in jobs]),
-            controls,
+            inputs,
+            control_spec=what,
             persistent_pool=True,
         )
     nq = jobs[0].model.nq
@@ -149,6 +151,15 @@ def _rollout(jobs: list[_Job], threads: int) -> list[Prediction]:
         _prediction(job, states[i, :, 0], states[i, :, 1 : 1 + nq], sensors[i], controls[i])
         for i, job in enumerate(jobs)
     ]
+
+
+def _forces(job: _Job, steps: int) -> Array:
+    """Returns the generalized forces of every time step, shape (K, nv)."""
+    if job.compensation is None:
+        return np.zeros((steps, job.model.nv))
+    grid = job.model.opt.timestep * np.arange(steps)
+    columns = [np.interp(grid, job.segment.time_s, f) for f in job.compensation.force.T]
+    return np.stack(columns, axis=1)
 
 
 @contextmanager
@@ -243,10 +254,11 @@ def _prediction(
     after = np.concatenate([segment.initial_position[None], qpos[:, plant.qpos]])
     drive, command = sensors @ plant.drive.T, controls[:, plant.actuator]
     broken = bool(np.any(np.diff(time_s[: job.steps]) <= 0.0)) or not np.isfinite(after).all()
+    beside = 0.0 if job.compensation is None else job.compensation.drive
     return Prediction(
         position=_sample(after, segment.time_s / period_s),
-        effort=_just_before(drive, command, segment.time_s / period_s),
-        effort_after=_just_before(drive, command, segment.time_s / period_s + 2e-6),
+        effort=_just_before(drive, command, segment.time_s / period_s) + beside,
+        effort_after=_just_before(drive, command, segment.time_s / period_s + 2e-6) + beside,
         diverged=broken,
     )
 
@@ -281,12 +293,13 @@ def _step_by_step(jobs: list[_Job], threads: int) -> list[Prediction]:
     for i, job in enumerate(jobs):
         _set_initial(job, qpos[i], qvel[i])
     controls = np.stack([_controls(job, steps) for job in jobs], axis=1)
-    laws = _StepLaws(jobs, sims)
+    forces = np.stack([_forces(job, steps) for job in jobs], axis=1)
+    laws, applied = _StepLaws(jobs, sims), sims.bind("qfrc_applied")
     time_s, kept_qpos, kept_sensors = [], [], []
     clock, sensordata, ctrl = sims.bind("time"), sims.bind("sensordata"), sims.bind("ctrl")
     with _quiet():
         for k in range(steps):
-            ctrl[:] = controls[k]
+            ctrl[:], applied[:] = controls[k], forces[k]
             laws.act()
             sims.step(nstep=1)
             time_s.append(np.array(clock).reshape(len(jobs)))
@@ -319,54 +332,30 @@ def _array_fields(model: mujoco.MjModel) -> list[str]:
 
 
 class _StepLaws:
-    """What is done before every step: extra friction, and servos that feel the link.
-
-    A servo whose motor is separated from its link still reads the link's encoder: the command that
-    its actuator (on the motor side) gets is shifted by what lies between the two.
-    """
+    """Friction levels that depend on the state, set before every step."""
 
     def __init__(self, jobs: list[_Job], sims: batch.Batch) -> None:
-        self._sims, self._plant = sims, jobs[0].plant
-        self._qpos, self._qvel = sims.bind("qpos"), sims.bind("qvel")
-        self._ctrl, self._sensors = sims.bind("ctrl"), sims.bind("sensordata")
+        self._plant = jobs[0].plant
+        self._qvel, self._sensors = sims.bind("qvel"), sims.bind("sensordata")
         self._friction = sims.expand("dof_frictionloss")
-        self._level: NDArray[np.float64] = np.stack([job.model.dof_frictionloss for job in jobs])
+        self._level: Array = np.stack([job.model.dof_frictionloss for job in jobs])
         self._laws = [
-            [next(x for x in job.plant.effects if x.key == e.key) for job in jobs]
-            for e in self._plant.stepwise
+            (effect.effect, self._plant.joints.index(effect.joints[0]), _columns(effect, jobs))
+            for effect in self._plant.stepwise
         ]
-        self._bias = np.stack([job.model.actuator_biasprm[:, 1:3] for job in jobs])
-        self._gain = np.stack([job.model.actuator_gainprm[:, 0] for job in jobs])
 
     def act(self) -> None:
-        """Writes friction levels and shifted commands for the coming step."""
+        """Writes the levels for the coming step."""
         drive = np.asarray(self._sensors) @ self._plant.drive.T
-        if self._laws:
-            self._set_friction(drive)
-        for j in np.flatnonzero(self._plant.motor_qpos >= 0):
-            self._feel_the_link(int(j))
-
-    def _set_friction(self, drive: Array) -> None:
         level = self._level.copy()
-        for instances in self._laws:
-            j = self._plant.joints.index(instances[0].joints[0])
-            dof = self._motor_dof(j)
-            for row, instance in enumerate(instances):
-                extra = instance.effect.extra_friction(drive[row : row + 1, j], instance.values)
-                level[row, dof] += 0.0 if extra is None else float(extra[0])
+        for effect, joint, values in self._laws:
+            dof = self._plant.dof[joint]
+            extra = effect.extra_friction(self._qvel[:, dof], drive[:, joint], values)
+            level[:, dof] += 0.0 if extra is None else extra
         self._friction[:] = level
 
-    def _motor_dof(self, joint: int) -> int:
-        plant = self._plant
-        if plant.motor_qpos[joint] < 0:
-            return int(plant.dof[joint])
-        motor = plant.model.joint(plant.joints[joint] + MOTOR_SIDE).id
-        return int(plant.model.jnt_dofadr[motor])
 
-    def _feel_the_link(self, joint: int) -> None:
-        plant = self._plant
-        actuator = plant.actuator[joint]
-        bend = self._qpos[:, plant.motor_qpos[joint]] - self._qpos[:, plant.qpos[joint]]
-        slip = self._qvel[:, self._motor_dof(joint)] - self._qvel[:, plant.dof[joint]]
-        stiffness, damping = self._bias[:, actuator, 0], self._bias[:, actuator, 1]
-        self._ctrl[:, actuator] -= (stiffness * bend + damping * slip) / self._gain[:, actuator]
+def _columns(effect: EffectInstance, jobs: list[_Job]) -> dict[str, Array]:
+    """Returns the parameters that each job has for one effect, each of shape (jobs,)."""
+    own = [next(e for e in job.plant.effects if e.key == effect.key).values for job in jobs]
+    return {name: np.array([values[name] for values in own]) for name in effect.values}

@@ -1,0 +1,358 @@
+"""From recordings to a verdict: the whole chain, in the order in which a reader will follow it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from gfm.core import CommandKind, Trajectory
+from gfm.core.checks import Array
+from gfm.diagnosis import evidence
+from gfm.diagnosis.attribution import Attribution, Fit, attribute, describe, free_parameters
+from gfm.diagnosis.candidates import joint_scales, places, torque_views
+from gfm.diagnosis.correction import corrected_xml
+from gfm.diagnosis.intervals import half_widths
+from gfm.diagnosis.problem import Problem, make_problem
+from gfm.diagnosis.result import (
+    Diagnosis,
+    ErrorSummary,
+    EvidencePlot,
+    JointError,
+    NamedEffect,
+    ParameterEstimate,
+    RecordingSummary,
+    Suspect,
+    Verdict,
+)
+from gfm.diagnosis.signals import warnings_of
+from gfm.effects import EffectInstance, effect_library
+
+#: Held-out RMSE, in units of the sensor noise, up to which a model counts as adequate.
+ADEQUATE_RATIO = 1.25
+#: Share of the held-out gap that must be closed to call it explained although some is left.
+EXPLAINED_SHARE = 0.9
+#: Share of the gap that has to be closed to name anything.
+LEAST_SHARE = 0.05
+#: Less motion or time than this says nothing about dynamics.
+LEAST_MOTION_RAD, LEAST_TIME_S, LEAST_RATE_HZ = 0.01, 1.5, 10.0
+#: Two candidates are equal when the runner-up leaves so little more of what the best explains.
+EQUAL, CLEAR = 0.01, 0.10
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldOut:
+    """Held-out errors of the nominal and the corrected model, per segment (T, J), rad."""
+
+    problem: Problem
+    before: list[Array]
+    after: list[Array]
+
+    @property
+    def summary(self) -> ErrorSummary:
+        """Returns the three numbers of the verdict."""
+        return ErrorSummary(
+            before=_overall(self.before),
+            after=_overall(self.after),
+            noise_floor=float(np.sqrt(np.mean(self.problem.noise.position**2))),
+        )
+
+
+def diagnose(
+    specs: Mapping[CommandKind, mujoco.MjSpec],
+    recordings: Sequence[Trajectory],
+    holdout: Sequence[Trajectory],
+    *,
+    report: Callable[[str], None] = lambda _: None,
+    provenance: Mapping[str, object] | None = None,
+    notes: Sequence[str] = (),
+) -> Diagnosis:
+    """Returns what `specs` lack to explain `recordings`, judged on `holdout`.
+
+    Args:
+        specs: The nominal model by the kind of command that its actuators take.
+        recordings: What effects are looked for in and fitted to.
+        holdout: What errors are measured on; never looked at before.
+        report: Told what is happening, in words.
+        provenance: What the result should say about where it came from.
+        notes: Remarks of the caller that a reader should see.
+
+    Raises:
+        BadInputError: recordings and models do not belong together.
+    """
+    report("measuring the nominal model")
+    problem = make_problem(specs, recordings)
+    held = make_problem(specs, holdout, problem.noise)
+    lack = _lacking(recordings)
+    found = _attribute(problem, recordings, report) if not lack else None
+    instances = found.fit.effects if found else ()
+    report("measuring the corrected model on held-out recordings")
+    errors = HeldOut(
+        problem=held, before=held.position_errors(()), after=held.position_errors(instances)
+    )
+    if found and _closed(errors.summary) < LEAST_SHARE:
+        instances, errors = (), HeldOut(problem=held, before=errors.before, after=errors.before)
+    named = _named(problem, found, instances, errors.summary) if found else ()
+    verdict = Verdict.INSUFFICIENT_DATA if lack else _verdict(errors.summary, named)
+    first = specs[recordings[0].command_kind]
+    return Diagnosis(
+        verdict=verdict,
+        sentence=_sentence(verdict, named, errors.summary, lack),
+        effects=named,
+        suspects=_suspects(found, instances) if found else (),
+        error=errors.summary,
+        joints=_joint_errors(errors),
+        recordings=_inputs(problem, recordings, errors, holdout, instances),
+        corrected_xml=corrected_xml(first, instances, named),
+        corrected_effects=tuple(e for e in named if not e.native),
+        plots=_plots(problem, recordings, instances, errors),
+        notes=(*notes, *_notes(instances, verdict)),
+        provenance=dict(provenance or {}),
+    )
+
+
+def _lacking(recordings: Sequence[Trajectory]) -> str:
+    """Returns why nothing can be said about dynamics, or an empty text."""
+    moved = max(float(np.ptp(r.position, axis=0).max()) for r in recordings)
+    time_s = sum(r.duration_s for r in recordings)
+    rate_hz = min(1.0 / float(np.median(np.diff(r.time_s))) for r in recordings)
+    if moved < LEAST_MOTION_RAD:
+        return f"no joint moves by more than {moved:.4f} rad"
+    if time_s < LEAST_TIME_S:
+        return f"only {time_s:.2f} s were recorded"
+    if rate_hz < LEAST_RATE_HZ:
+        return f"{rate_hz:.1f} measurements per second are too few"
+    return ""
+
+
+def _attribute(
+    problem: Problem, recordings: Sequence[Trajectory], report: Callable[[str], None]
+) -> Attribution:
+    report("looking at torques")
+    scales = joint_scales(problem, torque_views(problem, recordings))
+    library = effect_library().values()
+    candidates = [place for effect in library for place in places(effect, problem.joints)]
+    return attribute(problem, candidates, scales, report)
+
+
+def _closed(error: ErrorSummary) -> float:
+    """Returns the share of the held-out gap (squared error above the noise) that was closed."""
+    gap = error.before**2 - error.noise_floor**2
+    return 0.0 if gap <= 0.0 else (error.before**2 - error.after**2) / gap
+
+
+def _verdict(error: ErrorSummary, named: Sequence[NamedEffect]) -> Verdict:
+    if not named:
+        adequate = error.before <= ADEQUATE_RATIO * error.noise_floor
+        return Verdict.NO_GAP if adequate else Verdict.UNEXPLAINED
+    if error.after <= ADEQUATE_RATIO * error.noise_floor or _closed(error) > EXPLAINED_SHARE:
+        return Verdict.EXPLAINED
+    return Verdict.PARTLY_EXPLAINED
+
+
+def _named(
+    problem: Problem,
+    found: Attribution,
+    instances: Sequence[EffectInstance],
+    error: ErrorSummary,
+) -> tuple[NamedEffect, ...]:
+    """Returns the accepted effects with intervals, in the order in which they were found."""
+    if not instances:
+        return ()
+    fit = found.fit
+    adequate = error.after <= 1.5 * error.noise_floor
+    widths = half_widths(fit.jacobian, fit.residual, problem.slices())
+    by_place = dict(zip(free_parameters(instances), widths, strict=True))
+    accepted = [r for r in found.rounds if r.accepted is not None]
+    named = []
+    for i, instance in enumerate(instances):
+        parameters = {}
+        for p in instance.effect.parameters:
+            value, width = instance.values[p.name], by_place.get((i, p.name))
+            interval = None if width is None or not adequate else (value - width, value + width)
+            parameters[p.name] = ParameterEstimate(value=value, unit=p.unit, ci95=interval)
+        named.append(
+            NamedEffect(
+                effect=instance.effect.name,
+                joints=instance.joints,
+                parameters=parameters,
+                confidence=_confidence(accepted[i].fits, accepted[i].before, error),
+                native=instance.effect.native,
+            )
+        )
+    return tuple(named)
+
+
+def _margin(fits: Sequence[Fit], before: float) -> float:
+    """Returns how much less the runner-up explains than the best, as a share, 0..1."""
+    rivals = [f for f in fits[1:] if not _same_law(f, fits[0])]
+    if not rivals:
+        return 1.0
+    return float(np.clip((rivals[0].cost - fits[0].cost) / max(before - fits[0].cost, 1e-9), 0, 1))
+
+
+def _same_law(one: Fit, other: Fit) -> bool:
+    """Returns whether two fits are one law under two names (see the contract's last remark)."""
+    names = {one.effects[-1].effect.name, other.effects[-1].effect.name}
+    same_place = one.effects[-1].joints == other.effects[-1].joints
+    return same_place and names == {"torque_offset", "asymmetric_friction"}
+
+
+def _confidence(fits: Sequence[Fit], before: float, error: ErrorSummary) -> float:
+    """Returns 0..1: high where the runner-up explains clearly less and little is left.
+
+    Half where the runner-up explains as much; less where much of the gap stays unexplained.
+    """
+    clear = np.interp(_margin(fits, before), [0.0, EQUAL, CLEAR, 1.0], [0.5, 0.6, 0.95, 0.99])
+    closed = np.clip(_closed(error), 0.0, 1.0)
+    adequate = error.after <= 1.5 * error.noise_floor
+    return round(float(clear * (1.0 if adequate else 0.4 + 0.6 * closed)), 3)
+
+
+def _suspects(found: Attribution, instances: Sequence[EffectInstance]) -> tuple[Suspect, ...]:
+    """Returns the candidates that were fitted and lost, by the round in which they did best."""
+    taken = {instance.key for instance in instances}
+    best: dict[tuple[str, tuple[str, ...]], Suspect] = {}
+    for this in found.rounds:
+        winner = this.fits[0] if this.fits else None
+        for fit in this.fits:
+            instance = fit.effects[-1]
+            gain = 1.0 - fit.cost / this.before
+            if instance.key in taken or gain < 0.01 or instance.key in best:
+                continue
+            best[instance.key] = Suspect(
+                effect=instance.effect.name,
+                joints=instance.joints,
+                reason=_reason(fit, winner, this.before, this.accepted is not None),
+                decided_by=instance.effect.shown_by,
+                gain=float(np.clip(gain, 0.0, 1.0)),
+            )
+    return tuple(sorted(best.values(), key=lambda s: -s.gain))
+
+
+def _reason(fit: Fit, winner: Fit | None, before: float, accepted: bool) -> str:
+    share = 100.0 * (1.0 - fit.cost / before)
+    if winner is None or winner is fit or not accepted:
+        return f"explains only {share:.1f} % of the squared residual"
+    gap = (fit.cost - winner.cost) / max(before - winner.cost, 1e-9)
+    rival = describe(winner.effects[-1])
+    if gap < EQUAL:
+        return f"equal to {rival}: both explain {share:.1f} % of the squared residual"
+    best = 100.0 * (1.0 - winner.cost / before)
+    return f"explains {share:.1f} % of the squared residual; {rival} explains {best:.1f} %"
+
+
+def _sentence(
+    verdict: Verdict, named: Sequence[NamedEffect], error: ErrorSummary, lack: str
+) -> str:
+    if verdict is Verdict.INSUFFICIENT_DATA:
+        return f"The recordings do not say enough about the dynamics: {lack}."
+    figures = (
+        f"held-out position error {error.before:.3g} rad before, {error.after:.3g} rad after, "
+        f"sensor noise {error.noise_floor:.3g} rad"
+    )
+    if verdict is Verdict.NO_GAP:
+        return f"The model explains the recordings to within the sensor noise ({figures})."
+    if verdict is Verdict.UNEXPLAINED:
+        return f"The model misses something that no known effect explains ({figures})."
+    names = "; ".join(_in_words(effect) for effect in named)
+    part = "misses" if verdict is Verdict.EXPLAINED else "misses, among what stays unexplained,"
+    return f"The model {part} {names} ({figures})."
+
+
+def _in_words(effect: NamedEffect) -> str:
+    where = f" on {', '.join(effect.joints)}" if effect.joints else ""
+    amounts = ", ".join(
+        f"{name.replace('_', ' ')} {p.value:.4g} {'' if p.unit == '1' else p.unit}".rstrip()
+        for name, p in effect.parameters.items()
+    )
+    return f"{effect.effect.replace('_', ' ')}{where} ({amounts})"
+
+
+def _joint_errors(errors: HeldOut) -> tuple[JointError, ...]:
+    before, after = evidence.rmse(errors.before), evidence.rmse(errors.after)
+    return tuple(
+        JointError(
+            joint=name,
+            before=float(before[j]),
+            after=float(after[j]),
+            noise_floor=float(errors.problem.noise.position[j]),
+        )
+        for j, name in enumerate(errors.problem.joints)
+    )
+
+
+def _inputs(
+    problem: Problem,
+    recordings: Sequence[Trajectory],
+    errors: HeldOut,
+    holdout: Sequence[Trajectory],
+    instances: Sequence[EffectInstance],
+) -> tuple[RecordingSummary, ...]:
+    training = HeldOut(
+        problem=problem,
+        before=problem.position_errors(()),
+        after=problem.position_errors(instances),
+    )
+    return (
+        *_rows(recordings, training, "training"),
+        *_rows(holdout, errors, "held-out"),
+    )
+
+
+def _rows(recordings: Sequence[Trajectory], errors: HeldOut, role: str) -> list[RecordingSummary]:
+    rows = []
+    for i, recording in enumerate(recordings):
+        here = [k for k, s in enumerate(errors.problem.segments) if s.recording == i]
+        rows.append(
+            RecordingSummary(
+                name=recording.name,
+                role=role,
+                command=str(recording.command_kind),
+                duration_s=recording.duration_s,
+                rate_hz=1.0 / float(np.median(np.diff(recording.time_s))),
+                before=_overall([errors.before[k] for k in here]),
+                after=_overall([errors.after[k] for k in here]),
+                warnings=warnings_of(recording),
+            )
+        )
+    return rows
+
+
+def _overall(errors: Sequence[Array]) -> float:
+    if not errors:
+        return float("nan")
+    return float(np.sqrt(np.mean(np.concatenate([e.ravel() for e in errors]) ** 2)))
+
+
+def _plots(
+    problem: Problem,
+    recordings: Sequence[Trajectory],
+    instances: Sequence[EffectInstance],
+    errors: HeldOut,
+) -> tuple[EvidencePlot, ...]:
+    views = torque_views(problem, recordings)
+    laws = [
+        evidence.force_plot(e, [o for o in instances if o is not e], problem, views)
+        for e in instances
+    ]
+    worst = np.argsort(-evidence.rmse(errors.before) / errors.problem.noise.position)[:2]
+    return (
+        *(plot for plot in laws if plot is not None),
+        evidence.misfit_plot(errors.problem, errors.before, errors.after),
+        *(evidence.error_plot(int(j), errors.problem, errors.before, errors.after) for j in worst),
+    )
+
+
+def _notes(instances: Sequence[EffectInstance], verdict: Verdict) -> tuple[str, ...]:
+    notes = [
+        "Errors are of open-loop rollouts whose initial state is fitted (two numbers per joint); "
+        "recordings of torque commands are cut into stretches of half a second."
+    ]
+    if any(not e.effect.native for e in instances):
+        notes.append("Some effects cannot be written in MJCF: corrected.effects.json has them.")
+    if verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY_EXPLAINED):
+        notes.append("What stays unexplained can be learned as a generalized force model.")
+    return tuple(notes)

@@ -1,0 +1,51 @@
+"""How sure a fit is of its parameters.
+
+Shape letters: N numbers of a residual, P parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from scipy import stats
+
+from gfm.core.checks import Array
+
+#: Blocks into which a residual is cut: within one, errors may depend on each other.
+BLOCKS = 60
+
+
+def covariance(jacobian: Array, residual: Array, segments: Sequence[slice]) -> Array:
+    """Returns the covariance of least-squares estimates, shape (P, P).
+
+    The sandwich estimator over blocks: right also where the residual is coloured or its size
+    differs from what was assumed (White 1980; blocks as in Newey and West 1987).
+
+    Args:
+        jacobian: Derivative of the residual, shape (N, P).
+        residual: At the optimum, shape (N,).
+        segments: Stretches of the residual that are independent of each other.
+    """
+    bread = np.linalg.pinv(jacobian.T @ jacobian)
+    scores = [
+        jacobian[rows].T @ residual[rows] for block in segments for rows in _blocks(block, segments)
+    ]
+    count = len(scores)
+    meat = np.sum([np.outer(score, score) for score in scores], axis=0) * count / max(count - 1, 1)
+    return np.asarray(bread @ meat @ bread)
+
+
+def _blocks(segment: slice, segments: Sequence[slice]) -> list[slice]:
+    """Returns a segment cut into its share of the blocks."""
+    pieces = max(BLOCKS // len(segments), 1)
+    edges = np.linspace(segment.start, segment.stop, pieces + 1).astype(int)
+    return [slice(a, b) for a, b in pairwise(edges) if b > a]
+
+
+def half_widths(jacobian: Array, residual: Array, segments: Sequence[slice]) -> Array:
+    """Returns half the width of each parameter's 95 % interval, shape (P,)."""
+    deviations = np.sqrt(np.maximum(np.diag(covariance(jacobian, residual, segments)), 0.0))
+    freedom = max(BLOCKS - jacobian.shape[1], 3)
+    return np.asarray(stats.t.ppf(0.975, freedom) * deviations)
