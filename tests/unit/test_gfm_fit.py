@@ -101,8 +101,28 @@ def test_observation_holds_history_newest_first_then_the_drive_torque(problem):
     env = GfmFit(problem, 4, seed=0)
     first = env.reset()
     second = env.step(np.zeros((4, 1), np.float32)).observation
-    assert first.shape == (4, 6 * 2 + 1)
+    assert env.spec.policy_size == 6 * 2 + 1
+    assert first.shape == (4, env.spec.policy_size + 2 * 2)
     np.testing.assert_array_equal(second[:, 2:12], first[:, :10])
+
+
+def test_the_critic_alone_sees_how_far_the_recorded_states_are(problem):
+    env = GfmFit(problem, 50, seed=0)
+    now, ahead = np.split(env.reset()[:, env.spec.policy_size :], 2, axis=1)
+    np.testing.assert_array_equal(now, 0.0)  # episodes start at recorded states
+    assert (np.abs(ahead).max(axis=1) > 0.0).all()
+    for _ in range(20):
+        transition = env.step(np.zeros((50, 1), np.float32))
+        now = transition.observation[:, env.spec.policy_size :][:, :2]
+        expected = np.exp(-np.square(now).sum(axis=1))
+        np.testing.assert_allclose(transition.reward, expected, rtol=1e-4)
+
+
+def test_what_follows_the_end_of_a_recording_is_not_the_next_one(problem):
+    windows = problem.windows
+    last = np.flatnonzero(np.diff(windows.recording, append=-1))
+    np.testing.assert_array_equal(windows.following(last), last)
+    np.testing.assert_array_equal(windows.following(last - 1), last)
 
 
 def test_history_at_the_start_is_the_recorded_one(problem):
@@ -165,7 +185,8 @@ def test_warm_start_gives_the_missing_force_everywhere(problem, recordings):
 
 def test_warm_start_observations_are_those_of_the_environment(problem, recordings):
     observation, _ = warm_start_examples(problem, recordings)
-    for row in GfmFit(problem, 20, seed=0).reset():
+    env = GfmFit(problem, 20, seed=0)
+    for row in env.reset()[:, : env.spec.policy_size]:
         distance = np.abs(observation - row).max(axis=1)
         assert distance.min() < 1e-5
 

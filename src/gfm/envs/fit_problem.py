@@ -57,6 +57,12 @@ class Windows:
         same = self.recording[before] == self.recording[index]
         return np.asarray(self.command[np.where(same, before, index), -1])
 
+    def following(self, index: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Returns the states one period after `index`; a recording's last follows itself, (n,)."""
+        after = np.minimum(index + 1, len(self.recording) - 1)
+        same = self.recording[after] == self.recording[index]
+        return np.where(same, after, index)
+
 
 @dataclass(frozen=True, kw_only=True)
 class FitProblem:

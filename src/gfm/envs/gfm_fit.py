@@ -4,7 +4,8 @@ An episode starts at a recorded state and replays the recorded commands; the act
 generalized forces to the nominal model; the reward says how close the simulation stays to the
 recording.
 
-Shape letters: N instances, n of them, O observation size, A generalized forces.
+Shape letters: N instances, n of them, O observation size, A generalized forces, C channels of the
+difference.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from gfm.core import EnvironmentSpec
-from gfm.core.checks import Array32
+from gfm.core.checks import Array, Array32
 from gfm.envs.batched import BatchedEnvironment, Transition
 from gfm.envs.difference import closeness, state_difference
 from gfm.envs.episodes import Episodes
@@ -25,6 +26,7 @@ from gfm.sim.batch import HybridBatch
 from gfm.sim.drive import drive_torque
 
 NAME = "gfm_fit"
+_PRIVILEGED_BOUND = 10.0
 
 
 @final
@@ -32,9 +34,12 @@ class GfmFit(BatchedEnvironment):
     """N instances of the fitting problem.
 
     The observation is `gfm.sim.features`: the current and the previous states, and the torque that
-    the nominal drives give for the command in force (which the paper's does not contain). Actions
-    are forces in units of their limits. The time limit is no end of the world: discount 1. A
-    simulation that diverges terminates with reward 0.
+    the nominal drives give for the command in force (which the paper's does not contain). Behind
+    it, for the critic alone, stand the scaled differences of the current state from the recorded
+    one and from the recorded next one: the reward depends on them, and a critic that had to guess
+    where in the recordings it is learned nothing within minutes. Actions are forces in units of
+    their limits. The time limit is no end of the world: discount 1. A simulation that diverges
+    terminates with reward 0.
 
     Attributes:
         diverged: Simulations that became unstable so far.
@@ -44,10 +49,12 @@ class GfmFit(BatchedEnvironment):
         self, problem: FitProblem, num_envs: int, *, seed: int = 0, nthread: int = 1
     ) -> None:
         self.num_envs = num_envs
+        privileged = 2 * len(problem.scale)
         self.spec = EnvironmentSpec(
             name=NAME,
-            observation_size=problem.features.size,
+            observation_size=problem.features.size + privileged,
             action_size=problem.action_size,
+            privileged_size=privileged,
         )
         self.diverged = 0
         self._problem = problem
@@ -78,7 +85,7 @@ class GfmFit(BatchedEnvironment):
         features.fill(rows, windows.state[past])
         self._observation[chosen] = rows
         self._put_torque()
-        return self._observation.copy()
+        return self._with_privileged()
 
     @override
     def step(self, action: Array32) -> Transition:
@@ -89,22 +96,27 @@ class GfmFit(BatchedEnvironment):
         self._at += 1
         self._observe()
         return Transition(
-            observation=self._observation.copy(),
+            observation=self._with_privileged(),
             reward=np.where(diverged, 0.0, self._closeness()).astype(np.float32),
             discount=np.where(diverged, 0.0, 1.0).astype(np.float32),
             ended=self._episodes.tick(diverged),
         )
 
     def _closeness(self) -> NDArray[np.float64]:
+        return closeness(self._difference(self._at), self._problem.scale)
+
+    def _difference(self, index: NDArray[np.intp]) -> Array:
+        """Returns how far the current states are from the recorded ones at `index`, (N, C)."""
         windows, layout = self._problem.windows, self._problem.model.layout
-        difference = state_difference(
-            layout,
-            self._batch.qpos,
-            self._batch.qvel,
-            windows.qpos[self._at],
-            windows.qvel[self._at],
-        )
-        return closeness(difference, self._problem.scale)
+        qpos, qvel = self._batch.qpos, self._batch.qvel
+        return state_difference(layout, qpos, qvel, windows.qpos[index], windows.qvel[index])
+
+    def _with_privileged(self) -> Array32:
+        ahead = self._problem.windows.following(self._at)
+        differences = (self._difference(self._at), self._difference(ahead))
+        scaled = np.concatenate(differences, axis=1) / np.tile(self._problem.scale, 2)
+        bounded = np.clip(scaled, -_PRIVILEGED_BOUND, _PRIVILEGED_BOUND)
+        return np.concatenate([self._observation, bounded], axis=1, dtype=np.float32)
 
     def _observe(self) -> None:
         features, layout = self._problem.features, self._problem.model.layout

@@ -24,7 +24,11 @@ MakeEnvironment = Callable[[int], BatchedEnvironment]
 
 @final
 class GymnasiumEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """One instance. Termination is discount 0; out of time, truncation."""
+    """One instance. Termination is discount 0; out of time, truncation.
+
+    What is for a critic alone is left out: algorithms behind this interface give all they see to
+    the policy.
+    """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own convention
 
@@ -34,7 +38,7 @@ class GymnasiumEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         spec = self._env.spec
         largest = float(np.finfo(np.float32).max)  # finite, as Gymnasium's checker wants it
         self.observation_space = gymnasium.spaces.Box(
-            -largest, largest, (spec.observation_size,), np.float32
+            -largest, largest, (spec.policy_size,), np.float32
         )
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (spec.action_size,), np.float32)
 
@@ -45,7 +49,7 @@ class GymnasiumEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         super().reset(seed=seed)
         if seed is not None:
             self._env = self._make(seed)
-        return self._env.reset()[0], {}
+        return self._seen(self._env.reset()), {}
 
     @override
     def step(self, action: Array32) -> tuple[Array32, float, bool, bool, dict[str, Any]]:
@@ -53,12 +57,15 @@ class GymnasiumEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         terminated = bool(transition.discount[0] == 0.0)
         truncated = bool(transition.ended[0]) and not terminated
         return (
-            transition.observation[0],
+            self._seen(transition.observation),
             float(transition.reward[0]),
             terminated,
             truncated,
             {},
         )
+
+    def _seen(self, observation: Array32) -> Array32:
+        return observation[0, : self._env.spec.policy_size]
 
 
 def make_gfm_fit(settings: EnvironmentSettings, assets: EnvironmentAssets) -> GymnasiumEnv:
