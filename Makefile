@@ -5,6 +5,9 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 LOCK_VENV := build/lock
 RUN_ARGS ?=
+# A command that takes `build` and `compose` as docker does.
+export CONTAINER_ENGINE ?= docker
+IMAGES := router replay bridge robot actor learner
 
 .PHONY: help run test test-slow test-containers check format lock images clean bench-effects
 
@@ -27,7 +30,7 @@ test: $(VENV)/.installed  ## run the tests
 test-slow: $(VENV)/.installed  ## run the tests that take longer
 	$(BIN)/python -m pytest -m "slow and not containers"
 
-test-containers: $(VENV)/.installed  ## build the images and run the system in them (CONTAINER_ENGINE)
+test-containers: $(VENV)/.installed images  ## run the system in containers
 	$(BIN)/python -m pytest -m containers
 
 check: $(VENV)/.installed  ## check format, lint, imports and types
@@ -55,6 +58,11 @@ lock:  ## write requirements.lock from pyproject.toml
 	  | sed -E '/^(cuda|nvidia|triton)/d; s/\+[a-z0-9.]+$$//'; } > $(LOCK_VENV)/requirements.lock
 	mv $(LOCK_VENV)/requirements.lock requirements.lock
 	rm -r $(LOCK_VENV)
+
+images:  ## build the container images, with CONTAINER_ENGINE (docker)
+	for image in $(IMAGES); do \
+	  $(CONTAINER_ENGINE) build . --file docker/Dockerfile --target $$image --tag gfm-$$image || exit; \
+	done
 
 clean:  ## remove what was made, except runs
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
