@@ -21,7 +21,9 @@ from gfm.diagnosis.problem import Problem, coarse
 from gfm.effects import EffectInstance, Scales, Scope
 
 #: Candidates that are fitted in earnest in each round, and those of one effect among them.
-SHORTLIST, SHORTLIST_PER_EFFECT = 7, 2
+SHORTLIST, SHORTLIST_PER_EFFECT = 6, 2
+#: First-order gain from which an effect of the whole robot is fitted in any case.
+WHOLE_GAIN = 0.2
 #: Share of the best first-order gain from which a candidate is a rival of one that is enough.
 RIVAL = 0.4
 #: Recorded time on which candidates are screened, and on which the shortlist is fitted.
@@ -263,16 +265,25 @@ def _weigh(
 
 
 def shortlist(screened: Sequence[Screened]) -> list[Screened]:
-    """Returns the best candidates, not too many of them of one effect."""
+    """Returns the best candidates, not too many of them of one effect.
+
+    Effects of the whole robot come in beside them: with several parameters that act together, they
+    look worse to first order than a torque offset on the joint that they load most.
+    """
+    whole = [c for c in screened if _whole(c) and c.gain > WHOLE_GAIN]
     chosen: list[Screened] = []
     for candidate in screened:
         name = candidate.instance.effect.name
         same = sum(c.instance.effect.name == name for c in chosen)
-        if same < SHORTLIST_PER_EFFECT and candidate.gain > 0.0:
+        if same < SHORTLIST_PER_EFFECT and candidate.gain > 0.0 and candidate not in whole:
             chosen.append(candidate)
         if len(chosen) == SHORTLIST:
             break
-    return chosen
+    return sorted([*whole, *chosen], key=lambda c: -c.gain)
+
+
+def _whole(candidate: Screened) -> bool:
+    return candidate.instance.effect.scope in (Scope.ROBOT, Scope.LAST)
 
 
 def fit(problem: Problem, effects: Sequence[EffectInstance]) -> Fit:
