@@ -3,6 +3,7 @@
 from gfm_wire.codec import MAX_BYTES, Stamp, decode, decode_stamped, encode
 from gfm_wire.control import (
     Ack,
+    EnvironmentRequest,
     NotReady,
     RecordDone,
     RecordStart,
@@ -10,6 +11,7 @@ from gfm_wire.control import (
     Refusal,
     RobotExchange,
     RobotStates,
+    RunEnvironment,
     SampleRequest,
     SequenceAck,
     StatusRequest,
@@ -22,6 +24,7 @@ __all__ = [
     "MAX_BYTES",
     "SCHEMAS",
     "Ack",
+    "EnvironmentRequest",
     "Message",
     "NotReady",
     "Reason",
@@ -31,6 +34,7 @@ __all__ = [
     "Refusal",
     "RobotExchange",
     "RobotStates",
+    "RunEnvironment",
     "SampleRequest",
     "SequenceAck",
     "Stamp",

@@ -79,6 +79,31 @@ class WeightsRequest:
 
 
 @dataclass(frozen=True, kw_only=True)
+class EnvironmentRequest:
+    """Asks the learner which environment the run learns for: actors need not be told.
+
+    Attributes:
+        name: Registered name of the environment that the asker wants to act in.
+    """
+
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunEnvironment:
+    """The environment that a run learns for.
+
+    Attributes:
+        name: Its registered name.
+        settings: `gfm.envs.registry.EnvironmentSettings` as JSON; files by their absolute paths as
+            the learner sees them.
+    """
+
+    name: str
+    settings: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class StatusRequest:
     """Asks a service how it is."""
 

@@ -10,6 +10,7 @@ from typing import Any
 from gfm.core import Batch, Command, CommandKind, Observation, Sequence, Status, Weights
 from gfm_wire.control import (
     Ack,
+    EnvironmentRequest,
     NotReady,
     RecordDone,
     RecordStart,
@@ -17,6 +18,7 @@ from gfm_wire.control import (
     Refusal,
     RobotExchange,
     RobotStates,
+    RunEnvironment,
     SampleRequest,
     SequenceAck,
     StatusRequest,
@@ -29,6 +31,7 @@ Message = (
     Ack
     | Batch
     | Command
+    | EnvironmentRequest
     | NotReady
     | Observation
     | RecordDone
@@ -37,6 +40,7 @@ Message = (
     | Refusal
     | RobotExchange
     | RobotStates
+    | RunEnvironment
     | SampleRequest
     | Sequence
     | SequenceAck
@@ -138,6 +142,8 @@ CONTROL = (
     Schema(NotReady, 1, {"reason": TEXT, "inserted": COUNT, "needed": COUNT}),
     Schema(SequenceAck, 1, {"actor": TEXT, "epoch": COUNT, "cursor": COUNT}),
     Schema(SampleRequest, 1, {"batch_size": Integer(least=1), "spec_digest": TEXT}),
+    Schema(EnvironmentRequest, 1, {"name": TEXT}),
+    Schema(RunEnvironment, 1, {"name": TEXT, "settings": Text(2**20)}),
     Schema(WeightsRequest, 1, {"spec_digest": TEXT}),
     Schema(StatusRequest, 1, {}),
     Schema(RecordStart, 1, {"name": TEXT, "metadata": MapOf(TEXT)}),

@@ -24,6 +24,9 @@ LEARNING = LearnerSettings(
     samples=8,
     discount=0.9,
     target_period=10,
+    initial_log_temperature=0.0,
+    initial_stddev=0.5,
+    critic_first_steps=0,
     policy_learning_rate=3e-3,
     critic_learning_rate=3e-3,
 )

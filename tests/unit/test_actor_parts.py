@@ -1,16 +1,21 @@
 """The actor's parts: sequences cut rightly, delivered once, and weights that only go forwards."""
 
+from typing import final
+
 import numpy as np
 import pytest
 
-from gfm.core import EnvironmentSpec, ManualClock, RefusedError, Sequence, Weights
+from gfm.core import ConfigError, EnvironmentSpec, ManualClock, RefusedError, Sequence, Weights
 from gfm.envs.batched import Transition
+from gfm.envs.registry import EnvironmentSettings
 from gfm.rl.learner import LearnerSettings, init_learner, policy_tensors
-from gfm.transport import MemoryHub, MemoryTransport
+from gfm.transport import MemoryHub, MemoryTransport, Transport
 from gfm_actor.assembler import Acted, Assembler
+from gfm_actor.config import ActorConfig
+from gfm_actor.joining import complete
 from gfm_actor.outbox import Outbox
 from gfm_actor.subscription import PolicySubscription
-from gfm_wire import SequenceAck, WeightsRequest
+from gfm_wire import RunEnvironment, SequenceAck, WeightsRequest
 
 SPEC = EnvironmentSpec(name="counting", observation_size=1, action_size=1)
 T = 3
@@ -281,3 +286,79 @@ def test_weights_that_do_not_fit_are_counted_and_left():
     )
     learner.follower.poll()
     assert (learner.follower.version, learner.follower.rejected) == (-1, 2)
+
+
+@final
+class Teller(Transport):
+    """Answers `run/environment` with what it was given, as soon as it is asked."""
+
+    def __init__(self, hub, clock, answer):
+        self._transport = MemoryTransport(hub, clock=clock)
+        self._other = MemoryTransport(hub, clock=clock)
+        self._answer = answer
+        self._server = self._other.serve("run/environment") if answer else None
+        self.asked = []
+
+    def request(self, key, message, *, timeout_s):
+        pending = self._transport.request(key, message, timeout_s=timeout_s)
+        if self._server is not None and (request := self._server.receive()) is not None:
+            self.asked.append(request.message)
+            self._answer(request)
+        return pending
+
+    def publish(self, key, message):
+        self._transport.publish(key, message)
+
+    def subscribe(self, key, *, keep=1):
+        return self._transport.subscribe(key, keep=keep)
+
+    def survey(self, key, message, *, timeout_s):
+        return self._transport.survey(key, message, timeout_s=timeout_s)
+
+    def serve(self, key):
+        return self._transport.serve(key)
+
+    def close(self):
+        self._transport.close()
+
+
+def completed(config, answer):
+    clock = ManualClock(10**9)
+    return complete(config, Teller(MemoryHub(), clock, answer), clock)
+
+
+def telling(settings):
+    told = RunEnvironment(name="gfm_fit", settings=settings)
+    return lambda request: request.reply(told)
+
+
+def test_an_actor_that_was_told_nothing_takes_the_runs_environment():
+    config = completed(ActorConfig(), telling('{"horizon": 30, "recordings": ["/a.mcap"]}'))
+    assert config.environment == EnvironmentSettings(horizon=30, recordings=("/a.mcap",))
+
+
+def test_an_actor_that_was_told_does_not_ask():
+    told = ActorConfig(environment=EnvironmentSettings(horizon=10))
+    assert completed(told, telling('{"horizon": 30}')) == told
+
+
+def test_an_actor_whom_nobody_tells_keeps_the_defaults():
+    assert completed(ActorConfig(wait_s=1.0), None) == ActorConfig(wait_s=1.0)
+
+
+def test_an_actor_in_a_run_for_something_else_is_refused():
+    with pytest.raises(RefusedError, match="learns for point_mass"):
+        completed(ActorConfig(), lambda request: request.refuse("this run learns for point_mass"))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ("{", "the learner's environment settings"),
+        ('{"horizn": 30}', "unknown field `horizn`"),
+        ('{"horizon": 7}', "horizon is 7 and sequence_length is 10"),
+    ],
+)
+def test_environment_settings_that_cannot_be_used_are_refused(settings, message):
+    with pytest.raises(ConfigError, match=message):
+        completed(ActorConfig(), telling(settings))

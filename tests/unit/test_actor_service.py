@@ -51,7 +51,7 @@ class Bench:
         )
 
     def publish(self, version=0):
-        settings = LearnerSettings(policy_hidden=(4,), critic_hidden=(4,))
+        settings = LearnerSettings(policy_hidden=(4,), critic_hidden=(4,), initial_stddev=0.5)
         self.tensors = policy_tensors(init_learner(self.env.spec, settings, version))
         weights = Weights(
             version=version, created_ns=0, spec_digest=self.env.spec.digest, tensors=self.tensors

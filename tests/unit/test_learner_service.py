@@ -16,6 +16,7 @@ from gfm.core import (
     RefusedError,
     Weights,
 )
+from gfm.envs.registry import EnvironmentSettings
 from gfm.recording.weights_file import read_weights, write_weights
 from gfm.rl.learner import LearnerSettings, state_arrays
 from gfm.rl.policy_numpy import GaussianPolicy
@@ -25,11 +26,17 @@ from gfm_learner.checkpoint import CHECKPOINT, POLICY, begin
 from gfm_learner.config import LearnerConfig
 from gfm_learner.metrics import METRICS, FolderMetrics, NoMetrics
 from gfm_learner.service import LearnerService, LearningDivergedError
-from gfm_wire import NotReady, SampleRequest, WeightsRequest
+from gfm_wire import EnvironmentRequest, NotReady, SampleRequest, WeightsRequest
 
 SPEC = EnvironmentSpec(name="test", observation_size=3, action_size=2)
 LEARNING = LearnerSettings(
-    policy_hidden=(8, 8), critic_hidden=(8, 8), samples=2, target_period=2, normaliser_steps=5
+    policy_hidden=(8, 8),
+    critic_hidden=(8, 8),
+    samples=2,
+    discount=0.9,
+    target_period=2,
+    normaliser_steps=5,
+    critic_first_steps=0,
 )
 
 
@@ -176,6 +183,27 @@ def test_another_environment_is_refused_with_both_values():
     assert bench.learner.status().counters["rejected_messages"] == 1
 
 
+def test_tells_actors_what_it_learns_for_with_paths_that_hold_anywhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    environment = EnvironmentSettings(recordings=("a.mcap",), models={"velocity": "m.xml"})
+    bench = Bench(config(env="gfm_fit", environment=environment))
+    request = EnvironmentRequest(name="gfm_fit")
+    reply = bench.actor.request("run/environment", request, timeout_s=5.0)
+    bench.learner.step()
+    told = msgspec.json.decode(reply.poll().settings, type=EnvironmentSettings)
+    assert told.recordings == (str(tmp_path / "a.mcap"),)
+    assert told.models == {"velocity": str(tmp_path / "m.xml")}
+
+
+def test_an_actor_for_another_environment_is_told_which_one_this_is():
+    bench = Bench(config(env="gfm_fit"))
+    request = EnvironmentRequest(name="point_mass")
+    reply = bench.actor.request("run/environment", request, timeout_s=5.0)
+    bench.learner.step()
+    with pytest.raises(RefusedError, match="learns for gfm_fit, the asker for point_mass"):
+        reply.poll()
+
+
 def test_stops_learning_at_its_budget_and_goes_on_serving():
     bench = Bench(config(max_steps=3))
     bench.learn(3)
@@ -242,7 +270,7 @@ def test_other_settings_are_refused_with_the_keys_that_differ(tmp_path):
     with pytest.raises(ConfigError) as caught:
         begin(config(checkpoint_dir=str(tmp_path), learning=learning), SPEC)
     message = str(caught.value)
-    assert "discount is 0.5 here, 0.99 there" in message
+    assert "discount is 0.5 here, 0.9 there" in message
     assert "limits.epsilon is 0.2 here, 0.1 there" in message
     assert "samples" not in message
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from msgspec.structs import replace
 
 from gfm.core import Batch, EnvironmentSpec
 from gfm.rl.learner import (
@@ -15,7 +16,14 @@ from gfm.rl.learner import (
 )
 
 SPEC = EnvironmentSpec(name="test", observation_size=3, action_size=2)
-SMALL = LearnerSettings(policy_hidden=(16, 16), critic_hidden=(16, 16), samples=4, target_period=3)
+PLAIN = LearnerSettings(
+    policy_hidden=(8,),
+    critic_hidden=(8,),
+    critic_first_steps=0,
+    initial_log_temperature=0.0,
+    initial_stddev=0.5,
+)
+SMALL = replace(PLAIN, policy_hidden=(16, 16), critic_hidden=(16, 16), samples=4, target_period=3)
 
 
 def batch(seed=0, sequences=8, steps=4, **changes):
@@ -82,7 +90,7 @@ def test_targets_change_only_once_a_period():
 
 
 def test_the_normaliser_is_fixed_after_its_steps():
-    settings = LearnerSettings(policy_hidden=(8,), critic_hidden=(8,), normaliser_steps=2)
+    settings = replace(PLAIN, normaliser_steps=2)
     state, _ = learn(init_learner(SPEC, settings, 0), [batch(0), batch(1)], settings)
     shift = state.networks.policy_normaliser.shift.clone()
     state, _ = learn(state, [batch(2)], settings)
@@ -95,7 +103,7 @@ def test_what_is_observed_after_a_terminal_transition_teaches_nothing():
     one, other = batch(0, discount=discount), batch(0, discount=discount)
     other.observation[:, 2] += 5.0  # terminal: neither acted in nor valued ...
     other.observation[:, 3:] = one.observation[:, 3:]
-    settings = LearnerSettings(policy_hidden=(8,), critic_hidden=(8,), normaliser_steps=0)
+    settings = replace(PLAIN, normaliser_steps=0)
     other.reward[:, 2], one.reward[:, 2] = 0.0, 0.0
     gradients = []
     for data in (one, other):
@@ -110,9 +118,7 @@ def test_a_batch_of_single_transitions_is_learned_from():
 
 
 def test_the_policy_waits_for_the_critic_where_it_is_told_to():
-    settings = LearnerSettings(
-        policy_hidden=(8,), critic_hidden=(8,), target_period=1, critic_first_steps=2
-    )
+    settings = replace(PLAIN, target_period=1, critic_first_steps=2)
     state = init_learner(SPEC, settings, 0)
     first = policy_tensors(state)["mean.bias"]
     critic = state.networks.critic.value.weight.detach().clone()
@@ -124,8 +130,13 @@ def test_the_policy_waits_for_the_critic_where_it_is_told_to():
 
 
 def test_the_critic_learns_the_value_of_a_constant_reward():
-    settings = LearnerSettings(
-        policy_hidden=(16,), critic_hidden=(32, 32), samples=4, discount=0.5, target_period=10
+    settings = replace(
+        PLAIN,
+        policy_hidden=(16,),
+        critic_hidden=(32, 32),
+        samples=4,
+        discount=0.5,
+        target_period=10,
     )
     ones = np.ones((8, 4), np.float32)
     batches = [batch(i, reward=ones) for i in range(400)]
@@ -134,8 +145,13 @@ def test_the_critic_learns_the_value_of_a_constant_reward():
 
 
 def test_the_policy_moves_towards_rewarded_actions():
-    settings = LearnerSettings(
-        policy_hidden=(16,), critic_hidden=(32, 32), samples=8, discount=0.0, target_period=10
+    settings = replace(
+        PLAIN,
+        policy_hidden=(16,),
+        critic_hidden=(32, 32),
+        samples=8,
+        discount=0.0,
+        target_period=10,
     )
 
     def rewarded(seed):

@@ -101,7 +101,8 @@ def test_numpy_policy_is_the_networks_function(hidden):
 
 
 def test_numpy_policy_samples_around_its_mean():
-    policy = GaussianPolicy.from_weights(policy_tensors(init_learner(SPEC, LearnerSettings(), 0)))
+    settings = LearnerSettings(initial_stddev=0.5)
+    policy = GaussianPolicy.from_weights(policy_tensors(init_learner(SPEC, settings, 0)))
     observation = np.ones((20000, 5), np.float32)
     action, _ = policy.sample(observation, np.random.default_rng(0))
     np.testing.assert_allclose(action.mean(0), policy.mean_action(observation)[0], atol=0.02)

@@ -14,11 +14,13 @@ from gfm.service.assets import load_environment
 from gfm.service.environment_flags import add_environment_flags
 from gfm.transport import Transport
 from gfm_actor.config import ActorConfig
+from gfm_actor.joining import complete
 from gfm_actor.service import ActorService
 
 
 def build(config: ActorConfig, transport: Transport, clock: Clock) -> Service:
-    """Returns the service that the settings describe."""
+    """Returns the service that the settings, and the run it joins, describe."""
+    config = complete(config, transport, clock)
     seed = config.chosen_seed
     env = load_environment(config.env, config.environment, num_envs=config.num_envs, seed=seed)
     return ActorService(config, env, transport, clock, np.random.default_rng(seed))
@@ -29,7 +31,7 @@ def make_actor_parser() -> argparse.ArgumentParser:
     parser = make_parser(
         "gfm-actor",
         "Acts in many instances of an environment with the learner's newest policy and sends what "
-        "happened to the replay service.",
+        "happened to the replay service. Told nothing about the environment, it asks the learner.",
     )
     add_environment_flags(parser)
     group = parser.add_argument_group("acting")

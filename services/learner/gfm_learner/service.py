@@ -15,12 +15,13 @@ from gfm.core import Batch, Clock, GfmError, Status, Weights
 from gfm.recording.weights_file import write_weights
 from gfm.rl.learner import Stats, learner_step, policy_tensors
 from gfm.service import Service, make_status
-from gfm.transport import Request, Transport
+from gfm.transport import Transport
+from gfm_learner.answers import Answers
 from gfm_learner.batches import BatchSource
 from gfm_learner.checkpoint import CHECKPOINT, POLICY, Progress, save_checkpoint
 from gfm_learner.config import LearnerConfig
 from gfm_learner.metrics import MetricsSink
-from gfm_wire import SampleRequest, WeightsRequest
+from gfm_wire import SampleRequest
 
 
 class LearningDivergedError(GfmError):
@@ -33,7 +34,7 @@ class LearningDivergedError(GfmError):
 
 @final
 class LearnerService(Service):
-    """Asks `replay/sample`, publishes `weights`, serves `weights/current`.
+    """Asks `replay/sample`, publishes `weights`, serves `weights/current` and `run/environment`.
 
     Weights are those of the target policy (see `gfm.rl.learner.policy_tensors`). They are published
     at the start, whenever the targets change, and as a heartbeat.
@@ -57,13 +58,12 @@ class LearnerService(Service):
         self._batches = BatchSource(
             transport, clock, request, prefetch=config.prefetch, timeout_s=config.timeout_s
         )
-        self._server = transport.serve("weights/current")
+        self._answers = Answers(config, progress.spec, transport)
         self._weights = self._make_weights()
         self._published_ns: int | None = None
         self._saved_ns = clock.now_ns()
         self._row_began = (clock.now_ns(), progress.state.steps)
         self._gauges: dict[str, float] = {}
-        self._refused_requests = 0
 
     @property
     def weights(self) -> Weights:
@@ -73,7 +73,7 @@ class LearnerService(Service):
     @override
     def step(self) -> bool:
         self._publish_when_due()
-        worked = self._answer()
+        worked = self._answers.poll(self._weights)
         if self._finished:
             return worked
         batch = self._batches.poll()
@@ -92,7 +92,7 @@ class LearnerService(Service):
                 "learner_steps": self._progress.state.steps,
                 "batches_unanswered": self._batches.unanswered,
                 "batches_refused": self._batches.refused,
-                "rejected_messages": self._refused_requests,
+                "rejected_messages": self._answers.refused,
             },
             gauges={"weights_version": float(self._weights.version), **self._gauges},
             note=self._note,
@@ -164,30 +164,6 @@ class LearnerService(Service):
     def _publish(self) -> None:
         self._transport.publish("weights", self._weights)
         self._published_ns = self._clock.now_ns()
-
-    def _answer(self) -> bool:
-        request = self._server.receive()
-        if request is None:
-            return False
-        reason = self._reason_to_refuse(request)
-        if reason is None:
-            request.reply(self._weights)
-        else:
-            self._refused_requests += 1
-            request.refuse(reason)
-        return True
-
-    def _reason_to_refuse(self, request: Request) -> str | None:
-        wanted, spec = request.message, self._progress.spec
-        if not isinstance(wanted, WeightsRequest):
-            return f"got {type(wanted).__name__}, expected WeightsRequest"
-        if wanted.spec_digest in ("", spec.digest):
-            return None
-        return (
-            f"the asker's environment has digest {wanted.spec_digest}; this learner learns for "
-            f"{spec.name} with {spec.observation_size} observations and {spec.action_size} "
-            f"actions, digest {spec.digest}"
-        )
 
     def _save_when_due(self) -> None:
         now_ns = self._clock.now_ns()

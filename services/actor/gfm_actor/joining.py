@@ -1,0 +1,57 @@
+"""What an actor that was told nothing about its environment learns from the run it joins."""
+
+from __future__ import annotations
+
+import logging
+
+import msgspec
+from msgspec.structs import replace
+
+from gfm.core import Clock, ConfigError, UnreachableError
+from gfm.envs.registry import EnvironmentSettings
+from gfm.transport import Transport, ask
+from gfm_actor.config import ActorConfig
+from gfm_wire import EnvironmentRequest, RunEnvironment
+
+_KEY = "run/environment"
+_TRY_S = 2.0
+_PAUSE_NS = 200_000_000
+
+_log = logging.getLogger(__name__)
+
+
+def complete(config: ActorConfig, transport: Transport, clock: Clock) -> ActorConfig:
+    """Returns the settings, with the run's environment where none was described.
+
+    Raises:
+        RefusedError: the run learns for another environment.
+        ConfigError: the run's settings do not go with this actor's, or cannot be understood.
+    """
+    if config.environment != EnvironmentSettings():
+        return config
+    answer = _ask(config, transport, clock)
+    if answer is None:
+        _log.info("no learner told its environment within %.0f s: using defaults", config.wait_s)
+        return config
+    _log.info("the run's environment: %s", answer.settings)
+    try:
+        return replace(
+            config, environment=msgspec.json.decode(answer.settings, type=EnvironmentSettings)
+        )
+    except msgspec.DecodeError as exc:
+        raise ConfigError(f"the learner's environment settings: {exc}") from exc
+
+
+def _ask(config: ActorConfig, transport: Transport, clock: Clock) -> RunEnvironment | None:
+    request = EnvironmentRequest(name=config.env)
+    deadline_ns = clock.now_ns() + round(config.wait_s * 1e9)
+    while True:
+        try:
+            answer = ask(transport, _KEY, request, timeout_s=_TRY_S, clock=clock)
+        except UnreachableError:
+            answer = None
+        if isinstance(answer, RunEnvironment):
+            return answer
+        if clock.now_ns() >= deadline_ns:
+            return None
+        clock.sleep_until_ns(clock.now_ns() + _PAUSE_NS)

@@ -1,0 +1,81 @@
+"""What the learner can be asked: its weights, and what it learns for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import final
+
+import msgspec
+
+from gfm.core import EnvironmentSpec, Weights
+from gfm.envs.registry import EnvironmentSettings
+from gfm.transport import Request, Transport
+from gfm_learner.config import LearnerConfig
+from gfm_wire import EnvironmentRequest, RunEnvironment, WeightsRequest
+
+
+@final
+class Answers:
+    """Serves `weights/current` and `run/environment`.
+
+    Attributes:
+        refused: Questions that were refused.
+    """
+
+    def __init__(self, config: LearnerConfig, spec: EnvironmentSpec, transport: Transport) -> None:
+        self.refused = 0
+        self._spec = spec
+        self._environment = RunEnvironment(
+            name=config.env, settings=_with_absolute_paths(config.environment)
+        )
+        self._weights_server = transport.serve("weights/current")
+        self._environment_server = transport.serve("run/environment")
+
+    def poll(self, weights: Weights) -> bool:
+        """Answers one question of each kind; returns whether there was any."""
+        weights_request = self._weights_server.receive()
+        if weights_request is not None:
+            self._answer(weights_request, weights, self._reason_against_weights(weights_request))
+        request = self._environment_server.receive()
+        if request is not None:
+            self._answer(request, self._environment, self._reason_against_environment(request))
+        return weights_request is not None or request is not None
+
+    def _answer(
+        self, request: Request, answer: Weights | RunEnvironment, reason: str | None
+    ) -> None:
+        if reason is None:
+            request.reply(answer)
+        else:
+            self.refused += 1
+            request.refuse(reason)
+
+    def _reason_against_weights(self, request: Request) -> str | None:
+        wanted, spec = request.message, self._spec
+        if not isinstance(wanted, WeightsRequest):
+            return f"got {type(wanted).__name__}, expected WeightsRequest"
+        if wanted.spec_digest in ("", spec.digest):
+            return None
+        return (
+            f"the asker's environment has digest {wanted.spec_digest:.40}; this learner learns for "
+            f"{spec.name} with {spec.observation_size} observations and {spec.action_size} "
+            f"actions, digest {spec.digest}"
+        )
+
+    def _reason_against_environment(self, request: Request) -> str | None:
+        wanted = request.message
+        if not isinstance(wanted, EnvironmentRequest):
+            return f"got {type(wanted).__name__}, expected EnvironmentRequest"
+        if wanted.name == self._environment.name:
+            return None
+        return f"this run learns for {self._environment.name}, the asker for {wanted.name:.40}"
+
+
+def _with_absolute_paths(settings: EnvironmentSettings) -> str:
+    """Returns the settings as JSON that means the same in any working directory."""
+    absolute = msgspec.structs.replace(
+        settings,
+        models={kind: str(Path(path).resolve()) for kind, path in settings.models.items()},
+        recordings=tuple(str(Path(path).resolve()) for path in settings.recordings),
+    )
+    return msgspec.json.encode(absolute).decode()
