@@ -1,0 +1,164 @@
+"""From recordings to a verdict, on a pendulum that SciPy integrates: nothing of it is MuJoCo's."""
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from gfm.core import CommandKind, ConfigError, Trajectory, UnknownNameError
+from gfm.diagnosis.diagnose import diagnose
+from gfm.diagnosis.intervals import half_widths
+from gfm.diagnosis.result import Verdict
+from gfm.diagnosis.signals import noise_std, resolution, smooth_states
+
+MASS, LENGTH, ROTOR, STIFFNESS, DAMPING = 0.5, 0.2, 0.02, 20.0, 1.0
+MODEL = f"""
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody><body>
+    <joint name="j" axis="0 -1 0" armature="{ROTOR}"/>
+    <inertial pos="0 0 -{LENGTH}" mass="{MASS}" diaginertia="1e-9 1e-9 1e-9"/>
+    <geom size="0.01" mass="0" pos="0 0 -{LENGTH}"/>
+  </body></worldbody>
+  <actuator><position name="j" joint="j" kp="{STIFFNESS}" kv="{DAMPING}"/></actuator>
+</mujoco>
+"""
+NOISE = 3e-4
+
+
+def command(time_s, seed):
+    rng = np.random.default_rng(seed)
+    speeds, phases = rng.uniform(1.0, 5.0, 3), rng.uniform(0.0, 6.0, 3)
+    waves = np.sin(np.outer(time_s, speeds) + phases).sum(axis=1)
+    return 0.25 * np.minimum(time_s, 1.0) * waves
+
+
+def recording(seed, torque=lambda _q, _v: 0.0, delay=0.0, duration=6.0):
+    period = 0.01
+    stamps = np.arange(0.0, duration, period)
+    told = command(stamps, seed)
+
+    def motion(time_s, state):
+        index = int(np.floor((time_s - delay) / period + 1e-9))
+        q, v = state
+        drive = STIFFNESS * (told[max(index, 0)] - q) - DAMPING * v
+        gravity = -MASS * 9.81 * LENGTH * np.sin(q)
+        return [v, (drive + gravity + torque(q, v)) / (MASS * LENGTH**2 + ROTOR)]
+
+    answer = solve_ivp(
+        motion, (0.0, stamps[-1]), [0.0, 0.0], t_eval=stamps, max_step=0.01, rtol=1e-7, atol=1e-9
+    )
+    noise = NOISE * np.random.default_rng(seed + 99).standard_normal(len(stamps))
+    stamp_ns = np.round(stamps * 1e9).astype(np.int64)
+    return Trajectory(
+        name=f"run {seed}",
+        joint_names=("j",),
+        stamp_ns=stamp_ns,
+        position=(answer.y[0] + noise)[:, None],
+        velocity=None,
+        effort=None,
+        command_kind=CommandKind.POSITION,
+        command_stamp_ns=stamp_ns,
+        command=told[:, None],
+    )
+
+
+def verdict_on(**truth):
+    runs = [recording(seed, **truth) for seed in range(3)]
+    specs = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
+    return diagnose(specs, runs[:2], runs[2:])
+
+
+def test_nothing_is_named_where_nothing_is_missing():
+    said = verdict_on()
+    assert said.verdict is Verdict.NO_GAP
+    assert said.effects == ()
+    assert said.error.before == pytest.approx(NOISE, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "amount", "torque"),
+    [
+        ("coulomb_friction", "torque", 0.15, lambda _q, v: -0.15 * np.tanh(v / 1e-3)),
+        ("viscous_friction", "coefficient", 0.3, lambda _q, v: -0.3 * v),
+        ("joint_spring", "stiffness", 1.5, lambda q, _v: -1.5 * (q - 0.2)),
+    ],
+)
+def test_a_missing_torque_is_named_with_its_amount(name, parameter, amount, torque):
+    said = verdict_on(torque=torque)
+    assert said.verdict is Verdict.EXPLAINED
+    assert (said.effects[0].effect, said.effects[0].joints) == (name, ("j",))
+    assert said.effects[0].parameters[parameter].value == pytest.approx(amount, rel=0.05)
+    assert said.effects[0].confidence > 0.5
+    assert said.error.after < 1.5 * said.error.noise_floor < said.error.before
+
+
+def test_a_delay_is_named_and_the_corrected_model_has_it():
+    said = verdict_on(delay=0.0237)
+    assert said.effects[0].effect == "command_delay"
+    assert said.effects[0].parameters["delay"].value == pytest.approx(0.0237, abs=5e-4)
+    model = mujoco.MjModel.from_xml_string(said.corrected_xml)
+    assert model.actuator_delay[0] == pytest.approx(0.0237, abs=5e-4)
+    assert "command_delay on j: delay" in said.corrected_xml
+
+
+def test_a_robot_that_hardly_moves_gives_insufficient_data():
+    runs = [recording(seed) for seed in range(2)]
+    still = [
+        Trajectory(**{**vars(run), "position": 1e-3 * run.position, "command": 0 * run.command})
+        for run in runs
+    ]
+    specs = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
+    said = diagnose(specs, still[:1], still[1:])
+    assert said.verdict is Verdict.INSUFFICIENT_DATA
+    assert "no joint moves by more than" in said.sentence
+
+
+def test_commands_of_another_kind_than_the_actuators_are_refused():
+    specs = {CommandKind.EFFORT: mujoco.MjSpec.from_string(MODEL)}
+    run = recording(0, duration=2.0)
+    with pytest.raises(ConfigError, match="run 0: its commands are of kind position"):
+        diagnose(specs, [run], [run])
+
+
+def test_a_model_of_another_robot_is_refused():
+    specs = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL.replace('"j"', '"k"'))}
+    run = recording(0, duration=2.0)
+    with pytest.raises(UnknownNameError, match="unknown joint 'j'; available: k"):
+        diagnose(specs, [run], [run])
+
+
+def test_noise_is_measured_under_a_smooth_motion():
+    time_s = np.arange(0.0, 10.0, 0.01)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(len(time_s))
+    told = noise_std((np.sin(3.0 * time_s) + noise)[:, None])
+    assert told == pytest.approx(1e-3, rel=0.1)
+
+
+def test_rounding_is_a_floor_of_the_noise():
+    time_s = np.arange(0.0, 10.0, 0.01)
+    rounded = (np.round(np.sin(0.3 * time_s) / 1.5e-3) * 1.5e-3)[:, None]
+    assert resolution(rounded) == pytest.approx(1.5e-3)
+    assert noise_std(rounded)[0] >= 1.5e-3 / np.sqrt(12.0)
+
+
+def test_smooth_states_are_the_derivatives_of_a_smooth_motion():
+    time_s = np.arange(0.0, 3.0, 0.01)
+    q, v, a = smooth_states(time_s, np.sin(2.0 * time_s)[:, None])
+    inner = slice(10, -10)
+    assert q[inner, 0] == pytest.approx(np.sin(2.0 * time_s)[inner], abs=1e-4)
+    assert v[inner, 0] == pytest.approx(2.0 * np.cos(2.0 * time_s)[inner], abs=5e-3)
+    assert a[inner, 0] == pytest.approx(-4.0 * np.sin(2.0 * time_s)[inner], abs=2e-2)
+
+
+def test_intervals_cover_the_truth_about_as_often_as_they_say():
+    rng = np.random.default_rng(0)
+    covered = []
+    for _ in range(300):
+        columns = rng.standard_normal((600, 2))
+        truth, noise = np.array([1.0, -2.0]), rng.standard_normal(600)
+        measured = columns @ truth + noise
+        fitted = np.linalg.lstsq(columns, measured, rcond=None)[0]
+        widths = half_widths(-columns, measured - columns @ fitted, [slice(0, 600)])
+        covered.extend(np.abs(fitted - truth) < widths)
+    assert 0.92 < np.mean(covered) < 0.98

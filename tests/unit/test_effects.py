@@ -1,0 +1,196 @@
+"""Every effect acts as its law says, natively or step by step."""
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from gfm.core import UnknownNameError
+from gfm.effects import EffectInstance, Scales, effect_library, find_effect
+from gfm.sim.plant import make_plant, native_spec
+
+ARM = """
+<mujoco>
+  <compiler angle="radian"/>
+  <option timestep="0.001" gravity="0 0 -9.81"/>
+  <worldbody>
+    <body name="upper">
+      <joint name="a" axis="0 1 0" armature="0.05"/>
+      <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="1"/>
+      <body name="lower" pos="0.3 0 0">
+        <joint name="b" axis="0 1 0" armature="0.02"/>
+        <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="0.5"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="a" joint="a" kp="50" kv="5"/>
+    <position name="b" joint="b" kp="20" kv="2"/>
+  </actuator>
+</mujoco>
+"""
+SCALES = Scales(
+    torque_nm=2.0,
+    excess_nm=0.5,
+    velocity_rad_s=1.0,
+    position_rad=0.7,
+    peak_nm=5.0,
+    inertia=0.1,
+    cogging_per_revolution=(12,),
+)
+STATE = {"qpos": (0.4, -0.7), "qvel": (0.8, -1.1), "ctrl": (0.5, 0.1)}
+
+
+def instance(name, joints=("a",), **values):
+    return EffectInstance(effect=find_effect(name), joints=joints, values=values)
+
+
+def acceleration_torque(*effects):
+    """Returns the generalized force that the effects add to the motion at STATE, shape (2,)."""
+    forces = []
+    for added in ((), effects):
+        model = make_plant(mujoco.MjSpec.from_string(ARM), ("a", "b"), added).model
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = STATE["qpos"], STATE["qvel"], STATE["ctrl"]
+        mujoco.mj_forward(model, data)
+        forces.append(data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias)
+    return forces[1] - forces[0]
+
+
+@pytest.mark.parametrize(
+    ("effect", "expected"),
+    [
+        (instance("viscous_friction", coefficient=0.3), (-0.3 * 0.8, 0.0)),
+        (instance("quadratic_drag", coefficient=0.3), (-0.3 * 0.8**2, 0.0)),
+        (instance("joint_spring", stiffness=2.0, rest_angle=0.1), (-2.0 * 0.3, 0.0)),
+        (instance("torque_offset", torque=0.25), (0.25, 0.0)),
+        (instance("asymmetric_friction", difference=0.4), (-0.2, 0.0)),
+        (instance("coupled_friction", ("a", "b"), viscous=0.2), (-0.2 * 1.9, 0.2 * 1.9)),
+        (
+            instance("cogging_torque", amplitude=0.3, per_revolution=7.0, phase=0.2),
+            (0.3 * math.sin(7 * 0.4 + 0.2), 0.0),
+        ),
+        (instance("actuator_gain", scale=1.5), (0.5 * (50 * (0.5 - 0.4) - 5 * 0.8), 0.0)),
+    ],
+    ids=lambda value: value.effect.name if isinstance(value, EffectInstance) else "",
+)
+def test_adds_the_torque_of_its_law(effect, expected):
+    assert acceleration_torque(effect) == pytest.approx(expected, abs=2e-6)
+
+
+def test_two_springs_on_one_joint_add_up():
+    both = (
+        instance("joint_spring", stiffness=2.0, rest_angle=0.1),
+        instance("torque_offset", torque=0.25),
+    )
+    assert acceleration_torque(*both)[0] == pytest.approx(-2.0 * 0.3 + 0.25, abs=2e-6)
+
+
+def test_a_spring_in_degrees_rests_at_the_same_angle():
+    spec = mujoco.MjSpec.from_string(ARM.replace('<compiler angle="radian"/>', ""))
+    model = make_plant(
+        spec, ("a",), [instance("joint_spring", stiffness=2.0, rest_angle=0.1)]
+    ).model
+    assert model.qpos_spring[0] == pytest.approx(0.1)
+
+
+def test_coulomb_friction_is_a_friction_loss_on_top_of_what_is_there():
+    spec = mujoco.MjSpec.from_string(ARM.replace('armature="0.05"', 'frictionloss="0.1"'))
+    model = native_spec(spec, [instance("coulomb_friction", torque=0.3)]).compile()
+    assert model.dof_frictionloss == pytest.approx([0.4, 0.0])
+
+
+def test_a_payload_adds_its_weight_and_leaves_the_names():
+    spec = mujoco.MjSpec.from_string(ARM)
+    load = instance("payload", ("b",), mass=0.7, com_x=0.1, com_y=0.0, com_z=0.0)
+    model = native_spec(spec, [load]).compile()
+    assert model.body_mass.sum() == pytest.approx(1.5 + 0.7)
+    assert [model.joint(i).name for i in range(model.njnt)] == ["a", "b"]
+
+
+def test_tilted_gravity_keeps_its_size():
+    spec = native_spec(
+        mujoco.MjSpec.from_string(ARM), [instance("gravity_direction", (), tilt_x=0.1, tilt_y=-0.2)]
+    )
+    assert np.linalg.norm(spec.option.gravity) == pytest.approx(9.81)
+    assert spec.option.gravity[1] == pytest.approx(9.81 * math.sin(0.1))
+
+
+def test_a_delay_is_kept_in_the_drive_and_never_shorter_than_told():
+    spec = native_spec(mujoco.MjSpec.from_string(ARM), [instance("command_delay", delay=0.0123)])
+    model = spec.compile()
+    assert model.actuator_delay[0] == pytest.approx(0.0123)
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 1.0
+    mujoco.mj_step(model, data, nstep=10)
+    assert data.actuator_force[0] == pytest.approx(0.0, abs=1.0)
+
+
+def test_saturation_never_widens_a_limit():
+    spec = mujoco.MjSpec.from_string(ARM.replace('kp="50"', 'kp="50" forcerange="-1 3"'))
+    model = native_spec(spec, [instance("torque_saturation", limit=2.0)]).compile()
+    assert model.actuator_forcerange[0] == pytest.approx([-1.0, 2.0])
+
+
+def test_an_encoder_offset_shifts_the_reported_position_of_the_same_pose():
+    spec = native_spec(mujoco.MjSpec.from_string(ARM), [instance("encoder_offset", offset=0.1)])
+    plain, shifted = mujoco.MjSpec.from_string(ARM).compile(), spec.compile()
+    tips = []
+    for model, angle in ((plain, 0.3), (shifted, 0.4)):
+        data = mujoco.MjData(model)
+        data.qpos[0] = angle
+        mujoco.mj_forward(model, data)
+        tips.append(data.body("lower").xpos.copy())
+    assert tips[0] == pytest.approx(tips[1])
+
+
+@pytest.mark.parametrize("name", ["backlash", "joint_elasticity"])
+def test_a_separated_motor_takes_armature_and_drive_with_it(name):
+    values = {"gap": 0.01} if name == "backlash" else {"stiffness": 300.0}
+    model = native_spec(mujoco.MjSpec.from_string(ARM), [instance(name, **values)]).compile()
+    motor = model.joint("a_motor")
+    assert model.dof_armature[motor.dofadr[0]] == pytest.approx(0.05)
+    assert model.dof_armature[model.joint("a").dofadr[0]] == 0.0
+    assert model.actuator_trnid[model.actuator("a").id, 0] == motor.id
+
+
+def test_a_very_stiff_elasticity_changes_nothing():
+    ends = []
+    for effects in ((), (instance("joint_elasticity", stiffness=2e4),)):
+        model = native_spec(mujoco.MjSpec.from_string(ARM), effects).compile()
+        model.opt.timestep = 1e-4
+        data = mujoco.MjData(model)
+        data.ctrl[:] = STATE["ctrl"]
+        mujoco.mj_step(model, data, nstep=5000)
+        ends.append(data.joint("a").qpos[0])
+    assert ends[0] == pytest.approx(ends[1], abs=1e-3)
+
+
+@pytest.mark.parametrize("effect", effect_library().values(), ids=lambda e: e.name)
+def test_probes_have_every_parameter_and_units_are_told(effect):
+    names = {p.name for p in effect.parameters}
+    for group in effect.probes(SCALES):
+        assert all(set(values) == names for values in group)
+    assert all(p.unit and p.lower < p.upper for p in effect.parameters)
+    assert effect.shown_by
+
+
+SINGLE = [e for e in effect_library().values() if len(e.probes(SCALES)[0]) == 1]
+
+
+@pytest.mark.parametrize("effect", SINGLE, ids=lambda e: e.name)
+def test_a_probe_changes_the_answer_of_a_group_of_one_in_proportion(effect):
+    values = effect.combine(effect.probes(SCALES)[0], [0.9])
+    assert values is not None
+    assert effect.admissible(values)
+
+
+def test_negative_friction_is_not_admissible():
+    effect = find_effect("coulomb_friction")
+    assert effect.combine([{"torque": 0.5}], [-0.2]) is None
+
+
+def test_an_unknown_effect_is_told_with_those_that_exist():
+    with pytest.raises(UnknownNameError, match=r"unknown effect 'glue'; available: .*backlash"):
+        find_effect("glue")
