@@ -34,15 +34,8 @@ from gfm.transport import ask
 from gfm_wire import WeightsRequest
 
 WARM_START, BEST = "warm_start.npz", "gfm.npz"
-LEARNER_SETTINGS = "learner.toml"
 _POLL_NS = 500_000_000
 _ASK_S = 30.0
-#: The policy begins well: its inputs stay scaled as they were, and the critic learns first.
-_LEARNER_TOML = """\
-[learning]
-normaliser_steps = 0
-critic_first_steps = 300
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,11 +170,9 @@ class ForceFit:
     def start(self, supervisor: Supervisor) -> None:
         """Starts learner and actors in a running system."""
         folder, seed = self._inputs.folder, self._inputs.seed
-        settings = folder / LEARNER_SETTINGS
-        settings.write_text(_LEARNER_TOML, encoding="utf-8")
         learner = (
-            *("--config", str(settings), "--init", str(folder / WARM_START)),
-            *("--checkpoint-dir", str(folder), "--seed", str(seed)),
+            *("--init", str(folder / WARM_START), "--seed", str(seed)),
+            *("--checkpoint-dir", str(folder)),
             *self._inputs.arguments,
         )
         self._began_ns = self._clock.now_ns()
