@@ -18,6 +18,7 @@ _EPILOG = """\
 Start with `gfm run`. Exit status: 0 done, 1 a peer stayed away or said no, 2 bad input (one line
 says what), 130 interrupted.
 """
+_INTERRUPTED = 130
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +105,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Not before: it loads the transport, which `gfm --help` can do without.
     from gfm.service import exit_status
 
-    return exit_status(lambda: arguments.run(arguments))
+    status = exit_status(lambda: arguments.run(arguments))
+    if status == _INTERRUPTED:
+        sys.stderr.write("interrupted\n")
+    return status
 
 
 if __name__ == "__main__":

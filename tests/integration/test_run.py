@@ -39,14 +39,17 @@ def test_an_unknown_hidden_effect_is_one_line_and_leaves_nothing(tmp_path):
 
 def test_an_interrupted_run_stops_its_services(tmp_path):
     out = tmp_path / "out"
-    with subprocess.Popen([*GFM, "--out", str(out)], stdout=subprocess.DEVNULL) as process:
+    with subprocess.Popen(
+        [*GFM, "--out", str(out)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as process:
         deadline_s = time.monotonic() + 60.0
         while not list(out.glob("recordings/*")):
             assert time.monotonic() < deadline_s
             assert process.poll() is None
             time.sleep(0.1)
         process.send_signal(signal.SIGINT)
-        assert process.wait(30.0) == 130
+        assert process.communicate(timeout=30.0)[1] == "interrupted\n"
+    assert process.returncode == 130
     logs = {path.name: path.read_text() for path in (out / "logs").iterdir()}
     assert set(logs) == {"replay.log", "robot.log", "robot-bridge.log"}
     assert all("stopped" in text for text in logs.values())
