@@ -160,7 +160,7 @@ def test_the_policy_moves_towards_rewarded_actions():
         data.reward[:] = -np.square(data.action.clip(-1, 1) - np.float32(0.5)).sum(-1)
         return data
 
-    batches = [rewarded(i) for i in range(200)]
+    batches = [rewarded(i) for i in range(600)]
     state, _ = learn(init_learner(SPEC, settings, 0), batches, settings)
     with torch.no_grad():
         mean = state.networks.target_policy(torch.randn(64, 3)).mean
