@@ -3,7 +3,10 @@
 One round: every candidate's response to a small amount is computed by open-loop rollouts and the
 residual is regressed on it, together with the responses of what was accepted before. The candidates
 that explain most are then fitted in earnest (damped Gauss-Newton over rollouts), and the one that
-leaves least is accepted if it explains enough. Rounds go on until nothing explains enough.
+leaves least is accepted if it explains enough. While much stays unexplained, a model that is wrong
+anyway can be bent to fit what it was fitted to: then an effect must also explain recordings that it
+was not fitted to. Rounds go on until nothing explains enough; what the later effects made
+superfluous is taken out at the end.
 
 Shape letters: N numbers of a residual, P parameters.
 """
@@ -42,6 +45,11 @@ LEAST_SUSPECTS = 2
 MOST_EFFECTS = 6
 #: Gauss-Newton steps of a fit, and the relative gain below which it ends.
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
+#: Parts into which recordings are divided to see whether an effect holds for others, and
+#: candidates that are put to that test in one round.
+FOLDS, MOST_TESTED = 2, 3
+#: A parameter this close to its bound, as a share of the allowed range, has not been found.
+AT_BOUND = 1e-3
 #: Damping beyond which no step helps.
 MOST_DAMPING = 1e3
 
@@ -79,7 +87,7 @@ class Round:
     """One round of attribution.
 
     Attributes:
-        before: Cost before it, on the recordings to which the shortlist is fitted.
+        before: Cost without a new effect, on the recordings to which the shortlist is fitted.
         screened: Candidates by first-order gain, best first.
         fits: The shortlist, fitted, best first; the new effect is the last of each fit's effects.
         accepted: The best of them fitted to all recordings, or None where it explains too little.
@@ -107,6 +115,7 @@ def attribute(
     report: Callable[[str], None] = lambda _: None,
 ) -> Attribution:
     """Returns which of `candidates` the recordings support, in which amounts."""
+    problem = problem.robust(())
     accepted = nothing(problem)
     nominal, rounds = accepted.cost, []
     enough = max(ADEQUATE, 1.0 + INEXACT * (nominal - 1.0))
@@ -118,7 +127,20 @@ def attribute(
         if this.accepted is None:
             break
         accepted = this.accepted
+        problem = problem.robust(accepted.effects)
+    if len(accepted.effects) > 1:
+        report("looking for what became superfluous")
+        accepted = without_superfluous(problem, accepted, enough)
     return Attribution(nominal_cost=nominal, fit=accepted, rounds=tuple(rounds))
+
+
+def without_superfluous(problem: Problem, accepted: Fit, enough: float) -> Fit:
+    """Returns the fit without effects that explain too little beside those found after them."""
+    for instance in accepted.effects[:-1]:
+        rest = fit(problem, [e for e in accepted.effects if e is not instance])
+        if rest.cost < max(enough, accepted.cost / (1.0 - LEAST_GAIN)):
+            return without_superfluous(problem, rest, enough)
+    return accepted
 
 
 def suspected(problem: Problem, candidates: Sequence[Place], base: Fit) -> list[Place]:
@@ -160,24 +182,75 @@ def play_round(
 
     What takes long to simulate is looked at only where nothing simpler explains enough.
     """
-    sample = problem.sample(FITTING_S)
-    part, here = problem.subset(sample), _rows(problem, sample)
-    before = _cost(base.residual[here])
+    part = problem.subset(problem.sample(FITTING_S))
+    start = fit(part, base.effects)
     screened: list[Screened] = []
     fits: list[Fit] = []
     for costly in (False, True):
         tier = [place for place in candidates if place.effect.costly is costly]
         found = screen(problem, tier, scales, base)
         screened.extend(found)
-        fits.extend(_fit_best(part, found, base, enough, report))
+        fits.extend(_fit_best(part, found, start, enough, report))
         fits.sort(key=lambda f: f.cost)
         if fits and fits[0].cost < enough:
             break
     screened.sort(key=lambda s: -s.gain)
+    fits = _best_first(problem, fits, start, enough, report)
     accepted = None
-    if fits and fits[0].cost < (1.0 - LEAST_GAIN) * before:
+    if fits and fits[0].cost < (1.0 - LEAST_GAIN) * start.cost:
         accepted = fit(problem, fits[0].effects)
-    return Round(before=before, screened=tuple(screened), fits=tuple(fits), accepted=accepted)
+    return Round(before=start.cost, screened=tuple(screened), fits=tuple(fits), accepted=accepted)
+
+
+def _best_first(
+    problem: Problem,
+    fits: list[Fit],
+    start: Fit,
+    enough: float,
+    report: Callable[[str], None],
+) -> list[Fit]:
+    """Returns the fits with one first that can be accepted, if there is one."""
+    for tested in fits[:MOST_TESTED]:
+        if tested.cost >= (1.0 - LEAST_GAIN) * start.cost:
+            break
+        if at_bound(tested.effects[-1]):
+            continue
+        if tested.cost >= enough:
+            report(f"testing {describe(tested.effects[-1])} on other recordings")
+            if not holds_elsewhere(problem, start.effects, tested.effects):
+                continue
+        return [tested, *(f for f in fits if f is not tested)]
+    return []
+
+
+def at_bound(instance: EffectInstance) -> bool:
+    """Returns whether a fitted parameter ran into its bound: any value beyond would do as well."""
+    found = [p for p in instance.effect.parameters if p.name not in instance.effect.fixed]
+    return any(
+        min(abs(instance.values[p.name] - p.lower), abs(p.upper - instance.values[p.name]))
+        < AT_BOUND * min(p.upper - p.lower, abs(instance.values[p.name]) + 1e-9)
+        for p in found
+    )
+
+
+def holds_elsewhere(
+    problem: Problem, base: Sequence[EffectInstance], effects: Sequence[EffectInstance]
+) -> bool:
+    """Returns whether `effects` explain more than `base` on recordings they are not fitted to."""
+    recordings = sorted({s.recording for s in problem.segments})
+    if len(recordings) < FOLDS:
+        return True
+    before = after = 0.0
+    for fold in range(FOLDS):
+        inside = set(recordings[fold::FOLDS])
+        held = problem.subset([i for i, s in enumerate(problem.segments) if s.recording in inside])
+        rest = [i for i, s in enumerate(problem.segments) if s.recording not in inside]
+        other = problem.subset(rest)
+        other = other.subset(other.sample(FITTING_S))
+        both = [fit(other, base).effects, fit(other, effects).effects]
+        costs = np.sum(held.residuals(both) ** 2, axis=1)
+        before, after = before + costs[0], after + costs[1]
+    return bool(after < (1.0 - LEAST_GAIN) * before)
 
 
 def _fit_best(
@@ -288,6 +361,8 @@ def _whole(candidate: Screened) -> bool:
 
 def fit(problem: Problem, effects: Sequence[EffectInstance]) -> Fit:
     """Returns `effects` with the values that leave the least residual (damped Gauss-Newton)."""
+    if not effects:
+        return nothing(problem)
     current, values = tuple(effects), _vector(effects)
     residual = problem.residuals([current])[0]
     jacobian = _jacobian(problem, current, residual)

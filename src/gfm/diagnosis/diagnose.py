@@ -84,7 +84,7 @@ def diagnose(
     """
     report("measuring the nominal model")
     problem = make_problem(specs, recordings)
-    held = make_problem(specs, holdout, problem.noise)
+    held = make_problem(specs, holdout, problem.noise, released_whole=True)
     lack = _lacking(recordings)
     found = _attribute(problem, recordings, report) if not lack else None
     instances = found.fit.effects if found else ()

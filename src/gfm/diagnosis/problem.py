@@ -4,6 +4,9 @@ Residuals are measured minus predicted, in units of the sensor noise, over open-
 a wrong initial state could explain is taken out of them: it is fitted, to first order, segment by
 segment (two numbers per joint).
 
+Stretches that a model misses by far more than the others (a fall, a stall) would decide everything
+by their squares: beyond a limit residuals count linearly (Huber 1964).
+
 Shape letters: T measurements of a segment, J joints, N numbers of all segments together.
 """
 
@@ -36,6 +39,8 @@ STATE_STEP = (1e-4, 1e-3)
 CONTACT_LOOKS = 300
 #: Largest residual that counts, in units of the noise: a simulation that runs away stays finite.
 LARGEST = 1e5
+#: Residuals count linearly from so many times a typical stretch's root mean square.
+LINEAR_FROM = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +68,8 @@ class Problem:
         after_command: Whether efforts were measured after the command of the same stamp.
         state_basis: Per segment, an orthonormal basis of what the initial state can explain,
             shape (T * channels, 2 J).
+        linear_from: Residuals from which on they count linearly, by joint for positions and
+            efforts, in units of the noise, shape (2, J).
     """
 
     specs: Mapping[CommandKind, mujoco.MjSpec]
@@ -71,6 +78,7 @@ class Problem:
     noise: Noise
     after_command: bool = False
     state_basis: tuple[Array, ...] = field(default=())
+    linear_from: Array | None = None
 
     def predictions(self, candidates: Sequence[Sequence[EffectInstance]]) -> list[list[Prediction]]:
         """Returns every candidate's prediction of every segment, candidates first."""
@@ -98,7 +106,35 @@ class Problem:
                 basis = self.state_basis[i]
                 part = part - basis @ (basis.T @ part)
             parts.append(part)
-        return np.concatenate(parts)
+        return self._linear_beyond(np.concatenate(parts))
+
+    def _linear_beyond(self, residual: Array) -> Array:
+        """Returns residuals whose squares are Huber's loss of the given ones, shape (N,)."""
+        if self.linear_from is None:
+            return residual
+        limit = np.concatenate([self._by_number(segment) for segment in self.segments])
+        size = np.abs(residual)
+        beyond = np.sign(residual) * np.sqrt(limit * np.maximum(2.0 * size - limit, 0.0))
+        return np.where(size > limit, beyond, residual)
+
+    def _by_number(self, segment: Segment) -> Array:
+        limits = np.empty((0, len(self.joints))) if self.linear_from is None else self.linear_from
+        count = len(segment.position)
+        channels = self._size(segment) // segment.position.size
+        return np.concatenate([np.tile(limits[c], count) for c in range(channels)])
+
+    def robust(self, effects: Sequence[EffectInstance]) -> Problem:
+        """Returns the problem with limits from what `effects` leave in a typical stretch."""
+        plain = replace(self, linear_from=None)
+        residual = plain.residuals([effects])[0]
+        joints = len(self.joints)
+        sizes: list[list[Array]] = [[], []]
+        for segment, rows in zip(self.segments, self.slices(), strict=True):
+            channels = residual[rows].reshape(-1, len(segment.position), joints)
+            for channel, values in enumerate(channels):
+                sizes[channel].append(np.sqrt(np.mean(values**2, axis=0)))
+        typical = [np.median(s, axis=0) if s else np.ones(joints) for s in sizes]
+        return replace(self, linear_from=LINEAR_FROM * np.maximum(np.stack(typical), 1.0))
 
     def whitened(self, segment: Segment, prediction: Prediction) -> Array:
         """Returns measured minus predicted in units of the noise, position before effort."""
@@ -171,9 +207,13 @@ def make_problem(
     specs: Mapping[CommandKind, mujoco.MjSpec],
     recordings: Sequence[Trajectory],
     noise: Noise | None = None,
+    *,
+    released_whole: bool = False,
 ) -> Problem:
     """Returns the problem of explaining `recordings` by the models `specs`.
 
+    What no servo holds on track is cut into short stretches: over long ones small errors grow too
+    large to be fitted. With `released_whole`, released servos are rolled out whole all the same.
     The models are integrated to fourth order whatever they say themselves: a first-order step of
     theirs would show as a delay.
 
@@ -190,7 +230,9 @@ def make_problem(
     for kind, spec in accurate.items():
         if not _touches(spec, [r for r in recordings if r.command_kind is kind]):
             spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    segments = tuple(s for i, r in enumerate(recordings) for s in cut(r, i))
+    segments = tuple(
+        s for i, r in enumerate(recordings) for s in cut(r, i, released_whole=released_whole)
+    )
     problem = Problem(
         specs=accurate,
         joints=joints,
@@ -258,9 +300,11 @@ def measure_noise(recordings: Sequence[Trajectory]) -> Noise:
     )
 
 
-def cut(recording: Trajectory, index: int) -> list[Segment]:
-    """Returns the stretches of a recording that are rolled out, whole ones first to last."""
-    window_s = WINDOW_S[recording.command_kind]
+def cut(recording: Trajectory, index: int, *, released_whole: bool = False) -> list[Segment]:
+    """Returns the stretches of a recording that are rolled out, first to last."""
+    released = any(recording.servo_gain.get(name) == 0.0 for name in recording.joint_names)
+    loose = released and not released_whole
+    window_s = WINDOW_S[CommandKind.EFFORT if loose else recording.command_kind]
     time_s = recording.time_s
     position, velocity, _ = smooth_states(time_s, recording.position)
     count = max(int(time_s[-1] / window_s), 1)
