@@ -45,6 +45,8 @@ LEAST_SUSPECTS = 2
 MOST_EFFECTS = 6
 #: Gauss-Newton steps of a fit, and the relative gain below which it ends.
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
+#: The same where candidates are compared only.
+ROUGH = 1e-2
 #: Parts into which recordings are divided to see whether an effect holds for others, and
 #: candidates that are put to that test in one round.
 FOLDS, MOST_TESTED = 2, 3
@@ -247,7 +249,7 @@ def holds_elsewhere(
         rest = [i for i, s in enumerate(problem.segments) if s.recording not in inside]
         other = problem.subset(rest)
         other = other.subset(other.sample(FITTING_S))
-        both = [fit(other, base).effects, fit(other, effects).effects]
+        both = [fit(other, e, tolerance=ROUGH).effects for e in (base, effects)]
         costs = np.sum(held.residuals(both) ** 2, axis=1)
         before, after = before + costs[0], after + costs[1]
     return bool(after < (1.0 - LEAST_GAIN) * before)
@@ -267,7 +269,8 @@ def _fit_best(
         if settled and candidate.gain < RIVAL * screened[0].gain:
             continue
         report(f"fitting {describe(candidate.instance)}")
-        fits.append(fit(problem, (*base.effects, candidate.instance)))
+        effects = (*base.effects, candidate.instance)
+        fits.append(fit(problem, effects, known=base.jacobian, tolerance=ROUGH))
     return fits
 
 
@@ -359,13 +362,26 @@ def _whole(candidate: Screened) -> bool:
     return candidate.instance.effect.scope in (Scope.ROBOT, Scope.LAST)
 
 
-def fit(problem: Problem, effects: Sequence[EffectInstance]) -> Fit:
-    """Returns `effects` with the values that leave the least residual (damped Gauss-Newton)."""
+def fit(
+    problem: Problem,
+    effects: Sequence[EffectInstance],
+    *,
+    known: Array | None = None,
+    tolerance: float = FIT_TOLERANCE,
+) -> Fit:
+    """Returns `effects` with the values that leave the least residual (damped Gauss-Newton).
+
+    Args:
+        problem: What they should explain.
+        effects: With the values to begin with.
+        known: Derivatives by the first parameters, shape (N, K), that are good enough as they are.
+        tolerance: Relative gain of a step at which the fit ends.
+    """
     if not effects:
         return nothing(problem)
     current, values = tuple(effects), _vector(effects)
     residual = problem.residuals([current])[0]
-    jacobian = _jacobian(problem, current, residual)
+    jacobian = _jacobian(problem, current, residual, known)
     damping = 1e-3
     for _ in range(FIT_STEPS):
         trial = _clipped(current, values + _step(jacobian, residual, damping))
@@ -375,8 +391,8 @@ def fit(problem: Problem, effects: Sequence[EffectInstance]) -> Fit:
         damping *= 0.1 if gain > 0.0 else 30.0
         if gain > 0.0:
             current, values, residual = candidate, trial, tried
-            jacobian = _jacobian(problem, current, residual)
-        if abs(gain) < FIT_TOLERANCE or damping > MOST_DAMPING:
+            jacobian = _jacobian(problem, current, residual, known)
+        if abs(gain) < tolerance or damping > MOST_DAMPING:
             break
     return Fit(effects=current, cost=_cost(residual), jacobian=jacobian, residual=residual)
 
@@ -421,14 +437,21 @@ def _clipped(effects: Sequence[EffectInstance], vector: Array) -> Array:
     return np.asarray(np.clip(vector, low, high))
 
 
-def _jacobian(problem: Problem, effects: tuple[EffectInstance, ...], residual: Array) -> Array:
+def _jacobian(
+    problem: Problem,
+    effects: tuple[EffectInstance, ...],
+    residual: Array,
+    known: Array | None,
+) -> Array:
     """Returns the derivative of the residual by each free parameter, by forward differences."""
     values = _vector(effects)
     low, high = _bounds(effects)
     sizes = 1e-2 * np.maximum(np.abs(values), 1e-2 * np.minimum(high - low, 1.0))
     steps = np.where(values + sizes > high, -sizes, sizes)
-    moved = [_with_vector(effects, values + step) for step in np.diag(steps)]
-    return np.asarray(((problem.residuals(moved) - residual) / steps[:, None]).T)
+    first = 0 if known is None else known.shape[1]
+    moved = [_with_vector(effects, values + step) for step in np.diag(steps)[first:]]
+    rest = ((problem.residuals(moved) - residual) / steps[first:, None]).T
+    return np.asarray(rest if known is None else np.concatenate([known, rest], axis=1))
 
 
 def _step(jacobian: Array, residual: Array, damping: float) -> Array:
