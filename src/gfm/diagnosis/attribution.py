@@ -50,6 +50,11 @@ ROUGH = 1e-2
 #: Parts into which recordings are divided to see whether an effect holds for others, and
 #: candidates that are put to that test in one round.
 FOLDS, MOST_TESTED = 2, 3
+#: Cost at which a simpler effect is accepted before others are looked at, as a share of that
+#: without it.
+SUBSTANTIAL = 0.2
+#: Rough fits that are fitted to the end: so many in front, if they are this close to the best.
+POLISHED, CLOSE = 2, 1.5
 #: A parameter this close to its bound, as a share of the allowed range, has not been found.
 AT_BOUND = 1e-3
 #: Damping beyond which no step helps.
@@ -138,10 +143,13 @@ def attribute(
 
 def without_superfluous(problem: Problem, accepted: Fit, enough: float) -> Fit:
     """Returns the fit without effects that explain too little beside those found after them."""
+    part = problem.subset(problem.sample(FITTING_S))
+    allowed = max(enough, _cost(part.residuals([accepted.effects])[0]) / (1.0 - LEAST_GAIN))
     for instance in accepted.effects[:-1]:
-        rest = fit(problem, [e for e in accepted.effects if e is not instance])
-        if rest.cost < max(enough, accepted.cost / (1.0 - LEAST_GAIN)):
-            return without_superfluous(problem, rest, enough)
+        rest = [e for e in accepted.effects if e is not instance]
+        without = fit(part, rest, tolerance=ROUGH)
+        if without.cost < allowed:
+            return without_superfluous(problem, fit(problem, without.effects), enough)
     return accepted
 
 
@@ -155,10 +163,12 @@ def suspected(problem: Problem, candidates: Sequence[Place], base: Fit) -> list[
         if rank < LEAST_SUSPECTS or costs[j] > SUSPECT_JOINT * costs[worst[0]]
     }
     taken = {instance.key for instance in base.effects}
+    separated = {e.joints for e in base.effects if e.effect.separates_motor}
     return [
         place
         for place in candidates
         if place.key not in taken
+        and not (place.effect.separates_motor and place.joints in separated)
         and (place.effect.scope is not Scope.JOINT or place.joints[0] in joints)
         and (place.effect.scope is not Scope.PAIR or set(place.joints) <= joints)
     ]
@@ -182,7 +192,8 @@ def play_round(
 ) -> Round:
     """Returns one round: screening, fits of the shortlist, and whether the best is accepted.
 
-    What takes long to simulate is looked at only where nothing simpler explains enough.
+    What takes long to simulate is looked at only where nothing simpler explains much: if it is
+    what is missing, it will be found beside the simpler effect and make that superfluous.
     """
     part = problem.subset(problem.sample(FITTING_S))
     start = fit(part, base.effects)
@@ -192,9 +203,8 @@ def play_round(
         tier = [place for place in candidates if place.effect.costly is costly]
         found = screen(problem, tier, scales, base)
         screened.extend(found)
-        fits.extend(_fit_best(part, found, start, enough, report))
-        fits.sort(key=lambda f: f.cost)
-        if fits and fits[0].cost < enough:
+        fits = _polished(part, [*fits, *_fit_best(part, found, start, enough, report)])
+        if fits and fits[0].cost < max(enough, SUBSTANTIAL * start.cost):
             break
     screened.sort(key=lambda s: -s.gain)
     fits = _best_first(problem, fits, start, enough, report)
@@ -202,6 +212,14 @@ def play_round(
     if fits and fits[0].cost < (1.0 - LEAST_GAIN) * start.cost:
         accepted = fit(problem, fits[0].effects)
     return Round(before=start.cost, screened=tuple(screened), fits=tuple(fits), accepted=accepted)
+
+
+def _polished(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
+    """Returns the fits, best first, those in front with all their parameters fitted to the end."""
+    by_cost = sorted(fits, key=lambda f: f.cost)
+    front = [f for f in by_cost[:POLISHED] if f.cost < CLOSE * by_cost[0].cost]
+    done = [fit(problem, f.effects) for f in front]
+    return sorted([*done, *by_cost[len(front) :]], key=lambda f: f.cost)
 
 
 def _best_first(

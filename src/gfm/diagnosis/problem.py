@@ -22,7 +22,7 @@ import numpy as np
 
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.signals import evenly, noise_std, smooth_states
+from gfm.diagnosis.signals import evenly, noise_std, smooth_states, starts_at_rest
 from gfm.effects import EffectInstance
 from gfm.sim.plant import check_joints, make_plant
 from gfm.sim.predict import Prediction, Segment, predict
@@ -230,14 +230,17 @@ def make_problem(
     for kind, spec in accurate.items():
         if not _touches(spec, [r for r in recordings if r.command_kind is kind]):
             spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    noise = noise or measure_noise(recordings)
     segments = tuple(
-        s for i, r in enumerate(recordings) for s in cut(r, i, released_whole=released_whole)
+        segment
+        for i, recording in enumerate(recordings)
+        for segment in cut(recording, i, noise, released_whole=released_whole)
     )
     problem = Problem(
         specs=accurate,
         joints=joints,
         segments=segments,
-        noise=noise or measure_noise(recordings),
+        noise=noise,
     )
     return _with_state_basis(replace(problem, after_command=_efforts_follow_commands(problem)))
 
@@ -300,8 +303,14 @@ def measure_noise(recordings: Sequence[Trajectory]) -> Noise:
     )
 
 
-def cut(recording: Trajectory, index: int, *, released_whole: bool = False) -> list[Segment]:
-    """Returns the stretches of a recording that are rolled out, first to last."""
+def cut(
+    recording: Trajectory, index: int, noise: Noise, *, released_whole: bool = False
+) -> list[Segment]:
+    """Returns the stretches of a recording that are rolled out, first to last.
+
+    What rests at first begins with no speed at all: where nothing holds a joint (play in a gear,
+    friction that is missing in the model), a speed made of noise would carry it away.
+    """
     released = any(recording.servo_gain.get(name) == 0.0 for name in recording.joint_names)
     loose = released and not released_whole
     window_s = WINDOW_S[CommandKind.EFFORT if loose else recording.command_kind]
@@ -316,6 +325,7 @@ def cut(recording: Trajectory, index: int, *, released_whole: bool = False) -> l
         if end - start < 8:
             continue
         here = slice(int(start), int(end))
+        resting = starts_at_rest(time_s[here], recording.position[here], noise.position)
         segments.append(
             Segment(
                 time_s=time_s[here] - time_s[start],
@@ -324,7 +334,7 @@ def cut(recording: Trajectory, index: int, *, released_whole: bool = False) -> l
                 kind=recording.command_kind,
                 **_commands(recording, float(time_s[start]), float(time_s[end - 1])),
                 initial_position=position[start],
-                initial_velocity=velocity[start],
+                initial_velocity=np.where(resting, 0.0, velocity[start]),
                 servo_gain=gain,
                 recording=index,
             )

@@ -17,6 +17,8 @@ from gfm.core.checks import Array
 NOISE_ORDER = 4
 #: Span and order of the polynomials from which velocity and acceleration are taken.
 SMOOTHING_S, SMOOTHING_ORDER = 0.09, 3
+#: Time over which a joint has to rest, and speed that may be noise, in standard deviations.
+REST_S, REST_SIGMAS = 0.15, 3.0
 
 
 def noise_std(signal: Array) -> Array:
@@ -72,6 +74,22 @@ def smooth_states(time_s: Array, position: Array) -> tuple[Array, Array, Array]:
         np.stack([np.interp(time_s, grid, column) for column in d.T], axis=1) for d in derivatives
     )
     return q, v, a
+
+
+def starts_at_rest(time_s: Array, position: Array, noise: Array) -> Array:
+    """Returns which joints show no speed beyond the noise at first, shape (J,).
+
+    Judged by the slope of a line through the first `REST_S`.
+
+    Args:
+        time_s: shape (T,).
+        position: shape (T, J).
+        noise: Standard deviation by joint, shape (J,).
+    """
+    first = time_s <= time_s[0] + REST_S
+    time = time_s[first] - time_s[first].mean()
+    slope = time @ position[first] / (time @ time)
+    return np.asarray(np.abs(slope) < REST_SIGMAS * noise / np.sqrt(time @ time))
 
 
 def warnings_of(trajectory: Trajectory) -> tuple[str, ...]:
