@@ -204,6 +204,7 @@ def play_round(
         found = screen(problem, tier, scales, base)
         screened.extend(found)
         fits = _polished(part, [*fits, *_fit_best(part, found, start, enough, report)])
+        fits = _with_lookalikes(part, fits, found, start)
         if fits and fits[0].cost < max(enough, SUBSTANTIAL * start.cost):
             break
     screened.sort(key=lambda s: -s.gain)
@@ -220,6 +221,25 @@ def _polished(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     front = [f for f in by_cost[:POLISHED] if f.cost < CLOSE * by_cost[0].cost]
     done = [fit(problem, f.effects) for f in front]
     return sorted([*done, *by_cost[len(front) :]], key=lambda f: f.cost)
+
+
+def _with_lookalikes(
+    problem: Problem, fits: list[Fit], screened: Sequence[Screened], start: Fit
+) -> list[Fit]:
+    """Returns the fits and, fitted to the end, what is easily taken for the best of them."""
+    if not fits:
+        return fits
+    best = fits[0].effects[-1]
+    tried = {f.effects[-1].key for f in fits}
+    alike = [
+        c.instance
+        for c in screened
+        if c.instance.effect.name in best.effect.confused_with
+        and c.instance.key not in tried
+        and (not best.joints or not c.instance.joints or set(best.joints) & set(c.instance.joints))
+    ]
+    more = [fit(problem, (*start.effects, instance)) for instance in alike[:1]]
+    return sorted([*fits, *more], key=lambda f: f.cost)
 
 
 def _best_first(

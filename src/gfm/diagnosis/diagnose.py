@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -15,6 +15,7 @@ from gfm.diagnosis.attribution import Attribution, Fit, attribute, describe, fre
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.correction import corrected_xml
 from gfm.diagnosis.intervals import half_widths
+from gfm.diagnosis.naming import fitly_named, twins
 from gfm.diagnosis.problem import Problem, make_problem
 from gfm.diagnosis.result import (
     Diagnosis,
@@ -132,9 +133,10 @@ def _attribute(
 ) -> Attribution:
     report("looking at torques")
     scales = joint_scales(problem, torque_views(problem, recordings))
-    library = effect_library().values()
-    candidates = [place for effect in library for place in places(effect, problem.joints)]
-    return attribute(problem, candidates, scales, report)
+    looked_for = [effect for effect in effect_library().values() if effect.twin is None]
+    candidates = [place for effect in looked_for for place in places(effect, problem.joints)]
+    found = attribute(problem, candidates, scales, report)
+    return replace(found, fit=fitly_named(found.fit, problem.specs))
 
 
 def _closed(error: ErrorSummary) -> float:
@@ -187,17 +189,10 @@ def _named(
 
 def _margin(fits: Sequence[Fit], before: float) -> float:
     """Returns how much less the runner-up explains than the best, as a share, 0..1."""
-    rivals = [f for f in fits[1:] if not _same_law(f, fits[0])]
+    rivals = fits[1:]
     if not rivals:
         return 1.0
     return float(np.clip((rivals[0].cost - fits[0].cost) / max(before - fits[0].cost, 1e-9), 0, 1))
-
-
-def _same_law(one: Fit, other: Fit) -> bool:
-    """Returns whether two fits are one law under two names (see the contract's last remark)."""
-    names = {one.effects[-1].effect.name, other.effects[-1].effect.name}
-    same_place = one.effects[-1].joints == other.effects[-1].joints
-    return same_place and names == {"torque_offset", "asymmetric_friction"}
 
 
 def _confidence(fits: Sequence[Fit], before: float, error: ErrorSummary) -> float:
@@ -213,7 +208,7 @@ def _confidence(fits: Sequence[Fit], before: float, error: ErrorSummary) -> floa
 
 def _suspects(found: Attribution, instances: Sequence[EffectInstance]) -> tuple[Suspect, ...]:
     """Returns the candidates that were fitted and lost, by the round in which they did best."""
-    taken = {instance.key for instance in instances}
+    taken = {instance.key for instance in instances} | {t.key for t, _ in twins(instances)}
     best: dict[tuple[str, tuple[str, ...]], Suspect] = {}
     for this in found.rounds:
         winner = this.fits[0] if this.fits else None
@@ -229,7 +224,28 @@ def _suspects(found: Attribution, instances: Sequence[EffectInstance]) -> tuple[
                 decided_by=instance.effect.shown_by,
                 gain=float(np.clip(gain, 0.0, 1.0)),
             )
-    return tuple(sorted(best.values(), key=lambda s: -s.gain))
+    equal = [
+        Suspect(
+            effect=twin.effect.name,
+            joints=twin.joints,
+            reason=f"equal to {describe(instance)}: the same torque under another name",
+            decided_by=twin.effect.shown_by,
+            gain=_gain_of(twin, instance, found),
+        )
+        for twin, instance in twins(instances)
+    ]
+    return (*equal, *sorted(best.values(), key=lambda s: -s.gain))
+
+
+def _gain_of(twin: EffectInstance, instance: EffectInstance, found: Attribution) -> float:
+    """Returns the share of the squared residual that an effect explained when it was accepted."""
+    keys = (twin.key, instance.key)
+    gains = [
+        1.0 - this.fits[0].cost / this.before
+        for this in found.rounds
+        if this.fits and this.fits[0].effects[-1].key in keys
+    ]
+    return float(np.clip(max(gains, default=0.0), 0.0, 1.0))
 
 
 def _reason(fit: Fit, winner: Fit | None, before: float, accepted: bool) -> str:

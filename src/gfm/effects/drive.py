@@ -55,6 +55,7 @@ class CommandDelay(Effect):
     """Commands take effect later, on all joints that share the line."""
 
     name = "command_delay"
+    confused_with = ("actuator_lag",)
     scope = Scope.ROBOT
     shares_joints = True
     parameters = (Parameter(name="delay", unit="s", lower=0.0, upper=0.5),)
@@ -82,6 +83,7 @@ class ActuatorLag(Effect):
     """The drive follows its command with a first-order lag."""
 
     name = "actuator_lag"
+    confused_with = ("command_delay",)
     parameters = (Parameter(name="time_constant", unit="s", lower=0.0, upper=1.0),)
     shown_by = "steps and fast changes of the command"
 

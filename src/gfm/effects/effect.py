@@ -124,6 +124,10 @@ class Effect(ABC):
     fixed: ClassVar[tuple[str, ...]] = ()
     #: The motion that shows it, in words.
     shown_by: ClassVar[str]
+    #: Effects that look like it in many motions: they are always put beside it.
+    confused_with: ClassVar[tuple[str, ...]] = ()
+    #: The effect whose law it is under another name, if there is one: only that is looked for.
+    twin: ClassVar[str | None] = None
 
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:  # noqa: B027
         """Adds the effect to `spec` in place. Nothing by default."""

@@ -70,6 +70,7 @@ class Backlash(Effect):
     """Free play between the motor side and the link."""
 
     name = "backlash"
+    confused_with = ("joint_elasticity",)
     parameters = (Parameter(name="gap", unit="rad", lower=0.0, upper=0.5),)
     separates_motor = True
     shown_by = "reversals under changing load"
@@ -92,6 +93,7 @@ class JointElasticity(Effect):
     """A spring between the motor side and the link: a harmonic drive, a belt."""
 
     name = "joint_elasticity"
+    confused_with = ("backlash",)
     parameters = (Parameter(name="stiffness", unit="N m/rad", lower=0.5, upper=1e6),)
     separates_motor = True
     shown_by = "fast reversals: steps and multisine near the resonance"

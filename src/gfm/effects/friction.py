@@ -144,6 +144,7 @@ class AsymmetricFriction(Effect):
 
     name = "asymmetric_friction"
     parameters = (Parameter(name="difference", unit="N m", lower=-1e3, upper=1e3),)
+    twin = "torque_offset"
     shown_by = (
         "the same speeds in both directions, and rest without friction to tell it from an offset"
     )

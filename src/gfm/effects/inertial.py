@@ -74,6 +74,7 @@ class GravityDirection(Effect):
     """A base that does not stand upright."""
 
     name = "gravity_direction"
+    confused_with = ("encoder_offset",)
     scope = Scope.ROBOT
     parameters = (
         Parameter(name="tilt_x", unit="rad", lower=-1.6, upper=1.6),
