@@ -27,16 +27,16 @@ from gfm.effects import EffectInstance, Scales, Scope
 SHORTLIST, SHORTLIST_PER_EFFECT = 6, 2
 #: First-order gain from which an effect of the whole robot is fitted in any case.
 WHOLE_GAIN = 0.2
-#: Share of the best first-order gain from which a candidate is a rival of one that is enough.
-RIVAL = 0.4
+#: Share of the best first-order gain from which a candidate is a rival of the best.
+RIVAL = 0.33
 #: Recorded time on which candidates are screened, and on which the shortlist is fitted.
 SCREENING_S, FITTING_S = 24.0, 24.0
-#: Least share of the squared residual that a new effect must explain.
+#: Least share of the squared residual that a new effect must explain for each of its parameters.
 LEAST_GAIN = 0.03
 #: Mean squared residual, in units of the noise, at which nothing is left to explain.
 ADEQUATE = 1.15
 #: Share of the nominal model's misfit that is left to the laws' own inexactness.
-INEXACT = 0.003
+INEXACT = 0.001
 #: A joint is suspected when its misfit is at least this share of the worst joint's.
 SUSPECT_JOINT = 0.02
 #: Joints that are suspected in any case.
@@ -47,6 +47,9 @@ MOST_EFFECTS = 6
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
 #: The same where candidates are compared only.
 ROUGH = 1e-2
+#: Share of what is left from which on an effect need not prove itself on other recordings: no law
+#: with a few parameters explains so much by chance.
+OBVIOUS = 0.5
 #: Parts into which recordings are divided to see whether an effect holds for others, and
 #: candidates that are put to that test in one round.
 FOLDS, MOST_TESTED = 2, 3
@@ -137,20 +140,26 @@ def attribute(
         problem = problem.robust(accepted.effects)
     if len(accepted.effects) > 1:
         report("looking for what became superfluous")
-        accepted = without_superfluous(problem, accepted, enough)
+        accepted = without_superfluous(problem, accepted)
     return Attribution(nominal_cost=nominal, fit=accepted, rounds=tuple(rounds))
 
 
-def without_superfluous(problem: Problem, accepted: Fit, enough: float) -> Fit:
+def without_superfluous(problem: Problem, accepted: Fit) -> Fit:
     """Returns the fit without effects that explain too little beside those found after them."""
     part = problem.subset(problem.sample(FITTING_S))
-    allowed = max(enough, _cost(part.residuals([accepted.effects])[0]) / (1.0 - LEAST_GAIN))
-    for instance in accepted.effects[:-1]:
+    allowed = _cost(part.residuals([accepted.effects])[0]) / (1.0 - LEAST_GAIN)
+    for i, instance in enumerate(accepted.effects):
+        if not any(_same_place(instance, later) for later in accepted.effects[i + 1 :]):
+            continue
         rest = [e for e in accepted.effects if e is not instance]
         without = fit(part, rest, tolerance=ROUGH)
         if without.cost < allowed:
-            return without_superfluous(problem, fit(problem, without.effects), enough)
+            return without_superfluous(problem, fit(problem, without.effects))
     return accepted
+
+
+def _same_place(one: EffectInstance, other: EffectInstance) -> bool:
+    return not one.joints or not other.joints or bool(set(one.joints) & set(other.joints))
 
 
 def suspected(problem: Problem, candidates: Sequence[Place], base: Fit) -> list[Place]:
@@ -203,14 +212,14 @@ def play_round(
         tier = [place for place in candidates if place.effect.costly is costly]
         found = screen(problem, tier, scales, base)
         screened.extend(found)
-        fits = _polished(part, [*fits, *_fit_best(part, found, start, enough, report)])
+        fits = _polished(part, [*fits, *_fit_best(part, found, start, report)])
         fits = _with_lookalikes(part, fits, found, start)
         if fits and fits[0].cost < max(enough, SUBSTANTIAL * start.cost):
             break
     screened.sort(key=lambda s: -s.gain)
     fits = _best_first(problem, fits, start, enough, report)
     accepted = None
-    if fits and fits[0].cost < (1.0 - LEAST_GAIN) * start.cost:
+    if fits and worth_it(fits[0], start):
         accepted = fit(problem, fits[0].effects)
     return Round(before=start.cost, screened=tuple(screened), fits=tuple(fits), accepted=accepted)
 
@@ -236,7 +245,7 @@ def _with_lookalikes(
         for c in screened
         if c.instance.effect.name in best.effect.confused_with
         and c.instance.key not in tried
-        and (not best.joints or not c.instance.joints or set(best.joints) & set(c.instance.joints))
+        and _same_place(best, c.instance)
     ]
     more = [fit(problem, (*start.effects, instance)) for instance in alike[:1]]
     return sorted([*fits, *more], key=lambda f: f.cost)
@@ -250,17 +259,27 @@ def _best_first(
     report: Callable[[str], None],
 ) -> list[Fit]:
     """Returns the fits with one first that can be accepted, if there is one."""
-    for tested in fits[:MOST_TESTED]:
-        if tested.cost >= (1.0 - LEAST_GAIN) * start.cost:
-            break
-        if at_bound(tested.effects[-1]):
+    simplest = sorted(fits, key=lambda f: f.cost + price(f) * start.cost)
+    for tested in simplest[:MOST_TESTED]:
+        if not worth_it(tested, start) or at_bound(tested.effects[-1]):
             continue
-        if tested.cost >= enough:
+        if tested.cost >= max(enough, (1.0 - OBVIOUS) * start.cost):
             report(f"testing {describe(tested.effects[-1])} on other recordings")
             if not holds_elsewhere(problem, start.effects, tested.effects):
                 continue
         return [tested, *(f for f in fits if f is not tested)]
     return []
+
+
+def price(fitted: Fit) -> float:
+    """Returns the share of the squared residual that the newest effect must explain at least."""
+    newest = fitted.effects[-1].effect
+    return LEAST_GAIN * (len(newest.parameters) - len(newest.fixed))
+
+
+def worth_it(fitted: Fit, start: Fit) -> bool:
+    """Returns whether the newest effect of a fit explains enough of what `start` leaves."""
+    return fitted.cost < (1.0 - price(fitted)) * start.cost
 
 
 def at_bound(instance: EffectInstance) -> bool:
@@ -297,14 +316,12 @@ def _fit_best(
     problem: Problem,
     screened: Sequence[Screened],
     base: Fit,
-    enough: float,
     report: Callable[[str], None],
 ) -> list[Fit]:
-    """Returns the fitted shortlist; once one is good enough, only its serious rivals with it."""
+    """Returns the fitted shortlist: the best to first order, and its serious rivals."""
     fits: list[Fit] = []
     for candidate in shortlist(screened):
-        settled = any(f.cost < enough for f in fits)
-        if settled and candidate.gain < RIVAL * screened[0].gain:
+        if candidate.gain < RIVAL * screened[0].gain:
             continue
         report(f"fitting {describe(candidate.instance)}")
         effects = (*base.effects, candidate.instance)
