@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable, Iterator
-from threading import Thread
+from threading import Event, Thread
 
 import pytest
 
@@ -288,6 +288,20 @@ def test_runs_that_share_a_router_do_not_meet():
 def test_zenoh_refuses_malformed_settings(settings, message):
     with pytest.raises(ConfigError, match=message):
         ZenohTransport.open(**settings)
+
+
+def test_zenoh_leaves_a_session_that_does_not_close(caplog):
+    class StuckSession:
+        def __init__(self):
+            self.freed = Event()
+
+        def close(self):
+            self.freed.wait()
+
+    session = StuckSession()
+    ZenohTransport(session, "run", "name", close_s=0.01).close()
+    session.freed.set()
+    assert "not closed in 0.01 s" in caplog.text
 
 
 def test_a_memory_hub_can_lose_and_damage_bodies():

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import logging
 import re
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -39,14 +40,18 @@ _SETTINGS = {
 _ENDPOINT = re.compile(r"tcp/(?:[^/\s:]+|\[[0-9a-fA-F:]+\]):\d{1,5}")
 _RUN = re.compile(r"[A-Za-z0-9._-]{1,64}")
 _RETRY_S = 0.2
+_CLOSE_S = 3.0
 
 
 @final
 class ZenohTransport(Transport):
     """One zenoh session, as the run's router or as a client of it."""
 
-    def __init__(self, session: zenoh.Session, run: str, name: str) -> None:
+    def __init__(
+        self, session: zenoh.Session, run: str, name: str, *, close_s: float = _CLOSE_S
+    ) -> None:
         self._session = session
+        self._close_s = close_s
         self._prefix = f"gfm/{run}/"
         self._bodies = Bodies(name, time.time_ns())
         # zenoh ends a subscription that nobody holds.
@@ -139,7 +144,13 @@ class ZenohTransport(Transport):
     @override
     def close(self) -> None:
         self._ends.clear()
-        self._session.close()  # type: ignore[no-untyped-call]
+        # A session whose router is gone may be looking up its name, and zenoh's close waits for
+        # that: in a container network up to 20 s, longer than a service is given to stop.
+        closing = threading.Thread(target=self._session.close, name="zenoh-close", daemon=True)
+        closing.start()
+        closing.join(self._close_s)
+        if closing.is_alive():
+            _log.warning("left without closing the connection: not closed in %g s", self._close_s)
 
 
 @final
