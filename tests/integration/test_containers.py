@@ -74,6 +74,16 @@ def test_the_robot_is_driven_and_recorded_from_a_container():
     assert "/recordings/heldout_06_position_multisine.mcap: 400 measurements" in done.stdout
 
 
+@pytest.mark.usefixtures("system")
+def test_learning_goes_on_when_replay_was_killed_and_started_again():
+    before = asked_until("weights_version", 50)
+    compose("kill", "-s", "SIGKILL", "replay")
+    compose("start", "replay")
+    after = asked_until("weights_version", before["weights_version"] + 50)
+    assert after["actors"] == 4
+    assert after["rejected_messages"] == 0
+
+
 @pytest.mark.parametrize(
     ("service", "absent"),
     [("replay", "torch mujoco scipy mcap"), ("robot_bridge", "torch"), ("actor", "torch")],
