@@ -76,8 +76,10 @@ def test_the_robot_is_driven_and_recorded_from_a_container():
 
 @pytest.mark.usefixtures("system")
 def test_learning_goes_on_when_replay_was_killed_and_started_again():
-    before = asked_until("weights_version", 50)
+    asked_until("weights_version", 50)
     compose("kill", "-s", "SIGKILL", "replay")
+    before = asked()
+    assert before["replay_sequences"] == 0
     compose("start", "replay")
     after = asked_until("weights_version", before["weights_version"] + 50)
     assert after["actors"] == 4
