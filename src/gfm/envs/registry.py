@@ -24,6 +24,7 @@ class EnvironmentSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
         horizon: Control periods per episode.
         history: Earlier states in the observation.
         control_period_s: Between two decisions.
+        forced_joints: Those that forces act on; empty for all that are measured.
         joint_nm: Limit of the generalized force on a joint.
         object_n: Limit of the generalized force on the object.
         object_nm: Limit of the generalized torque on the object.
@@ -37,6 +38,7 @@ class EnvironmentSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
     horizon: int = 20
     history: int = 5
     control_period_s: float = 0.05
+    forced_joints: tuple[str, ...] = ()
     joint_nm: float = 5.0
     object_n: float = 0.03
     object_nm: float = 0.03
@@ -79,6 +81,7 @@ def fit_problem(settings: EnvironmentSettings, assets: EnvironmentAssets) -> Fit
             joint_nm=settings.joint_nm, object_n=settings.object_n, object_nm=settings.object_nm
         ),
         control_period_s=settings.control_period_s,
+        forced_joints=settings.forced_joints,
     )
     return make_fit_problem(
         model,

@@ -137,12 +137,18 @@ def environment_arguments(arguments: argparse.Namespace) -> tuple[str, ...]:
     given = vars(arguments)
     env = ("--env", given["env"]) if "env" in given else ()
     models = [f"{kind}={path}" for kind, path in given.get("environment.models", {}).items()]
-    horizon = given.get("environment.horizon")
+    numbers = [
+        word
+        for name in ("horizon", "control_period_s", "joint_nm")
+        if (number := given.get(f"environment.{name}")) is not None
+        for word in (f"--{name.replace('_', '-')}", str(number))
+    ]
     return (
         *env,
         *_repeated("--model", models),
         *_repeated("--recording", given.get("environment.recordings", ())),
-        *_repeated("--horizon", () if horizon is None else [str(horizon)]),
+        *_repeated("--forced-joint", given.get("environment.forced_joints", ())),
+        *numbers,
     )
 
 

@@ -30,6 +30,27 @@ def add_environment_flags(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="control periods per episode",
     )
+    group.add_argument(
+        "--control-period-s",
+        dest="environment.control_period_s",
+        type=float,
+        metavar="SECONDS",
+        help="between two decisions",
+    )
+    group.add_argument(
+        "--joint-nm",
+        dest="environment.joint_nm",
+        type=float,
+        metavar="TORQUE",
+        help="largest generalized force on a joint, N m",
+    )
+    group.add_argument(
+        "--forced-joint",
+        dest="environment.forced_joints",
+        action="append",
+        metavar="NAME",
+        help="joint that generalized forces act on; may be given several times (default: all)",
+    )
 
 
 class _KindedPath(argparse.Action):

@@ -1,6 +1,7 @@
 """The hybrid model: MuJoCo plus bounded generalized forces (Jeong et al. 2019, eq. 4).
 
-Shape letters: J joints, A generalized forces (J, and 6 more with a free object).
+Shape letters: J joints, F of them with forces, A generalized forces (F, and 6 more with a free
+object).
 """
 
 from __future__ import annotations
@@ -42,12 +43,14 @@ class HybridModel:
         joint_names: The measured joints; by default every hinge and slide that is no motor side.
         limits: Of the generalized forces.
         control_period_s: Between two decisions; a whole number of time steps.
+        forced_joints: The joints that forces act on; by default all measured ones.
     """
 
     models: Mapping[CommandKind, mujoco.MjModel]
     joint_names: tuple[str, ...] = ()
     limits: ForceLimits = field(default_factory=ForceLimits)
     control_period_s: float = 0.05
+    forced_joints: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.models:
@@ -62,6 +65,10 @@ class HybridModel:
                 f"control_period_s is {self.control_period_s}, expected a multiple of the models' "
                 f"time step {self.timestep_s}"
             )
+        unknown = [name for name in self.forced_joints if name not in self.layout.joint_names]
+        if unknown:
+            known = ", ".join(self.layout.joint_names)
+            raise ConfigError(f"forced joints {', '.join(unknown)}: the measured ones are {known}")
 
     @cached_property
     def any_model(self) -> mujoco.MjModel:
@@ -84,16 +91,23 @@ class HybridModel:
         return round(self.control_period_s / self.timestep_s)
 
     @cached_property
+    def forced(self) -> Indices:
+        """Which of the measured joints forces act on, in the order of these, shape (F,)."""
+        names = self.layout.joint_names
+        chosen = [i for i, name in enumerate(names) if name in (self.forced_joints or names)]
+        return np.array(chosen, np.intp)
+
+    @cached_property
     def force_dof(self) -> Indices:
-        """Where the forces act in qvel: the joints, then the object's six, shape (A,)."""
+        """Where the forces act in qvel: forced joints, then the object's six, shape (A,)."""
         objects = np.arange(self.layout.object_dof.start, self.layout.object_dof.stop)
-        return np.concatenate([self.layout.dof, objects.astype(np.intp)])
+        return np.concatenate([self.layout.dof[self.forced], objects.astype(np.intp)])
 
     @cached_property
     def force_limit(self) -> Array:
-        """N m on joints; N, then N m, on the object; shape (A,)."""
+        """N m on forced joints; N, then N m, on the object; shape (A,)."""
         on_object = [self.limits.object_n] * 3 + [self.limits.object_nm] * 3
-        on_joints = [self.limits.joint_nm] * len(self.layout.joint_names)
+        on_joints = [self.limits.joint_nm] * len(self.forced)
         return np.array(on_joints + (on_object if self.layout.has_object else []))
 
     def model_for(self, trajectory: Trajectory) -> mujoco.MjModel:
