@@ -14,8 +14,10 @@ from gfm.envs.difference import closeness, rotation_difference, state_difference
 from gfm.envs.fit_problem import make_fit_problem
 from gfm.envs.gfm_fit import GfmFit
 from gfm.envs.warm_start import warm_start_examples
+from gfm.sim.features import Features
 from gfm.sim.hybrid import ForceLimits, HybridModel
 from gfm.sim.layout import make_layout
+from gfm.sim.residual import residual_forces
 from gfm.sim.sawyer import sawyer_spec
 
 TORQUE, LIMIT = 1.5, 5.0
@@ -176,15 +178,19 @@ def test_a_diverging_simulation_terminates_with_no_reward_and_a_finite_observati
     assert env.diverged == 1
 
 
+def warm_start(problem, recordings):
+    return warm_start_examples(problem, [residual_forces(problem.model, r) for r in recordings])
+
+
 def test_warm_start_gives_the_missing_force_everywhere(problem, recordings):
-    observation, action = warm_start_examples(problem, recordings)
+    observation, action = warm_start(problem, recordings)
     assert observation.shape == (len(action), problem.features.size)
     assert len(action) == 2 * (79 - 5)
     assert np.abs(action - TORQUE / LIMIT)[2:-2].max() < 0.02
 
 
 def test_warm_start_observations_are_those_of_the_environment(problem, recordings):
-    observation, _ = warm_start_examples(problem, recordings)
+    observation, _ = warm_start(problem, recordings)
     env = GfmFit(problem, 20, seed=0)
     for row in env.reset()[:, : env.spec.policy_size]:
         distance = np.abs(observation - row).max(axis=1)
@@ -199,6 +205,28 @@ def test_sawyer_with_an_object_has_thirteen_forces_and_twenty_channels():
     assert state_difference(layout, qpos, qvel, qpos, qvel).shape == (1, 20)
     hybrid = HybridModel(models={CommandKind.VELOCITY: model})
     assert hybrid.force_limit.shape == (13,)
+
+
+def test_forces_act_on_the_chosen_joints_and_the_object_only():
+    model = sawyer_spec(command=CommandKind.VELOCITY, free_object="brick").compile()
+    chosen = ("right_j5", "right_j1")
+    hybrid = HybridModel(models={CommandKind.VELOCITY: model}, forced_joints=chosen)
+    dofs = [model.joint(name).dofadr[0] for name in ("right_j1", "right_j5")]
+    assert hybrid.force_dof[:2].tolist() == dofs
+    assert len(hybrid.force_dof) == len(hybrid.force_limit) == 8
+    with pytest.raises(ConfigError, match="forced joints elbow: the measured ones are right_j0"):
+        HybridModel(models={CommandKind.VELOCITY: model}, forced_joints=("elbow",))
+
+
+def test_inputs_about_a_joint_are_its_states_and_its_drive():
+    zeros = np.zeros(2)
+    features = Features(history=1, mean=np.zeros(4), scale=np.ones(4), torque_scale=zeros + 1.0)
+    observation = np.zeros((1, features.size), np.float32)
+    states = np.array([[[0.0, 1.0, 0.0, 1.0], [0.0, 1.0, 0.0, 1.0]]], np.float32)
+    features.fill(observation, states)
+    features.put_torque(observation, np.array([[0.0, 1.0]]))
+    np.testing.assert_array_equal(observation[0] == 1.0, features.of_joint(1))
+    np.testing.assert_array_equal(observation[0] == 0.0, features.of_joint(0))
 
 
 unit_quaternions = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1)

@@ -170,13 +170,20 @@ def test_recordings_of_torques_are_refused():
 
 
 def snapshot(version: int, error: float) -> Snapshot:
-    weights = Weights(version=version, created_ns=0, spec_digest="", tensors={})
+    tensors = {name: np.ones(2, np.float32) for name in ("mean.weight", "mean.bias", "first.bias")}
+    weights = Weights(version=version, created_ns=0, spec_digest="", tensors=tensors)
     return Snapshot(weights=weights, time_s=float(version), error=error)
 
 
 def fitted(*snapshots: Snapshot) -> FittedForces:
     # What is kept does not depend on the problem.
-    return FittedForces(problem=None, nominal_error=0.5, snapshots=snapshots, curves=())  # type: ignore[arg-type]
+    return FittedForces(
+        problem=None,  # type: ignore[arg-type]
+        about="forces on a",
+        nominal_error=0.5,
+        snapshots=snapshots,
+        curves=(),
+    )
 
 
 def test_the_policy_with_the_smallest_training_error_is_kept():
@@ -184,7 +191,7 @@ def test_the_policy_with_the_smallest_training_error_is_kept():
     assert outcome.best.weights.version == 100
     assert outcome.detail == (
         "warm start refined by 100 learner steps; training error 0.5 rad without forces, 0.2 with "
-        "the warm start, 0.1 after learning"
+        "the warm start, 0.1 after learning; forces on a"
     )
 
 
@@ -193,7 +200,19 @@ def test_the_warm_start_is_kept_where_learning_does_not_improve_it():
     assert outcome.best.weights.version == 0
     assert outcome.detail == (
         "warm start kept: reinforcement learning did not improve it; training error 0.5 rad "
-        "without forces, 0.2 with the warm start, 0.25 at best after learning"
+        "without forces, 0.2 with the warm start, 0.25 at best after learning; forces on a"
+    )
+
+
+def test_no_force_is_kept_where_none_does_any_good():
+    outcome = fitted(snapshot(0, 0.6), snapshot(100, 0.55))
+    assert outcome.kept.version == 100
+    assert (outcome.kept.tensors["mean.weight"] == 0.0).all()
+    assert (outcome.kept.tensors["mean.bias"] == 0.0).all()
+    assert (outcome.kept.tensors["first.bias"] == 1.0).all()
+    assert outcome.detail == (
+        "no force kept: none did any good; training error 0.5 rad without forces, 0.6 with the "
+        "warm start; forces on a"
     )
 
 

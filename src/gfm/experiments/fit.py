@@ -1,33 +1,32 @@
 """Learns generalized forces through the services, and keeps the best of what was learned.
 
-Warm start: forces by inverse dynamics along the training recordings, regressed onto the policy
-network. From there MPO goes on in the learner, with actors in `gfm_fit`. Every now and then the
-learner's policy is rolled out along the *training* recordings; the best one is kept, the warm start
-among them. Held-out recordings are never looked at here.
+The warm start (`gfm.experiments.fit_warm`) comes first. From there MPO goes on in the learner, with
+actors in `gfm_fit`. Every now and then the learner's policy is rolled out along the *training*
+recordings; the best one is kept, the warm start among them, or no force at all where none of them
+does any good. Held-out recordings are never looked at here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import final
 
 import numpy as np
 
 from gfm.core import Clock, CommandKind, GfmError, Trajectory, Weights
-from gfm.core.checks import Array
+from gfm.core.checks import Array, Array32
 from gfm.envs.fit_problem import FitProblem
 from gfm.envs.gfm_fit import NAME
-from gfm.envs.registry import EnvironmentSettings, fit_problem, make_environment
-from gfm.envs.warm_start import warm_start_examples
+from gfm.envs.registry import EnvironmentSettings, make_environment
 from gfm.experiments.fit_curves import error_curves, learning_curves, metric_rows
+from gfm.experiments.fit_warm import WarmStart, warm_start
 from gfm.experiments.joint_control import ForceModel
 from gfm.launch import Supervisor, actor_processes, learner_process
 from gfm.recording.weights_file import write_weights
 from gfm.report import TrainingCurve
 from gfm.rl.policy_numpy import GaussianPolicy
-from gfm.rl.regression import RegressionSettings, fit_policy
 from gfm.service.assets import load_assets
 from gfm.sim.rollout import rollouts
 from gfm.transport import ask
@@ -48,6 +47,9 @@ class FitInputs:
         folder: For policies and checkpoints.
         seed: Of everything random.
         actors: Processes.
+        control_period_s: Between two decisions about forces. The paper's 50 ms are too long for
+            friction that reverses and torque that repeats along the way; commands come every 20 ms.
+        horizon: Control periods per episode.
     """
 
     models: Mapping[CommandKind, Path]
@@ -55,6 +57,8 @@ class FitInputs:
     folder: Path
     seed: int
     actors: int
+    control_period_s: float = 0.02
+    horizon: int = 40
 
     @property
     def environment(self) -> EnvironmentSettings:
@@ -62,14 +66,23 @@ class FitInputs:
         return EnvironmentSettings(
             models={kind: str(path) for kind, path in self.models.items()},
             recordings=tuple(str(path) for path in self.recordings),
+            control_period_s=self.control_period_s,
+            horizon=self.horizon,
         )
 
-    @property
-    def arguments(self) -> tuple[str, ...]:
-        """The same as flags of actors and learner."""
-        models = [("--model", f"{kind}={path}") for kind, path in self.models.items()]
-        recordings = [("--recording", str(path)) for path in self.recordings]
-        return ("--env", NAME, *(word for pair in (*models, *recordings) for word in pair))
+
+def environment_flags(settings: EnvironmentSettings) -> tuple[str, ...]:
+    """Returns what actors and learner are told of the environment."""
+    pairs = [
+        ("--env", NAME),
+        *(("--model", f"{kind}={path}") for kind, path in settings.models.items()),
+        *(("--recording", path) for path in settings.recordings),
+        *(("--forced-joint", name) for name in settings.forced_joints),
+        ("--control-period-s", str(settings.control_period_s)),
+        ("--joint-nm", str(settings.joint_nm)),
+        ("--horizon", str(settings.horizon)),
+    ]
+    return tuple(word for pair in pairs for word in pair)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,12 +106,14 @@ class FittedForces:
 
     Attributes:
         problem: The model, features and recordings that were fitted with.
+        about: What the warm start chose, in words.
         nominal_error: Training error without any forces, rad.
         snapshots: In order of time; the first is the warm start.
         curves: How the fit went.
     """
 
     problem: FitProblem
+    about: str
     nominal_error: float
     snapshots: tuple[Snapshot, ...]
     curves: tuple[TrainingCurve, ...]
@@ -109,9 +124,20 @@ class FittedForces:
         return min(self.snapshots, key=lambda snapshot: snapshot.error)
 
     @property
+    def helps(self) -> bool:
+        """Whether the best one is better than no force."""
+        return self.best.error < self.nominal_error
+
+    @property
+    def kept(self) -> Weights:
+        """The best policy; where it does not help, with its mean made zero."""
+        weights = self.best.weights
+        return weights if self.helps else silent(weights)
+
+    @property
     def forces(self) -> ForceModel:
-        """The best policy, ready to be rolled out."""
-        return force_model(self.problem, self.best.weights)
+        """What is kept, ready to be rolled out."""
+        return force_model(self.problem, self.kept)
 
     @property
     def detail(self) -> str:
@@ -119,21 +145,29 @@ class FittedForces:
         warm, best = self.snapshots[0], self.best
         learned = [one for one in self.snapshots if one.weights.version > 0]
         figures = f"training error {self.nominal_error:.3g} rad without forces, {warm.error:.3g}"
+        if not self.helps:
+            return f"no force kept: none did any good; {figures} with the warm start; {self.about}"
         if not learned:
-            return f"warm start (inverse dynamics, regressed); {figures} with it"
+            return f"warm start (inverse dynamics, regressed); {figures} with it; {self.about}"
         if best is warm:
             least = min(one.error for one in learned)
             return (
                 f"warm start kept: reinforcement learning did not improve it; {figures} with the "
-                f"warm start, {least:.3g} at best after learning"
+                f"warm start, {least:.3g} at best after learning; {self.about}"
             )
         return (
             f"warm start refined by {best.weights.version} learner steps; {figures} with the warm "
-            f"start, {best.error:.3g} after learning"
+            f"start, {best.error:.3g} after learning; {self.about}"
         )
 
 
-def force_model(problem: FitProblem, weights: Weights) -> ForceModel:
+def silent(weights: Weights) -> Weights:
+    """Returns the policy whose mean is zero everywhere."""
+    mean = {name: np.zeros_like(weights.tensors[name]) for name in ("mean.weight", "mean.bias")}
+    return replace(weights, tensors={**weights.tensors, **mean})
+
+
+def force_model(problem: FitProblem, weights: Weights | Mapping[str, Array32]) -> ForceModel:
     """Returns the policy's mean as a generalized force model."""
     policy = GaussianPolicy.from_weights(weights)
     return ForceModel(model=problem.model, features=problem.features, policy=policy.mean_action)
@@ -146,40 +180,36 @@ class ForceFit:
     def __init__(self, inputs: FitInputs, clock: Clock) -> None:
         """Fits the warm start and writes it for the learner."""
         self._inputs, self._clock = inputs, clock
-        settings = inputs.environment
-        assets = load_assets(settings)
+        assets = load_assets(inputs.environment)
         self._trajectories: Sequence[Trajectory] = assets.trajectories
-        self._problem = fit_problem(settings, assets)
+        self._warm: WarmStart = warm_start(inputs.environment, assets, inputs.seed)
+        settings = self._warm.settings
         spec = make_environment(NAME, settings, num_envs=1, seed=0, assets=assets).spec
-        weights = self._warm_start(spec.digest)
+        weights = Weights(
+            version=0,
+            created_ns=clock.utc_ns(),
+            spec_digest=spec.digest,
+            tensors=self._warm.tensors,
+        )
         write_weights(inputs.folder / WARM_START, weights)
-        self._nominal_error = training_error(self._problem, self._trajectories, None)
+        self._nominal_error = float(np.sqrt(np.square(self._warm.nominal_errors).mean()))
         self._snapshots = [Snapshot(weights=weights, time_s=0.0, error=self._error(weights))]
         self._began_ns, self._began_utc_s = clock.now_ns(), clock.utc_ns() * 1e-9
-
-    def _warm_start(self, spec_digest: str) -> Weights:
-        examples = warm_start_examples(self._problem, self._trajectories)
-        fitted = fit_policy(*examples, RegressionSettings(), self._inputs.seed)
-        return Weights(
-            version=0,
-            created_ns=self._clock.utc_ns(),
-            spec_digest=spec_digest,
-            tensors=fitted.tensors,
-        )
 
     def start(self, supervisor: Supervisor) -> None:
         """Starts learner and actors in a running system."""
         folder, seed = self._inputs.folder, self._inputs.seed
+        environment = environment_flags(self._warm.settings)
         learner = (
             *("--init", str(folder / WARM_START), "--seed", str(seed)),
             *("--checkpoint-dir", str(folder)),
-            *self._inputs.arguments,
+            *environment,
         )
         self._began_ns = self._clock.now_ns()
         self._began_utc_s = self._clock.utc_ns() * 1e-9
         supervisor.add(
             learner_process(learner),
-            *actor_processes(self._inputs.actors, seed, self._inputs.arguments),
+            *actor_processes(self._inputs.actors, seed, environment),
         )
 
     @property
@@ -217,7 +247,8 @@ class ForceFit:
         """Returns the outcome, and writes the best policy."""
         points = [(s.time_s, s.weights.version, s.error) for s in self._snapshots]
         fitted = FittedForces(
-            problem=self._problem,
+            problem=self._warm.problem,
+            about=self._warm.about,
             nominal_error=self._nominal_error,
             snapshots=tuple(self._snapshots),
             curves=(
@@ -225,23 +256,18 @@ class ForceFit:
                 *error_curves(points, self._nominal_error),
             ),
         )
-        write_weights(self._inputs.folder / BEST, fitted.best.weights)
+        write_weights(self._inputs.folder / BEST, fitted.kept)
         return fitted
 
     def _error(self, weights: Weights) -> float:
-        forces = force_model(self._problem, weights)
-        return training_error(self._problem, self._trajectories, forces)
+        forces = force_model(self._warm.problem, weights)
+        return training_error(forces, self._trajectories)
 
 
-def training_error(
-    problem: FitProblem, trajectories: Sequence[Trajectory], forces: ForceModel | None
-) -> float:
+def training_error(forces: ForceModel, trajectories: Sequence[Trajectory]) -> float:
     """Returns the position RMSE of whole open-loop rollouts, rad."""
     predictions = rollouts(
-        problem.model,
-        trajectories,
-        policy=None if forces is None else forces.policy,
-        features=None if forces is None else forces.features,
+        forces.model, trajectories, policy=forces.policy, features=forces.features
     )
     errors: list[Array] = [
         trajectory.position[prediction.first :] - prediction.position

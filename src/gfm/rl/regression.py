@@ -1,19 +1,23 @@
 """A policy that begins where regression ends: the network fitted to known good actions.
 
+An action may be given some of the observation to begin with: the weights of everything else are
+then zero, and so are those between the hidden units of actions that are given different inputs.
+From some thousand examples along a few recordings, a network that sees everything learns what the
+inputs happened to have to do with each other in these recordings.
+
 Shape letters: N examples, O observation size, A action size.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from copy import deepcopy
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Annotated
+from itertools import pairwise
 
 import msgspec
 import numpy as np
 import torch
-from msgspec import Meta
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -23,7 +27,10 @@ from gfm.rl.learner import Count, Widths
 from gfm.rl.mpo import Positive
 from gfm.rl.networks import Normaliser, PolicyNetwork, inverse_softplus
 
-_BLOCKS = 20
+_LEAST_EXAMPLES = 20
+_RISING_SHARE = 0.1
+
+Mask = NDArray[np.bool_]
 
 
 class RegressionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -31,21 +38,17 @@ class RegressionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
 
     Attributes:
         hidden: Widths of the policy's hidden layers; the learner's, if it shall go on from here.
-        learning_rate: Adam's.
+        learning_rate: Adam's at its height: it rises, then falls to nothing (one cycle).
         batch_size: Examples per step.
-        held_out: Share of the examples that decides when to stop.
-        patience: Epochs without a better held-out error before it stops.
-        max_epochs: Epochs after which it stops anyway.
-        least_stddev: The policy's stddev is the held-out residual, but at least this.
+        epochs: Times that every example is seen.
+        least_stddev: The policy's stddev is what the fit leaves, but at least this.
         greatest_stddev: And at most this.
     """
 
     hidden: Widths = (200, 200)
-    learning_rate: Positive = 1e-3
+    learning_rate: Positive = 2e-3
     batch_size: Count = 256
-    held_out: Annotated[float, Meta(ge=0.05, le=0.5)] = 0.2
-    patience: Count = 10
-    max_epochs: Count = 200
+    epochs: Count = 60
     least_stddev: Positive = 0.05
     greatest_stddev: Positive = 0.5
 
@@ -56,15 +59,11 @@ class FittedPolicy:
 
     Attributes:
         tensors: The policy's parameters, as `Weights.tensors` and `GaussianPolicy` take them.
-        held_out_rmse: Of the best epoch, per action dimension, shape (A,).
-        target_rms: What predicting zero would have cost on the same examples, shape (A,).
-        epochs: Epochs until the best one.
+        rmse: On the examples, per action dimension, shape (A,).
     """
 
     tensors: Mapping[str, Array32]
-    held_out_rmse: Array
-    target_rms: Array
-    epochs: int
+    rmse: Array
 
 
 def fit_policy(
@@ -72,37 +71,43 @@ def fit_policy(
     action: NDArray[np.floating],
     settings: RegressionSettings,
     seed: int,
+    inputs: Mask | None = None,
 ) -> FittedPolicy:
     """Returns a policy whose mean is regressed on `action`; the same one for the same seed.
 
-    The examples held out are whole stretches of consecutive rows, because neighbouring rows of a
-    recording are nearly copies of each other.
-
     Args:
-        observation: Finite, in the order in which they were recorded, shape (N, O).
+        observation: Finite, shape (N, O).
         action: Wanted at each observation; what lies outside [-1, 1] is clipped, shape (N, A).
         settings: How to fit.
-        seed: Of the split, the first weights and the order of the examples.
+        seed: Of the first weights and the order of the examples.
+        inputs: Which of the observation each action is given, shape (A, O); all by default.
     """
-    inputs, targets = _checked(observation, action)
-    generator = torch.Generator().manual_seed(seed)
-    held_out = _held_out(len(inputs), settings.held_out, generator)
-    normaliser = Normaliser(inputs.shape[1])
-    normaliser.update(inputs[~held_out])
-    scaled = normaliser(inputs)
-    policy = _first_policy(inputs.shape[1], targets.shape[1], settings, seed)
-    training = scaled[~held_out], targets[~held_out]
-    rmse, epochs = _train(
-        policy, training, (scaled[held_out], targets[held_out]), settings, generator
-    )
+    features, targets = _checked(observation, action)
+    normaliser = Normaliser(features.shape[1])
+    normaliser.update(features)
+    policy, masks = _first_policy(features.shape[1], targets.shape[1], settings, seed, inputs)
+    scaled = normaliser(features)
+    with _one_thread():
+        _train(policy, masks, (scaled, targets), settings, seed)
+    with torch.no_grad():
+        rmse = (policy(scaled).mean - targets).square().mean(0).sqrt()
     _set_stddev(policy, rmse, settings)
     tensors = policy.state_dict() | {"shift": normaliser.shift, "scale": normaliser.scale}
     return FittedPolicy(
         tensors={name: np.array(tensor.numpy()) for name, tensor in tensors.items()},
-        held_out_rmse=rmse.double().numpy(),
-        target_rms=_rms(targets[held_out]).double().numpy(),
-        epochs=epochs,
+        rmse=rmse.double().numpy(),
     )
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Layers this small gain nothing from more, and lose much where cores are busy."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def _checked(
@@ -112,76 +117,89 @@ def _checked(
         raise BadInputError(
             f"observation {observation.shape} and action {action.shape}: expected (N, O) and (N, A)"
         )
-    if len(observation) < _BLOCKS:
-        raise BadInputError(f"{len(observation)} examples to fit, expected at least {_BLOCKS}")
+    if len(observation) < _LEAST_EXAMPLES:
+        raise BadInputError(
+            f"{len(observation)} examples to fit, expected at least {_LEAST_EXAMPLES}"
+        )
     if not (np.isfinite(observation).all() and np.isfinite(action).all()):
         raise BadInputError("examples to fit hold NaN or infinity, expected finite numbers")
     inputs = torch.tensor(np.asarray(observation), dtype=torch.float32)
     return inputs, torch.tensor(np.asarray(action), dtype=torch.float32).clamp(-1.0, 1.0)
 
 
-def _held_out(count: int, share: float, generator: torch.Generator) -> Tensor:
-    """Returns which of `count` consecutive rows are held out, as whole blocks, shape (N,)."""
-    block = torch.arange(count) * _BLOCKS // count
-    chosen = torch.randperm(_BLOCKS, generator=generator)[: max(1, round(share * _BLOCKS))]
-    return torch.isin(block, chosen)
-
-
 def _first_policy(
-    observation_size: int, action_size: int, settings: RegressionSettings, seed: int
-) -> PolicyNetwork:
+    observation_size: int,
+    action_size: int,
+    settings: RegressionSettings,
+    seed: int,
+    inputs: Mask | None,
+) -> tuple[PolicyNetwork, dict[str, Tensor]]:
+    """Returns the network before the fit, and where its weights are free, by name."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return PolicyNetwork(
+        policy = PolicyNetwork(
             observation_size,
             action_size,
             settings.hidden,
             initial_stddev=settings.least_stddev,
         )
+    given = np.ones((action_size, observation_size), bool) if inputs is None else inputs
+    masks = _masks(given, settings.hidden)
+    with torch.no_grad():
+        for name, mask in masks.items():
+            parameter = policy.get_parameter(name)
+            # As many fewer inputs as there are, so much larger they count: as in a small network.
+            share = mask.mean(1, keepdim=True).clamp(min=1e-9)
+            parameter.mul_(mask / share.sqrt())
+    return policy, masks
+
+
+def _masks(inputs: Mask, hidden: Widths) -> dict[str, Tensor]:
+    """Returns 1 for weights of what an action is given, else 0; hidden units are shared out."""
+    groups, group_of_action = np.unique(inputs, axis=0, return_inverse=True)
+    owners = [np.arange(width) * len(groups) // width for width in hidden]
+    masks = {"first.weight": groups[owners[0]]}
+    for index, (before, after) in enumerate(pairwise(owners)):
+        masks[f"hidden.{index}.weight"] = after[:, None] == before
+    masks["mean.weight"] = group_of_action.reshape(-1, 1) == owners[-1]
+    return {name: torch.tensor(mask, dtype=torch.float32) for name, mask in masks.items()}
 
 
 def _train(
     policy: PolicyNetwork,
-    training: tuple[Tensor, Tensor],
-    held_out: tuple[Tensor, Tensor],
+    masks: Mapping[str, Tensor],
+    examples: tuple[Tensor, Tensor],
     settings: RegressionSettings,
-    generator: torch.Generator,
-) -> tuple[Tensor, int]:
-    """Fits the policy in place; returns the best epoch's held-out RMSE (A,) and its number."""
-    optimiser = torch.optim.Adam(policy.parameters(), lr=settings.learning_rate)
-    best, best_epoch, parameters = (
-        _held_out_rmse(policy, held_out),
-        0,
-        deepcopy(policy.state_dict()),
+    seed: int,
+) -> None:
+    """Fits the policy in place."""
+    generator = torch.Generator().manual_seed(seed)
+    inputs, targets = examples
+    optimiser = torch.optim.Adam(policy.parameters(), lr=settings.learning_rate, fused=True)
+    cycle = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser,
+        max_lr=settings.learning_rate,
+        total_steps=settings.epochs * -(-len(inputs) // settings.batch_size),
+        pct_start=_RISING_SHARE,
     )
-    for epoch in range(1, settings.max_epochs + 1):
-        order = torch.randperm(len(training[0]), generator=generator)
+    masked = [(policy.get_parameter(name), mask) for name, mask in masks.items()]
+    for _ in range(settings.epochs):
+        order = torch.randperm(len(inputs), generator=generator)
         for rows in torch.split(order, settings.batch_size):
-            error = policy(training[0][rows]).mean - training[1][rows]
+            error = policy(inputs[rows]).mean - targets[rows]
             optimiser.zero_grad()
             error.square().sum(-1).mean().backward()
+            with torch.no_grad():
+                for parameter, mask in masked:
+                    if parameter.grad is not None:
+                        parameter.grad.mul_(mask)
             optimiser.step()
-        rmse = _held_out_rmse(policy, held_out)
-        if rmse.norm() < best.norm():
-            best, best_epoch, parameters = rmse, epoch, deepcopy(policy.state_dict())
-        elif epoch - best_epoch >= settings.patience:
-            break
-    policy.load_state_dict(parameters)
-    return best, best_epoch
-
-
-@torch.no_grad()
-def _held_out_rmse(policy: PolicyNetwork, held_out: tuple[Tensor, Tensor]) -> Tensor:
-    return _rms(policy(held_out[0]).mean - held_out[1])
-
-
-def _rms(values: Tensor) -> Tensor:
-    return values.square().mean(0).sqrt()
+            cycle.step()
 
 
 @torch.no_grad()
 def _set_stddev(policy: PolicyNetwork, rmse: Tensor, settings: RegressionSettings) -> None:
-    """Makes the stddev the residual's, the same at every observation."""
+    """Makes the stddev what the fit leaves, the same at every observation."""
     stddev = rmse.clamp(settings.least_stddev, settings.greatest_stddev)
     policy.stddev.weight.zero_()
     policy.stddev.bias.copy_(torch.tensor([inverse_softplus(float(value)) for value in stddev]))

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gfm.core.checks import Array, Array32
 from gfm.sim.drive import drive_law, drive_torque
@@ -60,6 +61,12 @@ class Features:
             side = (state[..., quaternion] * self.mean[quaternion]).sum(axis=-1, keepdims=True)
             state[..., quaternion] *= np.where(side < 0.0, -1.0, 1.0)
         return ((state - self.mean) / self.scale).astype(np.float32)
+
+    def of_joint(self, joint: int) -> NDArray[np.bool_]:
+        """Returns which inputs are about one joint: its states and its drive's torque, (O,)."""
+        joints = len(self.torque_scale)
+        state = np.isin(np.arange(self.state_size), [joint, joints + joint])
+        return np.concatenate([np.tile(state, self.history + 1), np.arange(joints) == joint])
 
     def fill(self, observation: Array32, states: Array32) -> None:
         """Writes the history, oldest state first, shape (n, H + 1, X), into (n, O)."""

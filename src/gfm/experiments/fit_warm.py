@@ -1,0 +1,179 @@
+"""Where a fit of generalized forces begins: which joints, how strong, what they depend on.
+
+Forces by inverse dynamics along the training recordings are regressed onto the policy network.
+Joints that the nominal model predicts down to the noise get none. What each force may depend on is
+chosen by predicting training recordings that the regression has not seen; to begin with, that is
+mostly the joint's own motion and drive, for the motions of the others in a few recordings are
+enough to explain anything with.
+
+Shape letters: J joints, A generalized forces, O observation size, M examples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from gfm.core import Trajectory
+from gfm.core.checks import Array, Array32
+from gfm.diagnosis.problem import measure_noise
+from gfm.envs.fit_problem import FitProblem
+from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings, fit_problem
+from gfm.envs.warm_start import example_states, warm_start_examples
+from gfm.rl.policy_numpy import GaussianPolicy
+from gfm.rl.regression import Mask, RegressionSettings, fit_policy
+from gfm.sim.hybrid import HybridModel
+from gfm.sim.residual import residual_forces
+from gfm.sim.rollout import rollouts
+
+#: A joint gets forces where the nominal model errs by more than so many times the noise: the
+#: initial state of a rollout is measured, too, and joints move each other.
+_ABOVE_NOISE = 2.0
+#: Limits leave so much room above what (almost) all recorded states ask for.
+_ROOM, _QUANTILE = 1.2, 0.995
+#: Groups of recordings that are left out in turn.
+_FOLDS = 3
+_TRIAL_SHARE = 0.5  # of the epochs, for those fits
+
+
+@dataclass(frozen=True, kw_only=True)
+class WarmStart:
+    """The first policy and the problem that it was made for.
+
+    Attributes:
+        settings: Of the environment, with the chosen joints and limit.
+        problem: The same, loaded.
+        tensors: The policy.
+        nominal_errors: Training error of every joint without forces, rad, shape (J,).
+        about: What was chosen, in words with figures.
+    """
+
+    settings: EnvironmentSettings
+    problem: FitProblem
+    tensors: Mapping[str, Array32]
+    nominal_errors: Array
+    about: str
+
+
+def warm_start(
+    settings: EnvironmentSettings,
+    assets: EnvironmentAssets,
+    seed: int,
+    regression: RegressionSettings | None = None,
+) -> WarmStart:
+    """Returns where to begin with recordings and models.
+
+    Args:
+        settings: Period, horizon and least limit of the forces.
+        assets: The training recordings and the nominal models.
+        seed: Of the regression.
+        regression: How to regress.
+    """
+    recordings = assets.trajectories
+    nominal = HybridModel(
+        models=assets.models,
+        joint_names=recordings[0].joint_names,
+        control_period_s=settings.control_period_s,
+    )
+    errors = joint_errors(nominal, recordings)
+    forced = np.flatnonzero(errors > _ABOVE_NOISE * measure_noise(recordings).position)
+    if not len(forced):  # nothing to gain: what is learned will not be kept
+        forced = np.arange(len(errors))
+    forces = [residual_forces(nominal, one) for one in recordings]
+    chosen = _with_joints(settings, nominal, forced, np.concatenate(forces))
+    problem = fit_problem(chosen, assets)
+    columns = np.concatenate([forced, np.arange(len(errors), len(nominal.force_dof))])
+    examples = warm_start_examples(problem, [one[:, columns] for one in forces])
+    how = regression or RegressionSettings()
+    best, left = _choose_inputs(problem, examples, how, seed)
+    fitted = fit_policy(*examples, how, seed, _candidates(problem)[best])
+    return WarmStart(
+        settings=chosen,
+        problem=problem,
+        tensors=fitted.tensors,
+        nominal_errors=errors,
+        about=_about(chosen, best, left, examples[1]),
+    )
+
+
+def joint_errors(model: HybridModel, recordings: Sequence[Trajectory]) -> Array:
+    """Returns the position RMSE of every joint without forces, in open loop, rad, shape (J,)."""
+    squares = [
+        (recording.position[prediction.first :] - prediction.position) ** 2
+        for recording, prediction in zip(recordings, rollouts(model, recordings), strict=True)
+    ]
+    return np.asarray(np.sqrt(np.concatenate(squares).mean(axis=0)))
+
+
+def _candidates(problem: FitProblem) -> dict[str, Mask]:
+    """Returns what each force may depend on, shape (A, O), by its description."""
+    features, model = problem.features, problem.model
+    everything = np.ones((problem.action_size, features.size), bool)
+    if model.layout.has_object:
+        return {"everything observed": everything}
+    own = np.array([features.of_joint(joint) for joint in model.forced])
+    newest = np.arange(features.size) < len(model.layout.joint_names)
+    return {
+        "its joint's states and drive": own,
+        "its joint's states and drive and the pose": own | newest,
+        "everything observed": everything,
+    }
+
+
+def _with_joints(
+    settings: EnvironmentSettings, model: HybridModel, forced: NDArray[np.intp], force: Array
+) -> EnvironmentSettings:
+    """Returns the settings with forces on chosen joints, and a limit that suits them."""
+    needed = float(np.quantile(np.abs(force[:, forced]), _QUANTILE, axis=0).max())
+    return msgspec.structs.replace(
+        settings,
+        joint_nm=max(settings.joint_nm, float(np.ceil(_ROOM * needed))),
+        forced_joints=tuple(model.layout.joint_names[i] for i in forced),
+    )
+
+
+def _choose_inputs(
+    problem: FitProblem, examples: tuple[Array32, Array32], how: RegressionSettings, seed: int
+) -> tuple[str, Array]:
+    """Returns the candidate that predicts best what it has not seen, and its error, (A,)."""
+    fold = problem.windows.recording[example_states(problem)] % _FOLDS
+    trial = msgspec.structs.replace(how, epochs=max(1, round(_TRIAL_SHARE * how.epochs)))
+    left = {
+        name: _left_out_rmse(examples, fold, trial, seed, inputs)
+        for name, inputs in _candidates(problem).items()
+    }
+    best = min(left, key=lambda name: float(np.square(left[name]).sum()))
+    return best, left[best]
+
+
+def _left_out_rmse(
+    examples: tuple[Array32, Array32],
+    fold: NDArray[np.intp],
+    how: RegressionSettings,
+    seed: int,
+    inputs: Mask,
+) -> Array:
+    """Returns the error in recordings that nothing was learned from, unit forces, shape (A,)."""
+    observation, action = examples
+    error = action.astype(np.float64)
+    folds = np.unique(fold)
+    for out in folds if len(folds) > 1 else ():
+        left = fold == out
+        fitted = fit_policy(observation[~left], action[~left], how, seed, inputs)
+        policy = GaussianPolicy.from_weights(fitted.tensors)
+        error[left] -= policy.mean_action(observation[left])
+    return np.asarray(np.sqrt(np.square(error).mean(axis=0)))
+
+
+def _about(settings: EnvironmentSettings, inputs: str, left: Array, action: Array32) -> str:
+    rms = np.sqrt(np.square(action, dtype=np.float64).sum(axis=1).mean())
+    share = float(np.sqrt(np.square(left).sum()) / max(float(rms), 1e-12))
+    return (
+        f"forces on {', '.join(settings.forced_joints)}, at most {settings.joint_nm:g} N m, every "
+        f"{1e3 * settings.control_period_s:g} ms, beginning with {inputs}; of the missing force "
+        f"{share:.0%} remains in recordings left out"
+    )
