@@ -26,6 +26,8 @@ from gfm.sim.plant import Plant
 
 #: Memory that one call of the batched rollout may fill, bytes.
 CHUNK_BYTES = 200e6
+#: Degrees of freedom that a thread must have to step, or it waits longer than it works.
+THREAD_DOF = 60
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -288,7 +290,8 @@ def _just_before(drive: Array, command: Array, place: Array) -> Array:
 def _step_by_step(jobs: list[_Job], threads: int) -> list[Prediction]:
     """Simulates with effects that are evaluated at every step, all jobs side by side."""
     steps = max(job.steps for job in jobs)
-    sims = _stepping_batch([job.model for job in jobs], threads)
+    work = sum(job.model.nv for job in jobs)
+    sims = _stepping_batch([job.model for job in jobs], min(threads, 1 + work // THREAD_DOF))
     qpos, qvel = sims.bind("qpos"), sims.bind("qvel")
     for i, job in enumerate(jobs):
         _set_initial(job, qpos[i], qvel[i])
