@@ -8,7 +8,14 @@ import torch
 
 from gfm.core import BadInputError, EnvironmentSpec, ShapeError
 from gfm.rl.gaussian import Gaussian, kl_per_dimension
-from gfm.rl.learner import LearnerSettings, init_learner, load_policy_tensors, policy_tensors
+from gfm.rl.learner import (
+    LearnerSettings,
+    init_learner,
+    load_policy_tensors,
+    load_state_arrays,
+    policy_tensors,
+    state_arrays,
+)
 from gfm.rl.networks import CriticNetwork, Normaliser, PolicyNetwork
 from gfm.rl.policy_numpy import GaussianPolicy
 
@@ -116,6 +123,22 @@ def test_loaded_tensors_come_out_again():
     load_policy_tensors(state, policy_tensors(source))
     for name, tensor in policy_tensors(source).items():
         np.testing.assert_array_equal(policy_tensors(state)[name], tensor, err_msg=name)
+
+
+def test_weights_that_are_given_as_zero_stay_zero_and_the_others_learn():
+    given = dict(policy_tensors(init_learner(SPEC, LearnerSettings(policy_hidden=(8, 8)), seed=0)))
+    given["first.weight"] = given["first.weight"] * np.array([1, 0, 1, 0, 0], np.float32)
+    state = init_learner(SPEC, LearnerSettings(policy_hidden=(8, 8)), seed=1)
+    load_policy_tensors(state, given)
+    reread = load_state_arrays(
+        init_learner(SPEC, LearnerSettings(policy_hidden=(8, 8)), seed=2), state_arrays(state), 0
+    )
+    for networks in (state.networks, reread.networks):
+        networks.policy(torch.randn(20, 5)).mean.sum().backward()
+        gradient = networks.policy.first.weight.grad
+        assert gradient is not None
+        assert (gradient[:, [1, 3, 4]] == 0.0).all()
+        assert (gradient[:, [0, 2]] != 0.0).any()
 
 
 def test_incomplete_weights_are_refused_with_what_is_missing():

@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, final
 
 import msgspec
 import numpy as np
@@ -228,7 +228,8 @@ def policy_tensors(state: LearnerState) -> dict[str, Array32]:
 def load_policy_tensors(state: LearnerState, tensors: Mapping[str, Array32]) -> None:
     """Starts policy, target policy and the policy's normaliser from given parameters, in place.
 
-    That normaliser stays as it is given: the first layer was made for it.
+    That normaliser stays as it is given: the first layer was made for it. Weights that are given as
+    exactly zero stay zero: the policy shall not come to depend on what it was kept from seeing.
 
     Raises:
         RuntimeError: names or shapes are not those of the networks (see `Weights.architecture`).
@@ -240,6 +241,7 @@ def load_policy_tensors(state: LearnerState, tensors: Mapping[str, Array32]) -> 
     normaliser.scale.copy_(given.pop("scale"))
     state.networks.policy.load_state_dict(given)
     state.networks.target_policy.load_state_dict(given)
+    _hold_zeros(state.networks.policy)
 
 
 def state_arrays(state: LearnerState) -> dict[str, NDArray[Any]]:
@@ -274,7 +276,31 @@ def load_state_arrays(
     state.networks.load_state_dict(networks)
     groups = state.optimiser.state_dict()["param_groups"]
     state.optimiser.load_state_dict({"state": dict(moments), "param_groups": groups})
+    _hold_zeros(state.networks.policy)
     return replace(state, steps=steps)
+
+
+def _hold_zeros(policy: PolicyNetwork) -> None:
+    """Takes the gradients off weights that are exactly zero; those of the stddev's head are free.
+
+    Weights that began at random are never that, and those that were held stay recognisable in a
+    checkpoint.
+    """
+    for name, parameter in policy.named_parameters():
+        if name.endswith(".weight") and not name.startswith("stddev."):
+            held = _Held((parameter.detach() != 0.0).to(parameter.dtype))
+            parameter.register_hook(held)  # type: ignore[no-untyped-call]
+
+
+@final
+class _Held:
+    """Multiplies gradients with 0 where a weight is held and with 1 elsewhere."""
+
+    def __init__(self, free: Tensor) -> None:
+        self._free = free
+
+    def __call__(self, gradient: Tensor) -> Tensor:
+        return gradient * self._free
 
 
 @dataclass(frozen=True, kw_only=True)
