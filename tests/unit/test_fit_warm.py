@@ -8,12 +8,15 @@ import pytest
 
 from gfm.core import CommandKind, Trajectory
 from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings
-from gfm.experiments.fit import environment_flags, force_model, training_error
+from gfm.experiments.fit import LEARNER_TOML, environment_flags, force_model, training_error
 from gfm.experiments.fit_warm import joint_errors, warm_start
+from gfm.rl.learner import LearnerSettings
 from gfm.rl.regression import RegressionSettings
 from gfm.service import make_parser
+from gfm.service.config import read_config
 from gfm.service.environment_flags import add_environment_flags
 from gfm.sim.hybrid import HybridModel
+from gfm_learner.config import LearnerConfig
 
 ARM = """
 <mujoco><option timestep="0.002" integrator="RK4" gravity="0 0 0"/><worldbody>
@@ -115,3 +118,17 @@ def test_actors_and_learner_are_told_the_same_problem(damped):
     assert given["environment.control_period_s"] == 0.02
     assert given["environment.joint_nm"] == damped.settings.joint_nm
     assert given["environment.horizon"] == 20
+    np.testing.assert_array_equal(given["environment.scale"], damped.problem.scale)
+
+
+def test_joints_without_forces_do_not_count(damped):
+    np.testing.assert_array_equal(np.isfinite(damped.problem.scale), [False, True, False, True])
+    assert (damped.problem.scale > 0.0).all()
+
+
+def test_the_learner_understands_its_settings(tmp_path):
+    path = tmp_path / "learner.toml"
+    path.write_text(LEARNER_TOML, encoding="utf-8")
+    learning = read_config(LearnerConfig, path, {}).learning
+    assert learning.critic_first_steps > LearnerSettings().critic_first_steps
+    assert learning.policy_learning_rate < LearnerSettings().policy_learning_rate

@@ -171,18 +171,51 @@ def difference_scale(
     """Returns a scale with which the nominal model's reward is about exp(-1), shape (C,).
 
     Per channel the larger of two root mean squares over windows of the recordings, times the square
-    root of the number of channels: the nominal model's error, and what random forces (independent
-    in every control period, `exploration` times their limits) change. Without the second, a joint
-    that the model predicts well would drown all others as soon as a policy explores.
+    root of the number of channels that count: the nominal model's error, and what random forces
+    (independent in every control period, `exploration` times their limits) change. Without the
+    second, a joint that the model predicts well would drown all others as soon as a policy
+    explores. Joints that no force acts on do not count: their scale is infinite.
     """
+    start = _some_windows(windows)
+    nominal = _differences(model, windows, start, np.zeros((horizon, len(start), _forces(model))))
+    error = np.sqrt((nominal**2).mean(axis=(0, 1)))
+    explored = explored_difference(model, windows, horizon, exploration)
+    return counted_scale(model, np.maximum(error, explored))
+
+
+def explored_difference(
+    model: HybridModel, windows: Windows, horizon: int, exploration: float
+) -> Array:
+    """Returns the root mean square of what random forces change of each channel, shape (C,).
+
+    Forces are independent in every control period, with a standard deviation of `exploration` times
+    their limits.
+    """
+    start = _some_windows(windows)
+    random = np.random.default_rng(0).normal(size=(horizon, len(start), _forces(model)))
+    force = random * model.force_limit * exploration
+    change = _differences(model, windows, start, force) - _differences(
+        model, windows, start, np.zeros_like(force)
+    )
+    return np.asarray(np.sqrt((change**2).mean(axis=(0, 1))))
+
+
+def counted_scale(model: HybridModel, size: Array) -> Array:
+    """Returns differences of typical `size`, (C,), as a scale: infinite where no force acts."""
+    joints = len(model.layout.joint_names)
+    free = np.setdiff1d(np.arange(joints), model.forced)
+    scale = np.asarray(size, np.float64).copy()
+    scale[np.concatenate([free, joints + free])] = np.inf
+    return np.asarray(scale * np.sqrt(np.isfinite(scale).sum()))
+
+
+def _forces(model: HybridModel) -> int:
+    return len(model.force_limit)
+
+
+def _some_windows(windows: Windows) -> NDArray[np.intp]:
     count = min(_MOST_WINDOWS, len(windows.start))
-    start = windows.start[np.linspace(0, len(windows.start) - 1, count).astype(int)]
-    shape = (horizon, count, len(model.force_limit))
-    random = np.random.default_rng(0).normal(size=shape) * model.force_limit * exploration
-    nominal = _differences(model, windows, start, np.zeros(shape))
-    explored = _differences(model, windows, start, random)
-    rms = [np.sqrt((d**2).mean(axis=(0, 1))) for d in (nominal, explored - nominal)]
-    return np.asarray(np.sqrt(nominal.shape[2]) * np.maximum(*rms))
+    return np.asarray(windows.start[np.linspace(0, len(windows.start) - 1, count).astype(int)])
 
 
 def _differences(

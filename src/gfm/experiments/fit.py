@@ -33,6 +33,16 @@ from gfm.transport import ask
 from gfm_wire import WeightsRequest
 
 WARM_START, BEST = "warm_start.npz", "gfm.npz"
+#: The learner's settings, for a policy that begins close to its goal: the critic, which has to tell
+#: small differences, goes first, and the policy follows it in small steps with a steady stddev.
+LEARNER_TOML = """\
+[learning]
+policy_learning_rate = 1e-4
+samples = 20
+critic_first_steps = 1500
+initial_log_alpha_mean = 3.0
+limits = { epsilon_mean = 3e-3, epsilon_stddev = 1e-6 }
+"""
 _POLL_NS = 500_000_000
 _ASK_S = 30.0
 
@@ -78,6 +88,7 @@ def environment_flags(settings: EnvironmentSettings) -> tuple[str, ...]:
         *(("--model", f"{kind}={path}") for kind, path in settings.models.items()),
         *(("--recording", path) for path in settings.recordings),
         *(("--forced-joint", name) for name in settings.forced_joints),
+        *(("--scale", str(x)) for x in settings.scale or ()),
         ("--control-period-s", str(settings.control_period_s)),
         ("--joint-nm", str(settings.joint_nm)),
         ("--horizon", str(settings.horizon)),
@@ -200,7 +211,10 @@ class ForceFit:
         """Starts learner and actors in a running system."""
         folder, seed = self._inputs.folder, self._inputs.seed
         environment = environment_flags(self._warm.settings)
+        settings = folder / "learner.toml"
+        settings.write_text(LEARNER_TOML, encoding="utf-8")
         learner = (
+            *("--config", str(settings)),
             *("--init", str(folder / WARM_START), "--seed", str(seed)),
             *("--checkpoint-dir", str(folder)),
             *environment,

@@ -12,7 +12,7 @@ Shape letters: J joints, A generalized forces, O observation size, M examples.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from gfm.core import Trajectory
 from gfm.core.checks import Array, Array32
 from gfm.diagnosis.problem import measure_noise
-from gfm.envs.fit_problem import FitProblem
+from gfm.envs.fit_problem import FitProblem, counted_scale, explored_difference
 from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings, fit_problem
 from gfm.envs.warm_start import example_states, warm_start_examples
 from gfm.rl.policy_numpy import GaussianPolicy
@@ -35,9 +35,11 @@ from gfm.sim.rollout import rollouts
 _ABOVE_NOISE = 2.0
 #: Limits leave so much room above what (almost) all recorded states ask for.
 _ROOM, _QUANTILE = 1.2, 0.995
+#: The reward falls to exp(-1) so many times as far off as a policy's own noise would lead.
+_SPREAD = 2.0
 #: Groups of recordings that are left out in turn.
 _FOLDS = 3
-_TRIAL_SHARE = 0.5  # of the epochs, for those fits
+_TRIAL_SHARE = 0.25  # of the epochs, for those fits
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,9 +93,11 @@ def warm_start(
     how = regression or RegressionSettings()
     best, left = _choose_inputs(problem, examples, how, seed)
     fitted = fit_policy(*examples, how, seed, _candidates(problem)[best])
+    scale = _reward_scale(problem, how.least_stddev)
+    chosen = msgspec.structs.replace(chosen, scale=tuple(scale.tolist()))
     return WarmStart(
         settings=chosen,
-        problem=problem,
+        problem=replace(problem, scale=scale),
         tensors=fitted.tensors,
         nominal_errors=errors,
         about=_about(chosen, best, left, examples[1]),
@@ -134,6 +138,16 @@ def _with_joints(
         joint_nm=max(settings.joint_nm, float(np.ceil(_ROOM * needed))),
         forced_joints=tuple(model.layout.joint_names[i] for i in forced),
     )
+
+
+def _reward_scale(problem: FitProblem, stddev: float) -> Array:
+    """Returns the scale of what a policy that is nearly right may still get wrong, shape (C,).
+
+    That of the nominal model's error would leave the reward flat about the warm start.
+    """
+    model, windows = problem.model, problem.windows
+    size = _SPREAD * explored_difference(model, windows, problem.horizon, stddev)
+    return counted_scale(model, size)
 
 
 def _choose_inputs(

@@ -148,6 +148,7 @@ def environment_arguments(arguments: argparse.Namespace) -> tuple[str, ...]:
         *_repeated("--model", models),
         *_repeated("--recording", given.get("environment.recordings", ())),
         *_repeated("--forced-joint", given.get("environment.forced_joints", ())),
+        *_repeated("--scale", [str(x) for x in given.get("environment.scale", ())]),
         *numbers,
     )
 

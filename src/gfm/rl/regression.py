@@ -48,7 +48,7 @@ class RegressionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
     hidden: Widths = (200, 200)
     learning_rate: Positive = 2e-3
     batch_size: Count = 256
-    epochs: Count = 60
+    epochs: Count = 120
     least_stddev: Positive = 0.05
     greatest_stddev: Positive = 0.5
 

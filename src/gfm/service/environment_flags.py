@@ -51,6 +51,15 @@ def add_environment_flags(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="joint that generalized forces act on; may be given several times (default: all)",
     )
+    group.add_argument(
+        "--scale",
+        dest="environment.scale",
+        action="append",
+        type=float,
+        metavar="X",
+        help="by which one channel of the difference is divided, rad, rad/s or m; once for each "
+        "channel (default: measured from the recordings)",
+    )
 
 
 class _KindedPath(argparse.Action):
