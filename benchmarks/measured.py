@@ -135,7 +135,7 @@ def written(
 ) -> str:
     """Returns a set's part of the page."""
     specs, effects = load_specs([model]), read_effects(report)
-    problem = make_problem(specs, read_recordings(held), released_whole=True)
+    problem = make_problem(specs, read_recordings(held))
     measured = replace(problem, state_basis=tuple(basis[:, :0] for basis in problem.state_basis))
     document = json.loads(report.read_text())
     error = document["error"]

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from gfm.core.checks import Array
 from gfm.diagnosis.candidates import Place
@@ -435,11 +436,12 @@ def fit(
     if not effects:
         return nothing(problem)
     current, values = tuple(effects), _vector(effects)
+    bounds = _bounds(effects)
     residual = problem.residuals([current])[0]
     jacobian = _jacobian(problem, current, residual, known)
     damping = 1e-3
     for _ in range(FIT_STEPS):
-        trial = _clipped(current, values + _step(jacobian, residual, damping))
+        trial = values + _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
         candidate = _with_vector(current, trial)
         tried = problem.residuals([candidate])[0]
         gain = 1.0 - _cost(tried) / _cost(residual)
@@ -447,7 +449,7 @@ def fit(
         if gain > 0.0:
             current, values, residual = candidate, trial, tried
             jacobian = _jacobian(problem, current, residual, known)
-        if abs(gain) < tolerance or damping > MOST_DAMPING:
+        if 0.0 <= gain < tolerance or damping > MOST_DAMPING:
             break
     return Fit(effects=current, cost=_cost(residual), jacobian=jacobian, residual=residual)
 
@@ -487,11 +489,6 @@ def _bounds(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
     return np.array([low for low, _ in both]), np.array([high for _, high in both])
 
 
-def _clipped(effects: Sequence[EffectInstance], vector: Array) -> Array:
-    low, high = _bounds(effects)
-    return np.asarray(np.clip(vector, low, high))
-
-
 def _jacobian(
     problem: Problem,
     effects: tuple[EffectInstance, ...],
@@ -509,11 +506,18 @@ def _jacobian(
     return np.asarray(rest if known is None else np.concatenate([known, rest], axis=1))
 
 
-def _step(jacobian: Array, residual: Array, damping: float) -> Array:
-    """Returns the damped Gauss-Newton step (Levenberg, Marquardt: scaled by the diagonal)."""
-    normal = jacobian.T @ jacobian
-    scaled = normal + damping * np.diag(np.diag(normal) + 1e-12)
-    return np.asarray(-np.linalg.solve(scaled, jacobian.T @ residual))
+def _step(jacobian: Array, residual: Array, damping: float, low: Array, high: Array) -> Array:
+    """Returns the damped Gauss-Newton step within bounds (Levenberg, Marquardt: by the diagonal).
+
+    The bounds are part of the linear problem: a parameter that would leave them stays there while
+    the others go where they fit best with it.
+    """
+    size = np.linalg.norm(jacobian, axis=0) + 1e-9
+    basis, square = np.linalg.qr(jacobian / size)
+    rows = np.concatenate([square, np.sqrt(damping) * np.eye(len(size))])
+    target = np.concatenate([-basis.T @ residual, np.zeros(len(size))])
+    inside = (np.minimum(low, -1e-12) * size, np.maximum(high, 1e-12) * size)
+    return np.asarray(np.clip(lsq_linear(rows, target, inside).x / size, low, high))
 
 
 def _orthonormal(columns: Array) -> Array:

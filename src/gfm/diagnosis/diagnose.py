@@ -34,7 +34,7 @@ from gfm.effects import EffectInstance, effect_library
 #: Held-out RMSE, in units of the sensor noise, up to which a model counts as adequate.
 ADEQUATE_RATIO = 1.25
 #: Share of the held-out gap that must be closed to call it explained although some is left.
-EXPLAINED_SHARE = 0.9
+EXPLAINED_SHARE = 0.99
 #: Share of the gap that has to be closed to name anything.
 LEAST_SHARE = 0.05
 #: Less motion or time than this says nothing about dynamics.
@@ -85,7 +85,7 @@ def diagnose(
     """
     report("measuring the nominal model")
     problem = make_problem(specs, recordings)
-    held = make_problem(specs, holdout, problem.noise, released_whole=True)
+    held = make_problem(specs, holdout, problem.noise)
     lack = _lacking(recordings)
     found = _attribute(problem, recordings, report) if not lack else None
     instances = found.fit.effects if found else ()

@@ -35,6 +35,8 @@ WINDOW_S: Mapping[CommandKind, float] = {
 }
 #: Steps in position and velocity with which the effect of the initial state is measured.
 STATE_STEP = (1e-4, 1e-3)
+#: Joints of the arm to which durations of samples refer.
+ARM_JOINTS = 7
 #: Places along a recording at which contacts are looked for.
 CONTACT_LOOKS = 300
 #: Largest residual that counts, in units of the noise: a simulation that runs away stays finite.
@@ -182,7 +184,12 @@ class Problem:
         )
 
     def sample(self, simulated_s: float) -> list[int]:
-        """Returns segments, spread over the recordings and kinds, of about so much time in all."""
+        """Returns segments, spread over the recordings and kinds, of about so much time in all.
+
+        Args:
+            simulated_s: For an arm of seven joints; fewer joints take less time to simulate.
+        """
+        simulated_s *= max(ARM_JOINTS / len(self.joints), 1.0)
         by_recording = sorted(range(len(self.segments)), key=lambda i: self._turn(i))
         chosen, total_s = [], 0.0
         for i in by_recording:
@@ -207,13 +214,9 @@ def make_problem(
     specs: Mapping[CommandKind, mujoco.MjSpec],
     recordings: Sequence[Trajectory],
     noise: Noise | None = None,
-    *,
-    released_whole: bool = False,
 ) -> Problem:
     """Returns the problem of explaining `recordings` by the models `specs`.
 
-    What no servo holds on track is cut into short stretches: over long ones small errors grow too
-    large to be fitted. With `released_whole`, released servos are rolled out whole all the same.
     The models are integrated to fourth order whatever they say themselves: a first-order step of
     theirs would show as a delay.
 
@@ -232,9 +235,7 @@ def make_problem(
             spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     noise = noise or measure_noise(recordings)
     segments = tuple(
-        segment
-        for i, recording in enumerate(recordings)
-        for segment in cut(recording, i, noise, released_whole=released_whole)
+        segment for i, recording in enumerate(recordings) for segment in cut(recording, i, noise)
     )
     problem = Problem(
         specs=accurate,
@@ -303,17 +304,13 @@ def measure_noise(recordings: Sequence[Trajectory]) -> Noise:
     )
 
 
-def cut(
-    recording: Trajectory, index: int, noise: Noise, *, released_whole: bool = False
-) -> list[Segment]:
+def cut(recording: Trajectory, index: int, noise: Noise) -> list[Segment]:
     """Returns the stretches of a recording that are rolled out, first to last.
 
     What rests at first begins with no speed at all: where nothing holds a joint (play in a gear,
     friction that is missing in the model), a speed made of noise would carry it away.
     """
-    released = any(recording.servo_gain.get(name) == 0.0 for name in recording.joint_names)
-    loose = released and not released_whole
-    window_s = WINDOW_S[CommandKind.EFFORT if loose else recording.command_kind]
+    window_s = WINDOW_S[recording.command_kind]
     time_s = recording.time_s
     position, velocity, _ = smooth_states(time_s, recording.position)
     count = max(int(time_s[-1] / window_s), 1)

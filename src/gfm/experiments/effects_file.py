@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ def read_effects(path: Path) -> tuple[EffectInstance, ...]:
     return tuple(_instance(entry, f"effects {path}") for entry in document.get("effects", ()))
 
 
-def _instance(entry: Any, where: str) -> EffectInstance:
+def _instance(entry: Mapping[str, Any], where: str) -> EffectInstance:
     try:
         effect = find_effect(entry["effect"])
         joints = tuple(str(name) for name in entry["joints"])

@@ -1,0 +1,80 @@
+"""What the diagnosis makes of robots that others recorded, on their fixed splits."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from gfm.core import CommandKind, Trajectory
+from gfm.diagnosis.diagnose import diagnose
+from gfm.diagnosis.problem import make_problem
+from gfm.diagnosis.result import Diagnosis, Verdict
+from gfm.effects import EffectInstance
+from gfm.effects.registry import find_effect
+from gfm.recording.importing import imported
+from gfm.recording.mapping import load_mapping
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).resolve().parents[2]
+MEASURED = ROOT.parent / "shared" / "data" / "measured"
+
+
+def measured(pattern: str, mapping: str) -> list[Trajectory]:
+    paths = sorted(MEASURED.glob(pattern))
+    if not paths and os.environ.get("CI") != "true":
+        pytest.skip(f"no measured data in {MEASURED}")
+    assert paths, f"no measured data in {MEASURED}"
+    return list(imported(paths, load_mapping(ROOT / "models" / "mappings" / mapping)))
+
+
+def split(
+    recordings: list[Trajectory], held_out: tuple[str, ...]
+) -> tuple[list[Trajectory], list[Trajectory]]:
+    held = [r for r in recordings if any(part in r.name for part in held_out)]
+    return [r for r in recordings if r not in held], held
+
+
+def errors_after(
+    specs: dict[CommandKind, mujoco.MjSpec], held: list[Trajectory], found: Diagnosis
+) -> list[np.ndarray]:
+    effects = [
+        EffectInstance(
+            effect=find_effect(one.effect),
+            joints=one.joints,
+            values={name: p.value for name, p in one.parameters.items()},
+        )
+        for one in found.effects
+    ]
+    return make_problem(specs, held).position_errors(effects)
+
+
+def test_friction_is_found_on_the_xl330_and_no_stribeck_friction() -> None:
+    training, held = split(measured("bam_xl330/raw/*.json.gz", "xl330.toml"), ("kp200_",))
+    spec = mujoco.MjSpec.from_file(str(ROOT / "models" / "xl330_pendulum.xml"))
+    specs = {CommandKind.POSITION: spec}
+    found = diagnose(specs, training, held)
+    names = {one.effect for one in found.effects}
+    assert names & {"coulomb_friction", "load_dependent_friction"}
+    assert "stribeck_friction" not in names
+    assert found.verdict in (Verdict.EXPLAINED, Verdict.PARTLY_EXPLAINED)
+    errors = np.concatenate(errors_after(specs, held, found))
+    assert np.mean(np.abs(errors)) < 0.054
+
+
+def test_coulomb_friction_is_found_on_both_joints_of_the_double_pendulum() -> None:
+    recordings = measured("dfki_double_pendulum/C1_*.csv.gz", "double_pendulum.toml")
+    training, held = split(recordings, ("154220", "154548", "tvlqr"))
+    spec = mujoco.MjSpec.from_file(str(ROOT / "models" / "double_pendulum_c1.xml"))
+    specs = {CommandKind.EFFORT: spec}
+    found = diagnose(specs, training, held)
+    friction = {one.joints for one in found.effects if one.effect == "coulomb_friction"}
+    assert friction == {("shoulder",), ("elbow",)}
+    rmse = [np.sqrt(np.mean(e**2, axis=0)) for e in errors_after(specs, held, found)]
+    shoulder, elbow = np.median(rmse, axis=0)
+    assert shoulder < 0.03
+    assert elbow < 0.055
