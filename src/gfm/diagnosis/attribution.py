@@ -153,9 +153,10 @@ def without_superfluous(problem: Problem, accepted: Fit) -> Fit:
         if not any(_same_place(instance, later) for later in accepted.effects[i + 1 :]):
             continue
         rest = [e for e in accepted.effects if e is not instance]
-        without = fit(part, rest, tolerance=ROUGH)
-        if without.cost < allowed:
-            return without_superfluous(problem, fit(problem, without.effects))
+        # From afar, where nearly all residuals count linearly, fits go astray: limits are set anew.
+        without = fit(part.robust(rest), rest, tolerance=ROUGH).effects
+        if _cost(part.residuals([without])[0]) < allowed:
+            return without_superfluous(problem, fit(problem, without))
     return accepted
 
 
@@ -260,7 +261,7 @@ def _best_first(
     report: Callable[[str], None],
 ) -> list[Fit]:
     """Returns the fits with one first that can be accepted, if there is one."""
-    simplest = sorted(fits, key=lambda f: f.cost + price(f) * start.cost)
+    simplest = sorted(fits, key=lambda f: f.cost / (1.0 - price(f)))
     for tested in simplest[:MOST_TESTED]:
         if not worth_it(tested, start) or at_bound(tested.effects[-1]):
             continue
