@@ -14,7 +14,7 @@ import pytest
 from gfm.core import BadInputError, CommandKind, ConfigError, Trajectory, Weights
 from gfm.diagnosis.problem import measure_noise
 from gfm.effects import EffectInstance, find_effect
-from gfm.experiments.fit import FittedForces, Snapshot
+from gfm.experiments.fit import CRITIC_FIRST_STEPS, FittedForces, Snapshot
 from gfm.experiments.fit_curves import error_curves, learning_curves, metric_rows
 from gfm.experiments.joint_control import (
     ForceModel,
@@ -187,16 +187,16 @@ def fitted(*snapshots: Snapshot) -> FittedForces:
 
 
 def test_the_policy_with_the_smallest_training_error_is_kept():
-    outcome = fitted(snapshot(0, 0.2), snapshot(100, 0.1), snapshot(200, 0.3))
-    assert outcome.best.weights.version == 100
+    outcome = fitted(snapshot(0, 0.2), snapshot(1600, 0.1), snapshot(1700, 0.3))
+    assert outcome.best.weights.version == 1600
     assert outcome.detail == (
-        "warm start refined by 100 learner steps; training error 0.5 rad without forces, 0.2 with "
+        "warm start refined by 1600 learner steps; training error 0.5 rad without forces, 0.2 with "
         "the warm start, 0.1 after learning; forces on a"
     )
 
 
 def test_the_warm_start_is_kept_where_learning_does_not_improve_it():
-    outcome = fitted(snapshot(0, 0.2), snapshot(100, 0.25), snapshot(200, 0.3))
+    outcome = fitted(snapshot(0, 0.2), snapshot(1600, 0.25), snapshot(1700, 0.3))
     assert outcome.best.weights.version == 0
     assert outcome.detail == (
         "warm start kept: reinforcement learning did not improve it; training error 0.5 rad "
@@ -205,8 +205,8 @@ def test_the_warm_start_is_kept_where_learning_does_not_improve_it():
 
 
 def test_no_force_is_kept_where_none_does_any_good():
-    outcome = fitted(snapshot(0, 0.6), snapshot(100, 0.55))
-    assert outcome.kept.version == 100
+    outcome = fitted(snapshot(0, 0.6), snapshot(1600, 0.55))
+    assert outcome.kept.version == 1600
     assert (outcome.kept.tensors["mean.weight"] == 0.0).all()
     assert (outcome.kept.tensors["mean.bias"] == 0.0).all()
     assert (outcome.kept.tensors["first.bias"] == 1.0).all()
@@ -291,3 +291,8 @@ def test_another_file_is_no_sealed_file(tmp_path, text, message):
 def test_a_missing_sealed_file_is_said():
     with pytest.raises(BadInputError, match=r"absent\.json: cannot be read"):
         unseal(Path("absent.json"))
+
+
+def test_what_was_seen_while_only_the_critic_learned_does_not_count_as_learned():
+    outcome = fitted(snapshot(0, 0.2), snapshot(CRITIC_FIRST_STEPS, 0.2))
+    assert outcome.detail.startswith("warm start (inverse dynamics, regressed);")

@@ -35,13 +35,14 @@ from gfm_wire import WeightsRequest
 WARM_START, BEST = "warm_start.npz", "gfm.npz"
 #: The learner's settings, for a policy that begins close to its goal: the critic, which has to tell
 #: small differences, goes first, and the policy follows it in small steps with a steady stddev.
-LEARNER_TOML = """\
+CRITIC_FIRST_STEPS = 1500
+LEARNER_TOML = f"""\
 [learning]
 policy_learning_rate = 1e-4
 samples = 20
-critic_first_steps = 1500
+critic_first_steps = {CRITIC_FIRST_STEPS}
 initial_log_alpha_mean = 3.0
-limits = { epsilon_mean = 3e-3, epsilon_stddev = 1e-6 }
+limits = {{ epsilon_mean = 3e-3, epsilon_stddev = 1e-6 }}
 """
 _POLL_NS = 500_000_000
 _ASK_S = 30.0
@@ -154,7 +155,8 @@ class FittedForces:
     def detail(self) -> str:
         """What was kept, and what learning added to the warm start, in words."""
         warm, best = self.snapshots[0], self.best
-        learned = [one for one in self.snapshots if one.weights.version > 0]
+        # Until then only the critic learned: the policy is the warm start still.
+        learned = [one for one in self.snapshots if one.weights.version > CRITIC_FIRST_STEPS]
         figures = f"training error {self.nominal_error:.3g} rad without forces, {warm.error:.3g}"
         if not self.helps:
             return f"no force kept: none did any good; {figures} with the warm start; {self.about}"
