@@ -126,13 +126,12 @@ def section(name: str, data: Path, out: Path) -> str:
     if not report.exists():
         told = ("--model", model, "--out", report.parent, "--holdout", *held)
         command("diagnose", *training, *told)
-        (folder / "seconds").write_text(f"{time.monotonic() - began:.0f}")
-    return written(name, rig, model, report, held, float((folder / "seconds").read_text()))
+        seconds = f"{time.monotonic() - began:.0f} s"
+        (folder / "made").write_text(f"diagnosed in {seconds} at commit {commit()}")
+    return written(name, rig, model, report, held, (folder / "made").read_text())
 
 
-def written(
-    name: str, rig: Rig, model: Path, report: Path, held: Sequence[Path], seconds: float
-) -> str:
+def written(name: str, rig: Rig, model: Path, report: Path, held: Sequence[Path], made: str) -> str:
     """Returns a set's part of the page."""
     specs, effects = load_specs([model]), read_effects(report)
     problem = make_problem(specs, read_recordings(held))
@@ -149,7 +148,7 @@ def written(
 {line("initial state as measured", rig, measured, effects)}
 
 Verdict {document["verdict"]}; position RMSE {error["before"]:.4f} -> {error["after"]:.4f} rad,
-sensor noise {error["noise_floor"]:.2g} rad; {len(held)} held-out recordings; {seconds:.0f} s.
+sensor noise {error["noise_floor"]:.2g} rad; {len(held)} held-out recordings; {made}.
 
 {effects_table(document)}
 """
@@ -195,8 +194,8 @@ before. Written by
 
     python benchmarks/measured.py --data DIR {sets}
 
-with gfm {gfm.__version__} at commit {commit()}, {time.strftime("%Y-%m-%d")}, Python
-{platform.python_version()}, MuJoCo {version("mujoco")}, {platform.machine()}.
+with gfm {gfm.__version__}, {time.strftime("%Y-%m-%d")}, Python {platform.python_version()}, MuJoCo
+{version("mujoco")}, {platform.machine()}.
 
 """
         + "\n".join(sections),
