@@ -1,0 +1,97 @@
+"""The rules by which effects are accepted, each on the smallest case that shows it."""
+
+import numpy as np
+import pytest
+
+from gfm.core import CommandKind
+from gfm.diagnosis.attribution import Fit, at_bound, price, worth_it
+from gfm.diagnosis.problem import Noise, Problem
+from gfm.diagnosis.signals import starts_at_rest
+from gfm.effects import EffectInstance, effect_library
+from gfm.sim.predict import Prediction, Segment
+
+TIME_S = 0.01 * np.arange(40.0)
+
+
+def instance(name, **values):
+    return EffectInstance(effect=effect_library()[name], joints=("joint",), values=values)
+
+
+def fitted(cost, *effects):
+    nothing = np.zeros(0)
+    return Fit(effects=effects, cost=cost, jacobian=nothing.reshape(0, 0), residual=nothing)
+
+
+def problem(position, linear_from):
+    segment = Segment(
+        time_s=TIME_S,
+        position=position,
+        effort=None,
+        kind=CommandKind.POSITION,
+        command_time_s=TIME_S,
+        command=position,
+        initial_position=position[0],
+        initial_velocity=np.zeros(1),
+        servo_gain=np.ones(1),
+    )
+    return Problem(
+        specs={},
+        joints=("joint",),
+        segments=(segment,),
+        noise=Noise(position=np.full(1, 0.5), effort=None),
+        linear_from=linear_from,
+    )
+
+
+class Predicted(Problem):
+    """A problem whose model predicts zero for everything."""
+
+    def predictions(self, candidates):
+        zero = np.zeros_like(self.segments[0].position)
+        one = Prediction(position=zero, effort=zero, effort_after=zero, diverged=False)
+        return [[one] for _ in candidates]
+
+
+def zero_model(position, linear_from=None):
+    plain = problem(position, linear_from)
+    return Predicted(**{name: getattr(plain, name) for name in plain.__dataclass_fields__})
+
+
+def test_squares_of_residuals_are_hubers_loss():
+    position = np.linspace(-3.0, 3.0, len(TIME_S))[:, None]
+    limit = 2.0
+    (residual,) = zero_model(position, np.full((2, 1), limit)).residuals([()])
+    plain = np.abs(position.ravel() / 0.5)
+    huber = np.where(plain <= limit, plain**2, limit * (2.0 * plain - limit))
+    np.testing.assert_allclose(residual**2, huber)
+    np.testing.assert_array_equal(np.sign(residual), np.sign(position.ravel()))
+
+
+def test_limits_follow_what_a_typical_stretch_shows_and_never_cut_into_noise():
+    loud, quiet = np.full((len(TIME_S), 1), 5.0), np.full((len(TIME_S), 1), 1e-3)
+    assert zero_model(loud).robust(()).linear_from[0, 0] == pytest.approx(3.0 * 10.0)
+    assert zero_model(quiet).robust(()).linear_from[0, 0] == pytest.approx(3.0)
+
+
+def test_a_joint_rests_where_its_slope_is_noise():
+    noise = 1e-4
+    still = noise * np.random.default_rng(0).standard_normal(len(TIME_S))
+    moving = still + 0.01 * TIME_S
+    resting = starts_at_rest(TIME_S, np.stack([still, moving], axis=1), np.full(2, noise))
+    assert resting.tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("excess", "speed", "expected"), [(0.5, 0.05, False), (0.5, 5.0, True), (0.0, 0.05, True)]
+)
+def test_a_value_at_its_bound_has_not_been_found(excess, speed, expected):
+    stribeck = instance("stribeck_friction", static_excess=excess, stribeck_velocity=speed)
+    assert at_bound(stribeck) is expected
+
+
+def test_more_parameters_must_explain_more():
+    coulomb = fitted(96.0, instance("coulomb_friction", torque=0.1))
+    payload = fitted(90.0, instance("payload", mass=1.0, com_x=0.0, com_y=0.0, com_z=0.1))
+    assert price(payload) == pytest.approx(4 * price(coulomb))
+    assert worth_it(coulomb, fitted(100.0))
+    assert not worth_it(payload, fitted(100.0))
