@@ -189,8 +189,8 @@ def main() -> None:
     arguments.page.write_text(
         f"""# Robots that others recorded
 
-Recorded on hardware; the models have ideal joints. Splits are fixed; nothing held out was looked at
-before. Written by
+Recorded on hardware; the models have ideal joints. Splits are fixed. The diagnosis never reads what
+is held out, but these figures were seen while its search was developed. Written by
 
     python benchmarks/measured.py --data DIR {sets}
 
