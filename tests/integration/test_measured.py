@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -13,23 +13,11 @@ from gfm.core import CommandKind, Trajectory
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.problem import make_problem
 from gfm.diagnosis.result import Diagnosis, Verdict
-from gfm.effects import EffectInstance
-from gfm.effects.registry import find_effect
-from gfm.recording.importing import imported
-from gfm.recording.mapping import load_mapping
 
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
-MEASURED = ROOT.parent / "shared" / "data" / "measured"
-
-
-def measured(pattern: str, mapping: str) -> list[Trajectory]:
-    paths = sorted(MEASURED.glob(pattern))
-    if not paths and os.environ.get("CI") != "true":
-        pytest.skip(f"no measured data in {MEASURED}")
-    assert paths, f"no measured data in {MEASURED}"
-    return list(imported(paths, load_mapping(ROOT / "models" / "mappings" / mapping)))
+Measured = Callable[[str, str], list[Trajectory]]
 
 
 def split(
@@ -42,18 +30,11 @@ def split(
 def errors_after(
     specs: dict[CommandKind, mujoco.MjSpec], held: list[Trajectory], found: Diagnosis
 ) -> list[np.ndarray]:
-    effects = [
-        EffectInstance(
-            effect=find_effect(one.effect),
-            joints=one.joints,
-            values={name: p.value for name, p in one.parameters.items()},
-        )
-        for one in found.effects
-    ]
+    effects = [one.instance() for one in found.effects]
     return make_problem(specs, held).position_errors(effects)
 
 
-def test_friction_is_found_on_the_xl330_and_no_stribeck_friction() -> None:
+def test_friction_but_not_stribeck_is_found_on_the_xl330(measured: Measured) -> None:
     training, held = split(measured("bam_xl330/raw/*.json.gz", "xl330.toml"), ("kp200_",))
     spec = mujoco.MjSpec.from_file(str(ROOT / "models" / "xl330_pendulum.xml"))
     specs = {CommandKind.POSITION: spec}
@@ -66,7 +47,9 @@ def test_friction_is_found_on_the_xl330_and_no_stribeck_friction() -> None:
     assert np.mean(np.abs(errors)) < 0.054
 
 
-def test_coulomb_friction_is_found_on_both_joints_of_the_double_pendulum() -> None:
+def test_coulomb_friction_is_found_on_both_joints_of_the_double_pendulum(
+    measured: Measured,
+) -> None:
     recordings = measured("dfki_double_pendulum/C1_*.csv.gz", "double_pendulum.toml")
     training, held = split(recordings, ("154220", "154548", "tvlqr"))
     spec = mujoco.MjSpec.from_file(str(ROOT / "models" / "double_pendulum_c1.xml"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -10,19 +10,9 @@ import numpy as np
 import pytest
 
 from gfm.core import Trajectory
-from gfm.recording.importing import imported
-from gfm.recording.mapping import load_mapping
 
 ROOT = Path(__file__).resolve().parents[2]
-MEASURED = ROOT.parent / "shared" / "data" / "measured"
-
-
-def measured(name: str, pattern: str, mapping: str) -> list[Trajectory]:
-    paths = sorted((MEASURED / name).glob(pattern))
-    if not paths and os.environ.get("CI") != "true":
-        pytest.skip(f"no measured data in {MEASURED / name}")
-    assert paths, f"no measured data in {MEASURED / name}"
-    return list(imported(paths, load_mapping(ROOT / "models" / "mappings" / mapping)))
+Measured = Callable[[str, str], list[Trajectory]]
 
 
 def model(name: str) -> mujoco.MjModel:
@@ -35,8 +25,8 @@ def actuated(spec: mujoco.MjModel) -> tuple[str, ...]:
     return names
 
 
-def test_xl330() -> None:
-    runs = {run.name: run for run in measured("bam_xl330", "raw/*.json.gz", "xl330.toml")}
+def test_xl330(measured: Measured) -> None:
+    runs = {run.name: run for run in measured("bam_xl330/raw/*.json.gz", "xl330.toml")}
     assert len(runs) == 20
     assert {run.joint_names for run in runs.values()} == {actuated(model("xl330_pendulum.xml"))}
     assert runs["kp200_sin_sin"].servo_gain == {"joint": 0.5}
@@ -56,8 +46,8 @@ def test_xl330_servo_is_what_its_data_sheet_says() -> None:
     assert no_load_speed == pytest.approx(103 * 7.4 / 5.0 * 2 * np.pi / 60, rel=1e-3)
 
 
-def test_double_pendulum() -> None:
-    runs = measured("dfki_double_pendulum", "C1_*-1436*.csv.gz", "double_pendulum.toml")
+def test_double_pendulum(measured: Measured) -> None:
+    runs = measured("dfki_double_pendulum/C1_*-1436*.csv.gz", "double_pendulum.toml")
     assert {run.joint_names for run in runs} == {actuated(model("double_pendulum_c1.xml"))}
     assert all(run.effort is not None for run in runs)
 
@@ -75,8 +65,8 @@ def test_double_pendulum_weighs_what_its_authors_say() -> None:
     assert full[1, 1] == pytest.approx(0.05087 + 36 * 6.2872e-5, rel=1e-3)
 
 
-def test_so101() -> None:
-    runs = measured("so101", "slow_precision_*.csv.gz", "so101.toml")
+def test_so101(measured: Measured) -> None:
+    runs = measured("so101/slow_precision_*.csv.gz", "so101.toml")
     (run,) = runs
     assert run.joint_names[0] == "shoulder_pan"
     assert np.median(np.diff(run.time_s)) == pytest.approx(0.0201, abs=2e-4)

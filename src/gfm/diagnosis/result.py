@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from gfm.core.checks import Array
+from gfm.effects import EffectInstance, find_effect
 
 SCHEMA = "gfm.diagnosis/1"
 
@@ -56,6 +57,14 @@ class NamedEffect:
     parameters: Mapping[str, ParameterEstimate]
     confidence: float
     native: bool
+
+    def instance(self) -> EffectInstance:
+        """Returns the effect with its estimated amounts, to be put into a model."""
+        return EffectInstance(
+            effect=find_effect(self.effect),
+            joints=self.joints,
+            values={name: estimate.value for name, estimate in self.parameters.items()},
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

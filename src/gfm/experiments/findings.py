@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from gfm.diagnosis.baseline import Identified
-from gfm.diagnosis.result import Diagnosis, NamedEffect
-from gfm.effects import EffectInstance, find_effect
+from gfm.diagnosis.result import Diagnosis
+from gfm.effects import EffectInstance
 from gfm.experiments.fit import BEST, FittedForces
 from gfm.experiments.joint_control import JointControlTest, ModelErrors
 from gfm.launch import Supervisor, statuses, summary
@@ -38,7 +38,7 @@ class Findings:
     @cached_property
     def effects(self) -> list[EffectInstance]:
         """The named effects, to be put into a model."""
-        return [_instance(effect) for effect in self.diagnosis.effects]
+        return [effect.instance() for effect in self.diagnosis.effects]
 
     def models(self) -> list[ModelErrors]:
         """Returns every model's errors on the held-out recordings."""
@@ -102,14 +102,6 @@ def system_facts(supervisor: Supervisor) -> SystemFacts:
         processes=tuple(found),
         **{name: sums[name] for name in (*counts, "rejected_messages")},
         phases=(),
-    )
-
-
-def _instance(named: NamedEffect) -> EffectInstance:
-    return EffectInstance(
-        effect=find_effect(named.effect),
-        joints=named.joints,
-        values={name: estimate.value for name, estimate in named.parameters.items()},
     )
 
 

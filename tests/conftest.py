@@ -1,0 +1,34 @@
+"""What tests of several kinds share."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from gfm.core import Trajectory
+from gfm.recording.importing import imported
+from gfm.recording.mapping import load_mapping
+
+ROOT = Path(__file__).resolve().parents[1]
+MEASURED = ROOT.parent / "shared" / "data" / "measured"
+
+
+@pytest.fixture(scope="session")
+def measured() -> Callable[[str, str], list[Trajectory]]:
+    """Imports recordings of others by a pattern and a mapping.
+
+    The data stay outside the repository: on a user's machine that lacks them the test is skipped,
+    in CI it fails.
+    """
+
+    def load(pattern: str, mapping: str) -> list[Trajectory]:
+        paths = sorted(MEASURED.glob(pattern))
+        if not paths and os.environ.get("CI") != "true":
+            pytest.skip(f"no measured data {pattern} in {MEASURED}")
+        assert paths, f"no measured data {pattern} in {MEASURED}"
+        return list(imported(paths, load_mapping(ROOT / "models" / "mappings" / mapping)))
+
+    return load
