@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.attribution import Fit, at_bound, price, worth_it
+from gfm.diagnosis.attribution import Fit, Screened, at_bound, price, shortlist, worth_it
 from gfm.diagnosis.problem import Noise, Problem
 from gfm.diagnosis.signals import starts_at_rest
 from gfm.effects import EffectInstance, effect_library
@@ -95,3 +95,20 @@ def test_more_parameters_must_explain_more():
     assert price(payload) == pytest.approx(4 * price(coulomb))
     assert worth_it(coulomb, fitted(100.0))
     assert not worth_it(payload, fitted(100.0))
+
+
+def test_every_order_of_a_cogging_torque_is_fitted():
+    orders = [
+        Screened(
+            instance=instance("cogging_torque", amplitude=1.0, per_revolution=order, phase=0.0),
+            gain=gain,
+        )
+        for order, gain in ((23.0, 0.9), (24.0, 0.8), (25.0, 0.7))
+    ]
+    assert shortlist(orders) == orders
+
+
+def test_a_phase_is_told_within_half_a_turn():
+    cogging = effect_library()["cogging_torque"]
+    told = cogging.canonical({"amplitude": 1.0, "per_revolution": 24.0, "phase": -3.58})
+    assert told["phase"] == pytest.approx(2.0 * np.pi - 3.58)

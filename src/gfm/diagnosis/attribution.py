@@ -24,7 +24,7 @@ from gfm.diagnosis.candidates import Place
 from gfm.diagnosis.problem import Problem, coarse
 from gfm.effects import EffectInstance, Scales, Scope
 
-#: Candidates that are fitted in earnest in each round, and those of one effect among them.
+#: Candidates that are fitted in earnest in each round, and places of one effect among them.
 SHORTLIST, SHORTLIST_PER_EFFECT = 6, 2
 #: First-order gain from which an effect of the whole robot is fitted in any case.
 WHOLE_GAIN = 0.2
@@ -348,14 +348,16 @@ def screen(
     still, *moved = fast.residuals([base.effects, *sets])
     basis = _orthonormal(base.jacobian[here])
     residual = base.residual[here] - basis @ (basis.T @ base.residual[here])
-    best: dict[tuple[str, tuple[str, ...]], Screened] = {}
+    best: dict[tuple[object, ...], Screened] = {}
     row = 0
     for place, group in probes:
         columns = still[:, None] - np.stack(moved[row : row + len(group)], axis=1)
         row += len(group)
         found = _weigh(place, group, columns - basis @ (basis.T @ columns), residual)
-        if found and (place.key not in best or found.gain > best[place.key].gain):
-            best[place.key] = found
+        # A fit cannot go from one value of a fixed parameter to another: each is a candidate.
+        variant = (place.key, *(group[0].values[name] for name in place.effect.fixed))
+        if found and (variant not in best or found.gain > best[variant].gain):
+            best[variant] = found
     return sorted(best.values(), key=lambda s: -s.gain)
 
 
@@ -406,9 +408,10 @@ def shortlist(screened: Sequence[Screened]) -> list[Screened]:
     whole = [c for c in screened if _whole(c) and c.gain > WHOLE_GAIN]
     chosen: list[Screened] = []
     for candidate in screened:
-        name = candidate.instance.effect.name
-        same = sum(c.instance.effect.name == name for c in chosen)
-        if same < SHORTLIST_PER_EFFECT and candidate.gain > 0.0 and candidate not in whole:
+        key = candidate.instance.key
+        same = {c.instance.key for c in chosen if c.instance.key[0] == key[0]}
+        room = key in same or len(same) < SHORTLIST_PER_EFFECT
+        if room and candidate.gain > 0.0 and candidate not in whole:
             chosen.append(candidate)
         if len(chosen) == SHORTLIST:
             break
@@ -452,7 +455,8 @@ def fit(
             jacobian = _jacobian(problem, current, residual, known)
         if 0.0 <= gain < tolerance or damping > MOST_DAMPING:
             break
-    return Fit(effects=current, cost=_cost(residual), jacobian=jacobian, residual=residual)
+    usual = tuple(replace(e, values=e.effect.canonical(e.values)) for e in current)
+    return Fit(effects=usual, cost=_cost(residual), jacobian=jacobian, residual=residual)
 
 
 def _cost(residual: Array) -> float:

@@ -22,9 +22,9 @@ from gfm.sim.plant import Plant, make_plant
 from gfm.sim.predict import Segment, applied_commands
 
 #: Orders of a cogging torque that are looked for, per revolution of the joint.
-COGGING_ORDERS = range(2, 61)
+COGGING_ORDERS = range(2, 101)
 #: How many of them are taken to the rollouts.
-COGGING_KEPT = 2
+COGGING_KEPT = 3
 
 
 @dataclass(frozen=True, kw_only=True)

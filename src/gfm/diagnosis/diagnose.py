@@ -189,7 +189,7 @@ def _named(
 
 def _margin(fits: Sequence[Fit], before: float) -> float:
     """Returns how much less the runner-up explains than the best, as a share, 0..1."""
-    rivals = fits[1:]
+    rivals = [f for f in fits if f.effects[-1].key != fits[0].effects[-1].key]
     if not rivals:
         return 1.0
     return float(np.clip((rivals[0].cost - fits[0].cost) / max(before - fits[0].cost, 1e-9), 0, 1))

@@ -190,6 +190,11 @@ class CoggingTorque(Effect):
         }
 
     @override
+    def canonical(self, values: Values) -> Values:
+        phase = math.remainder(values["phase"], 2.0 * math.pi)
+        return {**values, "phase": phase}
+
+    @override
     def torque(self, motion: Motion, values: Values) -> Array | None:
         angle = round(values["per_revolution"]) * motion.position + values["phase"]
         return values["amplitude"] * np.sin(angle)

@@ -181,6 +181,10 @@ class Effect(ABC):
         """Returns whether every parameter is finite and within its bounds."""
         return all(p.lower <= values[p.name] <= p.upper for p in self.parameters)
 
+    def canonical(self, values: Values) -> Values:
+        """Returns the same amounts written in the one usual way: angles within a turn."""
+        return values
+
     def torque(self, motion: Motion, values: Values) -> Array | None:
         """Returns the generalized force on the (first) joint along a motion, shape (T,), N m.
 
