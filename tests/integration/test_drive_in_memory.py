@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from gfm.core import BadInputError, CommandKind, ConfigError, ManualClock, UnreachableError
+from gfm.excitation.motion import Motion, Purpose
+from gfm.excitation.waypoints import motions
 from gfm.experiments.drive import Driven, drive, sawyer_ranges
 from gfm.experiments.record import chosen_motions
-from gfm.experiments.waypoints import Motion, Purpose, motions
 from gfm.recording import read_recording
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import MemoryHub, MemoryTransport

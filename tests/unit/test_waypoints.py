@@ -6,22 +6,15 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.experiments.waypoints import (
-    JointRanges,
-    Motion,
-    Purpose,
-    minimum_jerk,
-    motions,
-    multisine,
-    slow_reversals,
-    waypoint_moves,
-)
+from gfm.excitation.motion import JointRanges, Motion, Purpose, minimum_jerk
+from gfm.excitation.waypoints import motions, multisine, slow_reversals, waypoint_moves
 
 RANGES = JointRanges(
     joint_names=("a", "b", "c"),
     center=np.array([0.3, -1.0, 2.0]),
     half_width=np.array([0.5, 0.3, 0.8]),
     speed=np.array([0.8, 0.6, 1.0]),
+    acceleration=np.array([8.0, 6.0, 10.0]),
 )
 
 

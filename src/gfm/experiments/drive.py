@@ -19,7 +19,7 @@ from gfm.core import (
     UnreachableError,
 )
 from gfm.core.checks import Array
-from gfm.experiments.waypoints import JointRanges, Motion, Purpose, minimum_jerk
+from gfm.excitation.motion import JointRanges, Motion, Purpose, minimum_jerk
 from gfm.sim.sawyer import JOINT_NAMES, READY
 from gfm.transport import Transport
 from gfm_wire import Ack, Message, RecordDone, RecordStart, RecordStop
@@ -63,6 +63,7 @@ def sawyer_ranges() -> JointRanges:
         center=READY,
         half_width=np.array([0.5, 0.35, 0.5, 0.4, 0.7, 0.5, 0.8]),
         speed=np.array([0.75, 0.55, 0.85, 0.85, 1.0, 1.0, 1.0]),
+        acceleration=np.array([10.0, 8.0, 10.0, 10.0, 12.0, 12.0, 12.0]),
     )
 
 

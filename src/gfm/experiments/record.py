@@ -7,8 +7,9 @@ import sys
 from typing import TYPE_CHECKING
 
 from gfm.core import ConfigError, MonotonicClock
+from gfm.excitation.motion import Motion, Purpose
+from gfm.excitation.waypoints import motions
 from gfm.experiments.drive import drive, sawyer_ranges
-from gfm.experiments.waypoints import Motion, Purpose, motions
 from gfm.service import DEFAULT_ENDPOINT
 from gfm.transport import ZenohTransport
 

@@ -24,6 +24,8 @@ from gfm.diagnosis.correction import corrected_xml
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.problem import measure_noise
 from gfm.diagnosis.result import Diagnosis
+from gfm.excitation.motion import Purpose
+from gfm.excitation.waypoints import motions
 from gfm.experiments.drive import Driven, drive, sawyer_ranges
 from gfm.experiments.findings import Findings, system_facts
 from gfm.experiments.fit import FitInputs, FittedForces, ForceFit
@@ -32,7 +34,6 @@ from gfm.experiments.joint_control import JointControlTest, ModelErrors, make_te
 from gfm.experiments.progress import Phase, RunProgress
 from gfm.experiments.run_settings import RunSettings
 from gfm.experiments.sealed import unseal
-from gfm.experiments.waypoints import Purpose, motions
 from gfm.launch import (
     Supervisor,
     SystemSpec,

@@ -8,74 +8,16 @@ Shape letters: N control periods, J joints.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from enum import StrEnum
-
 import numpy as np
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
+from gfm.excitation.motion import JointRanges, Motion, Purpose, Shape, minimum_jerk
 
 #: Longest part of a motion that is a rest at either end, s.
 _REST_S = 0.4
 #: Held-out motions keep to this share of the ranges: what is beyond has not been seen.
 _HELDOUT_SHARE = 0.8
-
-
-class Purpose(StrEnum):
-    """What a recording is for."""
-
-    TRAINING = "training"
-    HELDOUT = "heldout"
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointRanges:
-    """Where motions may go; every array has shape (J,).
-
-    Attributes:
-        joint_names: The joints.
-        center: Where every motion begins and ends, rad.
-        half_width: Motions stay within so much of the centre, rad.
-        speed: They are at most so fast, rad/s.
-    """
-
-    joint_names: tuple[str, ...]
-    center: Array
-    half_width: Array
-    speed: Array
-
-
-@dataclass(frozen=True, kw_only=True)
-class Motion:
-    """One motion to drive and record.
-
-    Attributes:
-        name: Of the recording.
-        purpose: Training or held out.
-        kind: Whether it is commanded as positions or as velocities.
-        joint_names: The joints.
-        period_s: Between two commands.
-        position: Reference at the beginning of every period, rad, shape (N, J).
-    """
-
-    name: str
-    purpose: Purpose
-    kind: CommandKind
-    joint_names: tuple[str, ...]
-    period_s: float
-    position: Array
-
-    @property
-    def velocity(self) -> Array:
-        """Mean reference velocity of every period, rad/s, shape (N, J)."""
-        ahead = np.append(self.position[1:], self.position[-1:], axis=0)
-        return np.asarray((ahead - self.position) / self.period_s)
-
-
-#: From (ranges, times s of shape (N,), random numbers) to offsets from the centre, shape (N, J).
-Shape = Callable[[JointRanges, Array, np.random.Generator], Array]
 
 
 def waypoint_moves(ranges: JointRanges, time_s: Array, rng: np.random.Generator) -> Array:
@@ -165,12 +107,6 @@ _PROGRAMME: tuple[tuple[Purpose, CommandKind, str, Shape], ...] = (
 
 #: Peak over mean speed of a minimum-jerk move.
 _PEAK = 1.875
-
-
-def minimum_jerk(share: Array) -> Array:
-    """Returns how far a minimum-jerk move is, for the share of its time that has passed."""
-    s = np.clip(share, 0.0, 1.0)
-    return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
 
 
 def _shortest(ranges: JointRanges, way: Array) -> float:

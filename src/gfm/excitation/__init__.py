@@ -1,0 +1,1 @@
+"""Motions that make effects nameable, within what a robot may do; and what recordings lack."""
