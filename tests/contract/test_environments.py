@@ -80,6 +80,9 @@ def _fit_assets(*, free):
 
 ASSETS = {
     "point_mass": ("point_mass", EnvironmentAssets()),
+    "joint_tracking": ("joint_tracking", EnvironmentAssets()),
+    "position_matching": ("position_matching", EnvironmentAssets()),
+    "pose_matching": ("pose_matching", EnvironmentAssets()),
     "gfm_fit": ("gfm_fit", _fit_assets(free=False)),
     "gfm_fit with an object": ("gfm_fit", _fit_assets(free=True)),
 }
@@ -194,7 +197,9 @@ def test_actions_of_the_wrong_shape_or_not_finite_are_refused(make):
 
 
 def test_an_unknown_environment_is_refused_with_the_known_ones():
-    with pytest.raises(UnknownNameError, match="'maze'; available: gfm_fit, point_mass"):
+    with pytest.raises(
+        UnknownNameError, match="'maze'; available: gfm_fit, joint_tracking, point_mass"
+    ):
         make_environment("maze", SETTINGS, num_envs=1, seed=0)
 
 
@@ -213,6 +218,9 @@ def test_settings_out_of_range_are_refused(name):
     ("env_id", "kwargs"),
     [
         ("PointMass-v0", {}),
+        ("JointTracking-v0", {"settings": SETTINGS}),
+        ("PositionMatching-v0", {"settings": SETTINGS}),
+        ("PoseMatching-v0", {"settings": SETTINGS}),
         ("GfmFit-v0", {"settings": SETTINGS, "assets": ASSETS["gfm_fit"][1]}),
         ("GfmFit-v0", {"settings": SETTINGS, "assets": ASSETS["gfm_fit with an object"][1]}),
     ],
@@ -221,6 +229,6 @@ def test_gymnasiums_checker_passes(env_id, kwargs):
     env = gymnasium.make(f"gfm.envs.gymnasium_env:gfm/{env_id}", **kwargs)
     check_env(env.unwrapped, skip_render_check=True)
     env.reset(seed=1)
-    steps = [env.step(env.action_space.sample()) for _ in range(HORIZON if "Fit" in env_id else 20)]
+    steps = [env.step(env.action_space.sample()) for _ in range(HORIZON if kwargs else 20)]
     assert [step[3] for step in steps] == [False] * (len(steps) - 1) + [True]
     assert not any(step[2] for step in steps)

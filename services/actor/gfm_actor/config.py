@@ -8,7 +8,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from gfm.core import ConfigError
-from gfm.envs.registry import EnvironmentSettings
+from gfm.envs.registry import EnvironmentSettings, episode_steps
 from gfm.service import ServiceConfig
 
 Count = Annotated[int, Meta(ge=1)]
@@ -46,9 +46,9 @@ class ActorConfig(ServiceConfig, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.environment.horizon % self.sequence_length:
+        if (steps := episode_steps(self.env, self.environment)) % self.sequence_length:
             raise ConfigError(
-                f"environment.horizon is {self.environment.horizon} and sequence_length is "
+                f"environment.horizon is {steps} and sequence_length is "
                 f"{self.sequence_length}, expected a multiple of it"
             )
         if self.window < self.num_envs:

@@ -78,6 +78,7 @@ class ActorService(Service):
                 "sequences_unacknowledged": float(len(self._outbox)),
             },
         )
+        gauges |= self._env.gauges()
         if self._returns:
             gauges["episode_return_mean"] = float(np.mean(self._returns))
         return make_status(
@@ -125,6 +126,7 @@ class ActorService(Service):
             self._next_ns = max(self._next_ns + period_ns, self._clock.now_ns() - period_ns)
 
     def _act(self, policy: GaussianPolicy) -> None:
+        self._env.set_progress(self._policy.version)
         seen = self._observation[:, : self._env.spec.policy_size]
         action, log_prob = policy.sample(seen, self._rng)
         transition = self._env.step(action)

@@ -6,6 +6,7 @@ Shape letters: N instances, O observation size, A action size.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,3 +54,10 @@ class BatchedEnvironment(ABC):
         Args:
             action: In [-1, 1]; what lies outside is clipped, shape (N, A).
         """
+
+    def set_progress(self, learner_steps: int) -> None:  # noqa: B027 - most problems stay the same
+        """Tells how many steps the learner has made, for problems that get harder with them."""
+
+    def gauges(self) -> Mapping[str, float]:
+        """Returns what a status should tell of the episodes beside their return; may be empty."""
+        return {}

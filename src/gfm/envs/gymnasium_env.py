@@ -1,7 +1,8 @@
 """One instance of a batched environment behind Gymnasium's interface.
 
-`import gfm.envs.gymnasium_env` registers `gfm/GfmFit-v0` (which takes `settings` and `assets`) and
-`gfm/PointMass-v0`.
+`import gfm.envs.gymnasium_env` registers `gfm/GfmFit-v0` (which takes `settings` and `assets`),
+`gfm/JointTracking-v0`, `gfm/PositionMatching-v0` and `gfm/PoseMatching-v0` (which may take them)
+and `gfm/PointMass-v0`.
 """
 
 from __future__ import annotations
@@ -15,9 +16,15 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from gfm.core.checks import Array32
-from gfm.envs import gfm_fit, point_mass
+from gfm.envs import gfm_fit, joint_tracking, point_mass
 from gfm.envs.batched import BatchedEnvironment
-from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings, fit_problem
+from gfm.envs.matching_task import POSE_MATCHING, POSITION_MATCHING
+from gfm.envs.registry import (
+    EnvironmentAssets,
+    EnvironmentSettings,
+    fit_problem,
+    make_environment,
+)
 
 MakeEnvironment = Callable[[int], BatchedEnvironment]
 
@@ -79,5 +86,27 @@ def make_point_mass(horizon: int = 20) -> GymnasiumEnv:
     return GymnasiumEnv(lambda seed: point_mass.PointMass(1, seed=seed, horizon=horizon))
 
 
+def make_control(
+    name: str,
+    settings: EnvironmentSettings | None = None,
+    assets: EnvironmentAssets | None = None,
+) -> GymnasiumEnv:
+    """Returns one instance of a control task; of the nominal cell where no models are given."""
+    chosen = settings or EnvironmentSettings()
+    return GymnasiumEnv(
+        lambda seed: make_environment(name, chosen, num_envs=1, seed=seed, assets=assets)
+    )
+
+
 gymnasium.register(id="gfm/GfmFit-v0", entry_point="gfm.envs.gymnasium_env:make_gfm_fit")
 gymnasium.register(id="gfm/PointMass-v0", entry_point="gfm.envs.gymnasium_env:make_point_mass")
+for _id, _name in (
+    ("gfm/JointTracking-v0", joint_tracking.NAME),
+    ("gfm/PositionMatching-v0", POSITION_MATCHING.name),
+    ("gfm/PoseMatching-v0", POSE_MATCHING.name),
+):
+    gymnasium.register(
+        id=_id,
+        entry_point="gfm.envs.gymnasium_env:make_control",
+        kwargs={"name": _name},
+    )

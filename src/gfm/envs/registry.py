@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import msgspec
 import mujoco
 
 from gfm.core import CommandKind, ConfigError, Trajectory, UnknownNameError
-from gfm.envs import gfm_fit, point_mass
+from gfm.envs import gfm_fit, joint_tracking, point_mass
+from gfm.envs.arm import CONTROL_PERIOD_S, ArmProblem
 from gfm.envs.batched import BatchedEnvironment
+from gfm.envs.control_settings import ControlSettings
 from gfm.envs.fit_problem import FitProblem, make_fit_problem
+from gfm.envs.matching import Matching
+from gfm.envs.matching_task import TASKS
+from gfm.sim.cell import furnish
 from gfm.sim.hybrid import ForceLimits, HybridModel
+from gfm.sim.sawyer import sawyer_spec
 
 
 class EnvironmentSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -21,9 +28,9 @@ class EnvironmentSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
     Attributes:
         models: MJCF files of the robot by kind of command; loaded by whoever calls the registry.
         recordings: MCAP files; likewise.
-        horizon: Control periods per episode.
-        history: Earlier states in the observation.
-        control_period_s: Between two decisions.
+        horizon: Control periods per episode; by default the environment's own.
+        history: Earlier states in the observation of `gfm_fit`.
+        control_period_s: Between two decisions about forces.
         forced_joints: Those that forces act on; empty for all that are measured.
         joint_nm: Limit of the generalized force on a joint.
         object_n: Limit of the generalized force on the object.
@@ -31,11 +38,12 @@ class EnvironmentSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
         scale: Of the difference, per channel; measured from the recordings by default.
         exploration: See `gfm.envs.fit_problem.difference_scale`.
         nthread: Threads of the physics.
+        control: Gain and disturbances of the control tasks.
     """
 
     models: dict[CommandKind, str] = {}
     recordings: tuple[str, ...] = ()
-    horizon: int = 20
+    horizon: int | None = None
     history: int = 5
     control_period_s: float = 0.05
     forced_joints: tuple[str, ...] = ()
@@ -45,11 +53,13 @@ class EnvironmentSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
     scale: tuple[float, ...] | None = None
     exploration: float = 0.3
     nthread: int = 1
+    control: ControlSettings = ControlSettings()
 
     def __post_init__(self) -> None:
         least = {"horizon": 1, "history": 0, "nthread": 1}
         for name, smallest in least.items():
-            if (value := getattr(self, name)) < smallest:
+            value = getattr(self, name)
+            if value is not None and value < smallest:
                 raise ConfigError(f"{name} is {value}, expected at least {smallest}")
 
 
@@ -77,19 +87,24 @@ def fit_problem(settings: EnvironmentSettings, assets: EnvironmentAssets) -> Fit
     model = HybridModel(
         models=assets.models,
         joint_names=assets.trajectories[0].joint_names,
-        limits=ForceLimits(
-            joint_nm=settings.joint_nm, object_n=settings.object_n, object_nm=settings.object_nm
-        ),
+        limits=force_limits(settings),
         control_period_s=settings.control_period_s,
         forced_joints=settings.forced_joints,
     )
     return make_fit_problem(
         model,
         assets.trajectories,
-        horizon=settings.horizon,
+        horizon=episode_steps(gfm_fit.NAME, settings),
         history=settings.history,
         scale=settings.scale,
         exploration=settings.exploration,
+    )
+
+
+def force_limits(settings: EnvironmentSettings) -> ForceLimits:
+    """Returns the limits of the generalized forces."""
+    return ForceLimits(
+        joint_nm=settings.joint_nm, object_n=settings.object_n, object_nm=settings.object_nm
     )
 
 
@@ -103,14 +118,95 @@ def _make_gfm_fit(
 def _make_point_mass(
     settings: EnvironmentSettings, _assets: EnvironmentAssets, num_envs: int, seed: int
 ) -> BatchedEnvironment:
-    return point_mass.PointMass(num_envs, seed=seed, horizon=settings.horizon)
+    steps = episode_steps(point_mass.NAME, settings)
+    return point_mass.PointMass(num_envs, seed=seed, horizon=steps)
 
 
-_MAKERS: dict[
-    str, Callable[[EnvironmentSettings, EnvironmentAssets, int, int], BatchedEnvironment]
-] = {gfm_fit.NAME: _make_gfm_fit, point_mass.NAME: _make_point_mass}
+def arm_problem(name: str, settings: EnvironmentSettings, assets: EnvironmentAssets) -> ArmProblem:
+    """Returns what instances of the control task `name` share.
+
+    Without a model it is the nominal cell; a model is taken as it is (see `furnished`).
+
+    Raises:
+        BadInputError: models and settings do not go together.
+    """
+    models = assets.models or {CommandKind.VELOCITY: _nominal_cell(name).compile()}
+    model = HybridModel(
+        models=models,
+        limits=force_limits(settings),
+        control_period_s=CONTROL_PERIOD_S,
+        forced_joints=settings.forced_joints,
+    )
+    return ArmProblem(model=model, settings=settings.control)
+
+
+def _nominal_cell(name: str) -> mujoco.MjSpec:
+    if name not in TASKS:
+        return sawyer_spec(command=CommandKind.VELOCITY)
+    task = TASKS[name]
+    return sawyer_spec(
+        command=CommandKind.VELOCITY,
+        end_effector=task.end_effector,
+        free_object=task.free_object,
+    )
+
+
+def furnished(name: str, spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Returns the model of a robot with what the environment `name` needs around it, in place.
+
+    Raises:
+        ConfigError: there is nothing to mount a tool on.
+    """
+    if name in TASKS:
+        furnish(spec, TASKS[name].end_effector, TASKS[name].free_object)
+    return spec
+
+
+def _make_joint_tracking(
+    settings: EnvironmentSettings, assets: EnvironmentAssets, num_envs: int, seed: int
+) -> BatchedEnvironment:
+    return joint_tracking.JointTracking(
+        arm_problem(joint_tracking.NAME, settings, assets),
+        num_envs,
+        seed=seed,
+        nthread=settings.nthread,
+        horizon=settings.horizon,
+    )
+
+
+def _make_matching(
+    name: str,
+    settings: EnvironmentSettings,
+    assets: EnvironmentAssets,
+    num_envs: int,
+    seed: int,
+) -> BatchedEnvironment:
+    return Matching(
+        TASKS[name],
+        arm_problem(name, settings, assets),
+        num_envs,
+        seed=seed,
+        nthread=settings.nthread,
+        horizon=settings.horizon,
+    )
+
+
+_Maker = Callable[[EnvironmentSettings, EnvironmentAssets, int, int], BatchedEnvironment]
+_MAKERS: dict[str, _Maker] = {
+    gfm_fit.NAME: _make_gfm_fit,
+    joint_tracking.NAME: _make_joint_tracking,
+    point_mass.NAME: _make_point_mass,
+    **{name: partial(_make_matching, name) for name in TASKS},
+}
 
 ENVIRONMENT_NAMES = tuple(sorted(_MAKERS))
+_DEFAULT_STEPS = 20
+_STEPS = {joint_tracking.NAME: joint_tracking.STEPS, **{t.name: t.steps for t in TASKS.values()}}
+
+
+def episode_steps(name: str, settings: EnvironmentSettings) -> int:
+    """Returns the control periods per episode of the environment `name`."""
+    return settings.horizon or _STEPS.get(name, _DEFAULT_STEPS)
 
 
 def make_environment(

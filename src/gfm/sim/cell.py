@@ -11,11 +11,13 @@ from typing import Literal
 
 import mujoco
 
+from gfm.core import ConfigError
 from gfm.sim import sawyer_numbers as numbers
 
 EndEffector = Literal["none", "plate", "ball"]
 FreeObject = Literal["brick", "tee"]
 
+HAND_BODY = "right_hand"
 OBJECT_BODY = "object"
 END_EFFECTOR_SITE = "end_effector"
 
@@ -100,6 +102,32 @@ def add_basket(spec: mujoco.MjSpec) -> None:
         )
 
 
+def furnish(spec: mujoco.MjSpec, end_effector: EndEffector, free_object: FreeObject) -> None:
+    """Adds what a bare arm lacks of the cell: tool, basket, object; in place.
+
+    What already has an object is left as it is. Keyframes go: they know nothing of the object.
+
+    Raises:
+        ConfigError: there is no body `right_hand` to mount the tool on.
+    """
+    if spec.body(OBJECT_BODY) is not None:
+        return
+    hand = spec.body(HAND_BODY)
+    if hand is None:
+        raise ConfigError(
+            f"model {spec.modelname!r} has neither a body {OBJECT_BODY!r} nor a body "
+            f"{HAND_BODY!r} to mount a {end_effector} on"
+        )
+    for key in list(spec.keys):
+        spec.delete(key)
+    if (site := spec.site(END_EFFECTOR_SITE)) is not None:
+        spec.delete(site)
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # see sawyer_spec
+    add_end_effector(hand, end_effector)
+    add_basket(spec)
+    add_object(spec, free_object)
+
+
 def object_rest_position(kind: FreeObject) -> tuple[float, float, float]:
     """Returns where the object's frame is when it rests at the basket's centre, base frame, m."""
     x, y, z = numbers.BASKET_XYZ
@@ -119,5 +147,6 @@ def add_object(spec: mujoco.MjSpec, kind: FreeObject) -> None:
             pos=position,
             mass=_OBJECT_MASS / len(boxes),
             friction=_OBJECT_FRICTION,
+            priority=1,  # else the larger friction of the two counts, and theirs is MuJoCo's 1
             rgba=_OBJECT_RGBA,
         )

@@ -1,0 +1,133 @@
+"""A velocity-controlled arm as the control tasks act on it: speed limit, gain, disturbances.
+
+Shape letters: N instances, n of them, J joints, A generalized forces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from gfm.core import CommandKind, ConfigError
+from gfm.core.checks import Array, Array32
+from gfm.envs.control_settings import ControlSettings
+from gfm.sim.batch import HybridBatch
+from gfm.sim.hybrid import HybridModel
+from gfm.sim.randomised import randomised_models
+
+#: Of the allowed velocities (Jeong et al. 2019, section IV-C).
+VELOCITY_SHARE = 0.05
+#: Between two decisions, s: 20 Hz.
+CONTROL_PERIOD_S = 0.05
+_VARIANTS_SEED = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmProblem:
+    """What all instances share.
+
+    Attributes:
+        model: Takes velocity commands.
+        settings: Gain and disturbances.
+    """
+
+    model: HybridModel
+    settings: ControlSettings = field(default_factory=ControlSettings)
+
+    def __post_init__(self) -> None:
+        if CommandKind.VELOCITY not in self.model.models:
+            given = ", ".join(sorted(self.model.models))
+            raise ConfigError(f"the control tasks need a velocity model, got one for {given}")
+        if not self.nominal.actuator_ctrllimited[self.model.layout.actuator].all():
+            raise ConfigError("an actuator has no control range, expected its velocity limit there")
+
+    @property
+    def nominal(self) -> mujoco.MjModel:
+        """The model without randomisation."""
+        return self.model.models[CommandKind.VELOCITY]
+
+    @cached_property
+    def velocity_limit(self) -> Array:
+        """What an action of 1 commands at a gain of 1, rad/s, shape (J,)."""
+        upper = self.nominal.actuator_ctrlrange[self.model.layout.actuator, 1]
+        return np.asarray(VELOCITY_SHARE * upper)
+
+    @cached_property
+    def variants(self) -> tuple[mujoco.MjModel, ...]:
+        """What an episode's model is drawn from."""
+        settings = self.settings
+        if settings.randomisation == 0.0:
+            return (self.nominal,)
+        rng = np.random.default_rng(_VARIANTS_SEED)  # every actor draws from the same ones
+        return randomised_models(self.nominal, settings.variants, settings.randomisation, rng)
+
+
+@final
+class Arm:
+    """N arms.
+
+    Attributes:
+        gain: On the commanded velocities, shape (N,).
+    """
+
+    def __init__(
+        self, problem: ArmProblem, num_envs: int, rng: np.random.Generator, nthread: int
+    ) -> None:
+        self.gain: Array = np.full(num_envs, problem.settings.curriculum.gain(0))
+        self._problem = problem
+        self._rng = rng
+        self._batch = HybridBatch(problem.model, num_envs, nthread=nthread)
+        self._learner_steps = 0
+
+    @property
+    def qpos(self) -> Array:
+        """Live positions, shape (N, nq)."""
+        return self._batch.qpos
+
+    @property
+    def qvel(self) -> Array:
+        """Live velocities, shape (N, nv)."""
+        return self._batch.qvel
+
+    def set_progress(self, learner_steps: int) -> None:
+        """Notes how far learning is; episodes that begin from now on are of that stage."""
+        self._learner_steps = learner_steps
+
+    def gauges(self) -> Mapping[str, float]:
+        """Returns what a status should tell."""
+        return {"curriculum_gain": float(self.gain.mean())}
+
+    def reset(self, ids: NDArray[np.intp], qpos: Array) -> None:
+        """Starts the instances `ids` at rest in positions (n, nq), each on a model of its own."""
+        problem = self._problem
+        chosen = self._rng.integers(len(problem.variants), size=len(ids))
+        rest = np.zeros((len(ids), self.qvel.shape[1]))
+        models = [problem.variants[i] for i in chosen]
+        self._batch.reset(ids, models, qpos, rest, np.zeros((len(ids), self._joints)))
+        self.gain[ids] = problem.settings.curriculum.gain(self._learner_steps)
+
+    def step(self, action: Array32) -> NDArray[np.bool_]:
+        """Holds commands for one control period; returns which simulations diverged, shape (N,).
+
+        Args:
+            action: Joint velocities in units of their limits, in [-1, 1], shape (N, J).
+        """
+        command = action * self._problem.velocity_limit * self.gain[:, None]
+        return self._batch.step(command, self._forces())
+
+    def _forces(self) -> Array:
+        limit = self._problem.model.force_limit
+        share = self._problem.settings.perturbation
+        if share == 0.0:
+            return np.zeros((len(self.gain), len(limit)))
+        return share * limit * self._rng.uniform(-1.0, 1.0, size=(len(self.gain), len(limit)))
+
+    @property
+    def _joints(self) -> int:
+        return len(self._problem.model.layout.joint_names)

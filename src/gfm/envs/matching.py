@@ -1,0 +1,227 @@
+"""Pushing an object to a place, or to a place and a yaw, in the basket.
+
+Shape letters: N instances, n of them, O observation size, X state size, J joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import override
+
+from gfm.core import ConfigError, EnvironmentSpec
+from gfm.core.checks import Array, Array32
+from gfm.envs.arm import Arm, ArmProblem
+from gfm.envs.batched import BatchedEnvironment, Transition
+from gfm.envs.episodes import Episodes
+from gfm.envs.history import History
+from gfm.envs.matching_task import MatchingTask, object_outside, tip_outside
+from gfm.envs.outcomes import Outcome, Outcomes
+from gfm.sim.cell import END_EFFECTOR_SITE
+from gfm.sim.kinematics import SiteKinematics, body_axes, wrapped, yaw_of
+from gfm.sim.sawyer import READY
+
+#: States in the observation, the current one among them (the paper).
+STATES = 10
+
+_START_RAD, _START_M, _START_YAW_RAD = 0.02, 0.005, 0.1
+# What numbers are divided by on their way into the observation; m, rad, speed limits, and the
+# differences between states that follow each other.
+_PLACE_M, _JOINT_RAD, _SPEED_LIMITS, _STEP = 0.1, 0.5, 3.0, 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """Where tool and object are.
+
+    Attributes:
+        tip: Of the tool, base frame, m, shape (N, 3).
+        position: Of the object, base frame, m, shape (N, 3).
+        axes: Of the object, as `body_axes` gives them, shape (N, 6).
+    """
+
+    tip: Array
+    position: Array
+    axes: Array
+
+
+@final
+class Matching(BatchedEnvironment):
+    """N instances of a matching task.
+
+    The observation is the state now and the nine before (joint positions and velocities, tool tip,
+    object position and axes) and where the goal is, seen from the basket and from the object, and
+    the object, seen from the tool. The tip follows from the joints; it is there because a policy of
+    two layers would have to learn the kinematics first. Actions are joint velocities in units of
+    5 % of what is allowed, times the curriculum's gain.
+
+    An episode begins with the object at the basket's centre, within millimetres, and the arm above
+    it. It terminates when the tool leaves its workspace or the object the basket, with reward 0.
+    Success (the goal held for 0.5 s) does not end it: there is nothing better than to stay.
+    """
+
+    def __init__(
+        self,
+        task: MatchingTask,
+        arm: ArmProblem,
+        num_envs: int,
+        *,
+        seed: int = 0,
+        nthread: int = 1,
+        horizon: int | None = None,
+        goals: Array | None = None,
+    ) -> None:
+        """Makes instances.
+
+        Args:
+            task: Which.
+            arm: The cell, furnished for the task.
+            num_envs: N.
+            seed: Of goals and starts.
+            nthread: Threads of the physics.
+            horizon: Steps of an episode; the task's by default.
+            goals: One for each instance, always the same, shape (N, 3); random ones by default.
+        """
+        _check_cell(arm, task)
+        self.num_envs = num_envs
+        self._task, self._problem = task, arm
+        self._rng = np.random.default_rng(seed)
+        self._arm = Arm(arm, num_envs, self._rng, nthread)
+        self._tip = SiteKinematics(arm.nominal, END_EFFECTOR_SITE)
+        self._history = History(num_envs, STATES, 2 * len(READY) + 12)
+        self._episodes = Episodes(num_envs, horizon or task.steps)
+        self._outcomes = Outcomes(num_envs)
+        self._fixed_goals = goals
+        self._goal: Array = np.zeros((num_envs, 3))
+        self.spec = EnvironmentSpec(
+            name=task.name,
+            observation_size=self._history.size + self._goal_features(self.scene()).shape[1],
+            action_size=len(READY),
+        )
+
+    @property
+    def goal(self) -> Array:
+        """Of the current episodes: x, y, yaw, shape (N, 3)."""
+        return self._goal.copy()
+
+    @property
+    def outcome(self) -> NDArray[np.int64]:
+        """How the current episodes stand, members of `Outcome`, shape (N,)."""
+        return self._outcomes.now.copy()
+
+    @property
+    def qpos(self) -> Array:
+        """All positions, shape (N, nq)."""
+        return self._arm.qpos.copy()
+
+    def scene(self) -> Scene:
+        """Returns where tool and object are now."""
+        pose = self._arm.qpos[:, self._problem.model.layout.object_qpos]
+        return Scene(
+            tip=self._tip.positions(self._arm.qpos),
+            position=pose[:, :3].copy(),
+            axes=body_axes(pose[:, 3:]),
+        )
+
+    @override
+    def set_progress(self, learner_steps: int) -> None:
+        self._arm.set_progress(learner_steps)
+
+    @override
+    def gauges(self) -> Mapping[str, float]:
+        return {**self._arm.gauges(), **self._outcomes.gauges()}
+
+    @override
+    def reset(self, ids: NDArray[np.intp] | None = None) -> Array32:
+        chosen = self._episodes.start(ids)
+        self._arm.reset(chosen, self._start_positions(len(chosen)))
+        self._goal[chosen] = self._next_goals(chosen)
+        self._outcomes.start(chosen)
+        scene = self.scene()
+        self._history.fill(chosen, self._state(scene)[chosen])
+        return self._observation(scene)
+
+    @override
+    def step(self, action: Array32) -> Transition:
+        diverged = self._arm.step(self._episodes.checked(action, self.spec.action_size))
+        scene, task, goal = self.scene(), self._task, self._goal
+        self._history.push(self._state(scene))
+        failure = _failures(scene, diverged)
+        failed = failure != Outcome.RUNNING
+        ended = self._episodes.tick(failed)
+        self._outcomes.judge(task.reached(scene.position, scene.axes, goal), failure, ended)
+        reward = task.reward(scene.tip, scene.position, scene.axes, goal)
+        return Transition(
+            observation=self._observation(scene),
+            reward=np.where(failed, 0.0, reward).astype(np.float32),
+            discount=np.where(failed, 0.0, 1.0).astype(np.float32),
+            ended=ended,
+        )
+
+    def _start_positions(self, count: int) -> Array:
+        rng = self._rng
+        joints = READY + rng.uniform(-_START_RAD, _START_RAD, size=(count, len(READY)))
+        pose = np.zeros((count, 7))
+        pose[:, :3] = self._task.rest_position
+        pose[:, :2] += rng.uniform(-_START_M, _START_M, size=(count, 2))
+        yaw = rng.uniform(-_START_YAW_RAD, _START_YAW_RAD, size=count)
+        pose[:, 3], pose[:, 6] = np.cos(yaw / 2.0), np.sin(yaw / 2.0)
+        return self._problem.model.layout.as_qpos(joints, pose)
+
+    def _next_goals(self, chosen: NDArray[np.intp]) -> Array:
+        if self._fixed_goals is not None:
+            return np.asarray(self._fixed_goals[chosen])
+        return self._task.random_goals(len(chosen), self._rng)
+
+    def _state(self, scene: Scene) -> Array:
+        """Returns scaled states, shape (N, X)."""
+        layout, centre = self._problem.model.layout, self._task.rest_position
+        parts = (
+            (self._arm.qpos[:, layout.qpos] - READY) / _JOINT_RAD,
+            self._arm.qvel[:, layout.dof] / (_SPEED_LIMITS * self._problem.velocity_limit),
+            (scene.tip - centre) / _PLACE_M,
+            (scene.position - centre) / _PLACE_M,
+            scene.axes,
+        )
+        return np.concatenate(parts, axis=1)
+
+    def _goal_features(self, scene: Scene) -> Array:
+        """Returns scaled differences between goal, basket, object and tool, and angles, (N, G)."""
+        goal, centre = self._goal, self._task.rest_position
+        parts = [
+            (goal[:, :2] - centre[:2]) / _PLACE_M,
+            (goal[:, :2] - scene.position[:, :2]) / _PLACE_M,
+            (scene.position - scene.tip) / _PLACE_M,
+        ]
+        if self._task.tolerance_rad is not None:
+            left = wrapped(goal[:, 2] - yaw_of(scene.axes))
+            angles = (np.cos(goal[:, 2]), np.sin(goal[:, 2]), np.cos(left), np.sin(left))
+            parts.append(np.stack(angles, axis=1))
+        return np.concatenate(parts, axis=1)
+
+    def _observation(self, scene: Scene) -> Array32:
+        parts = (self._history.observed(_STEP), self._goal_features(scene))
+        return np.concatenate(parts, axis=1, dtype=np.float32)
+
+
+def _failures(scene: Scene, diverged: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Returns what ended an episode, RUNNING where nothing did, shape (N,)."""
+    failure = np.full(len(diverged), int(Outcome.RUNNING), np.int64)
+    failure[tip_outside(scene.tip)] = Outcome.TOOL_LEFT_WORKSPACE
+    failure[object_outside(scene.position)] = Outcome.OBJECT_LEFT_BASKET
+    failure[diverged] = Outcome.DIVERGED
+    return failure
+
+
+def _check_cell(arm: ArmProblem, task: MatchingTask) -> None:
+    layout = arm.model.layout
+    if not layout.has_object or len(layout.joint_names) != len(READY):
+        objects = "an object" if layout.has_object else "no object"
+        raise ConfigError(
+            f"{task.name}: the model has {len(layout.joint_names)} joints and {objects}, expected "
+            f"a Sawyer's {len(READY)} and an object to push"
+        )

@@ -1,0 +1,172 @@
+"""The two pushing tasks as values: where to, how near, and what that is worth.
+
+Shape letters: n goals, N states. A goal is x, y (m, base frame) and yaw (rad); tasks without a yaw
+ignore it.
+
+Success is the paper's test (Jeong et al. 2019, section IV-C). The reward is ours:
+
+    0.8 exp(-D / 1.6) + 0.2 exp(-d / 0.1 m)
+
+D is the distance from the goal in units of the success test's tolerance (for a pose the norm of
+both parts). d is how far the tool is from the place behind the object from where it pushes towards
+the goal; within the tolerance it counts as none. It is between 0 and 1, slopes everywhere in the
+basket, and leaves 0.8 to what the task is about.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gfm.core.checks import Array
+from gfm.sim import sawyer_numbers as numbers
+from gfm.sim.cell import EndEffector, FreeObject, object_rest_position
+from gfm.sim.kinematics import wrapped, yaw_of
+
+RADIAL_GOALS = 10
+
+_CENTRE = np.array(numbers.BASKET_XYZ)
+_PLACE_WEIGHT, _PLACE_LENGTH, _REACH_LENGTH_M = 0.8, 1.6, 0.1
+_BEHIND_M = 0.06
+#: Lower and upper corner of where the tool's tip may be, and of where the object may be, relative
+#: to the centre of the basket's floor, m.
+_TIP_BOX = np.array([[-0.2, -0.2, -0.01], [0.2, 0.2, 0.25]])
+_OBJECT_BOX = np.array([[-0.25, -0.25, -0.02], [0.25, 0.25, 0.25]])
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchingTask:
+    """One of the tasks.
+
+    Attributes:
+        name: Of the environment.
+        steps: Of an episode, at 20 Hz.
+        end_effector: What pushes.
+        free_object: What is pushed.
+        tolerance_m: Success: how near to the goal.
+        tolerance_rad: Success: how near to its yaw; None where that does not matter.
+        goal_radius_m: Of the radial goals, around the basket's centre.
+        goal_yaw_rad: Largest yaw of a goal.
+    """
+
+    name: str
+    steps: int
+    end_effector: EndEffector
+    free_object: FreeObject
+    tolerance_m: float
+    tolerance_rad: float | None
+    goal_radius_m: float
+    goal_yaw_rad: float = 0.0
+
+    @property
+    def rest_position(self) -> Array:
+        """Where the object rests at the basket's centre, m, shape (3,)."""
+        return np.array(object_rest_position(self.free_object))
+
+    def random_goals(self, count: int, rng: np.random.Generator) -> Array:
+        """Returns goals anywhere in a disc a little wider than the radial goals, shape (n, 3)."""
+        radius = 1.2 * self.goal_radius_m * np.sqrt(rng.uniform(size=count))
+        angle = rng.uniform(-np.pi, np.pi, size=count)
+        yaw = rng.uniform(-1.0, 1.0, size=count) * self.goal_yaw_rad
+        return _goals(radius, angle, yaw)
+
+    def radial_goals(self) -> Array:
+        """Returns the ten goals of the evaluation, around the basket's centre, shape (10, 3)."""
+        number = np.arange(RADIAL_GOALS)
+        angle = 2.0 * np.pi * number / RADIAL_GOALS
+        yaw = np.where(number % 2, -1.0, 1.0) * self.goal_yaw_rad
+        return _goals(np.full(RADIAL_GOALS, self.goal_radius_m), angle, yaw)
+
+    def distance(self, position: Array, axes: Array, goal: Array) -> Array:
+        """Returns D, shape (N,): the distance in units of the tolerance.
+
+        Args:
+            position: Of the object, m, shape (N, 3).
+            axes: Of the object, as `gfm.sim.kinematics.body_axes` gives them, shape (N, 6).
+            goal: shape (N, 3).
+        """
+        place, turn = self.errors(position, axes, goal)
+        yaw = 0.0 if self.tolerance_rad is None else turn / self.tolerance_rad
+        return np.hypot(place / self.tolerance_m, yaw)
+
+    def reached(self, position: Array, axes: Array, goal: Array) -> NDArray[np.bool_]:
+        """Returns where the object is near enough, shape (N,); arguments as of `distance`."""
+        place, turn = self.errors(position, axes, goal)
+        near: NDArray[np.bool_] = place <= self.tolerance_m
+        return near if self.tolerance_rad is None else near & (turn <= self.tolerance_rad)
+
+    def errors(self, position: Array, axes: Array, goal: Array) -> tuple[Array, Array]:
+        """Returns horizontal distance, m, and difference in yaw, rad, both (N,) and positive."""
+        place = np.linalg.norm(position[:, :2] - goal[:, :2], axis=1)
+        return place, np.abs(wrapped(yaw_of(axes) - goal[:, 2]))
+
+    def reward(self, tip: Array, position: Array, axes: Array, goal: Array) -> Array:
+        """Returns what a state is worth, in (0, 1], shape (N,).
+
+        Args:
+            tip: Of the tool, m, shape (N, 3).
+            position: As of `distance`.
+            axes: As of `distance`.
+            goal: As of `distance`.
+        """
+        place = np.exp(-self.distance(position, axes, goal) / _PLACE_LENGTH)
+        away = np.linalg.norm(tip - behind(position, goal), axis=1)
+        away = np.where(self.reached(position, axes, goal), 0.0, away)
+        return np.asarray(
+            _PLACE_WEIGHT * place + (1.0 - _PLACE_WEIGHT) * np.exp(-away / _REACH_LENGTH_M)
+        )
+
+
+def behind(position: Array, goal: Array) -> Array:
+    """Returns where to push the object from, m, shape (N, 3): beyond it, seen from the goal."""
+    way = goal[:, :2] - position[:, :2]
+    length = np.linalg.norm(way, axis=1, keepdims=True)
+    place = position.copy()
+    place[:, :2] -= _BEHIND_M * way / np.maximum(length, 0.01)
+    return place
+
+
+def tip_outside(tip: Array) -> NDArray[np.bool_]:
+    """Returns where the tool has left its workspace, shape (N,), for tips (N, 3)."""
+    return _outside(tip, _TIP_BOX)
+
+
+def object_outside(position: Array) -> NDArray[np.bool_]:
+    """Returns where the object has left the basket, shape (N,), for positions (N, 3)."""
+    return _outside(position, _OBJECT_BOX)
+
+
+def _outside(position: Array, box: Array) -> NDArray[np.bool_]:
+    relative = position - _CENTRE
+    outside: NDArray[np.bool_] = ((relative < box[0]) | (relative > box[1])).any(axis=1)
+    return outside
+
+
+def _goals(radius: Array, angle: Array, yaw: Array) -> Array:
+    x, y = _CENTRE[0] + radius * np.cos(angle), _CENTRE[1] + radius * np.sin(angle)
+    return np.stack([x, y, yaw], axis=1)
+
+
+POSITION_MATCHING = MatchingTask(
+    name="position_matching",
+    steps=400,
+    end_effector="plate",
+    free_object="brick",
+    tolerance_m=0.025,
+    tolerance_rad=None,
+    goal_radius_m=0.08,
+)
+POSE_MATCHING = MatchingTask(
+    name="pose_matching",
+    steps=600,
+    end_effector="ball",
+    free_object="tee",
+    tolerance_m=0.05,
+    tolerance_rad=math.radians(20.0),
+    goal_radius_m=0.06,
+    goal_yaw_rad=math.radians(60.0),
+)
+TASKS = {task.name: task for task in (POSITION_MATCHING, POSE_MATCHING)}

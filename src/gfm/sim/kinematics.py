@@ -1,0 +1,57 @@
+"""Where a site is, and how a free object is turned, without stepping.
+
+Shape letters: N states.
+"""
+
+from __future__ import annotations
+
+from typing import final
+
+import mujoco
+import numpy as np
+
+from gfm.core import UnknownNameError
+from gfm.core.checks import Array
+
+
+@final
+class SiteKinematics:
+    """The place of one site for given joint positions; the same numbers a robot's would give."""
+
+    def __init__(self, model: mujoco.MjModel, site: str) -> None:
+        names = [model.site(i).name for i in range(model.nsite)]
+        if site not in names:
+            raise UnknownNameError("site", site, names)
+        self._model, self._data = model, mujoco.MjData(model)
+        self._site = names.index(site)
+
+    def positions(self, qpos: Array) -> Array:
+        """Returns the site in the base frame, m, shape (N, 3), for positions (N, nq)."""
+        places = np.empty((len(qpos), 3))
+        for place, row in zip(places, qpos, strict=True):
+            self._data.qpos[:] = row
+            mujoco.mj_kinematics(self._model, self._data)
+            place[:] = self._data.site_xpos[self._site]
+        return places
+
+
+def body_axes(quaternion: Array) -> Array:
+    """Returns the body's x and z axes in the world, shape (N, 6).
+
+    Unlike the quaternion (w x y z, of unit length, shape (N, 4)) they have no sign to choose, and
+    turn continuously all the way round.
+    """
+    w, x, y, z = quaternion.T
+    forward = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y))
+    upward = (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
+    return np.stack([*forward, *upward], axis=1)
+
+
+def yaw_of(axes: Array) -> Array:
+    """Returns the turn about the vertical, rad in (-pi, pi], shape (N,), of `body_axes` (N, 6)."""
+    return np.asarray(np.arctan2(axes[:, 1], axes[:, 0]))
+
+
+def wrapped(angle: Array) -> Array:
+    """Returns angles, rad, in [-pi, pi)."""
+    return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi)
