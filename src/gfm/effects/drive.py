@@ -23,6 +23,9 @@ from gfm.effects.effect import (
 )
 from gfm.effects.elements import add_cogging, add_constant_torque
 
+#: Activations that follow the command with a first-order lag.
+LAGS = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
+
 
 @final
 class ActuatorGain(Effect):
@@ -91,8 +94,9 @@ class ActuatorLag(Effect):
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
         drive = find_actuator(spec, joints[0])
         if values["time_constant"] > 0.0:
+            before = float(drive.dynprm[0]) if drive.dyntype in LAGS else 0.0
             drive.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
-            drive.dynprm[0] = values["time_constant"]
+            drive.dynprm[0] = before + values["time_constant"]
             drive.actdim = 1
 
     @override

@@ -196,11 +196,20 @@ class Effect(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class EffectInstance:
-    """An effect somewhere, in some amount."""
+    """An effect somewhere, in some amount.
+
+    Attributes:
+        effect: The law.
+        joints: Where it acts.
+        values: Its amounts.
+        in_model: Whether the model has what MuJoCo expresses of it already, and only the rest (how
+            it misleads a gravity compensation, say) is to be added.
+    """
 
     effect: Effect
     joints: tuple[str, ...]
     values: Mapping[str, float] = field(default_factory=dict)
+    in_model: bool = False
 
     @property
     def key(self) -> tuple[str, tuple[str, ...]]:

@@ -1,12 +1,15 @@
 """Many hybrid simulations, stepped natively: no Python per physics step.
 
+With one exception: an effect whose dry friction depends on the state (Stribeck, load) is evaluated
+in Python before every step, for all instances at once.
+
 Shape letters: N instances, n of them, J joints, A generalized forces, S integration steps per
 control period.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import final
 
 import mujoco
@@ -17,6 +20,7 @@ from numpy.typing import NDArray
 from gfm.core.checks import Array
 from gfm.sim.hybrid import HybridModel
 from gfm.sim.layout import Indices
+from gfm.sim.levelled import LevelledModels
 
 _UNSTABLE = [
     int(mujoco.mjtWarning.mjWARN_BADQPOS),
@@ -51,6 +55,10 @@ class HybridBatch:
         self._history: Array = self._batch.bind("history")
         self._driven = model.layout.driven
         self._actuator = model.layout.actuator[self._driven]
+        self._compensation = model.erring_compensation()
+        laws = model.step_laws(num_envs)
+        self._levelled = None if laws is None else LevelledModels(laws, self._models)
+        self._sensordata: Array = self._batch.bind("sensordata")
 
     def reset(
         self,
@@ -72,12 +80,19 @@ class HybridBatch:
         """
         for index, model in zip(ids, models, strict=True):
             self._models[index] = model
-        self._batch.set_models(self._models)
+        if self._levelled is None:
+            self._batch.set_models(self._models)
+        else:
+            for index, model in zip(ids, models, strict=True):
+                self._levelled.take(int(index), model)
+            self._levelled.hand_over(self._batch)
         self._batch.reset(ids, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         self.qpos[ids] = qpos
         self.qvel[ids] = qvel
         if command is not None:
             self._settle(ids, command)
+        if self._levelled is not None:
+            self._tell_drives(ids, command)
 
     def step(self, command: Array, force: Array) -> NDArray[np.bool_]:
         """Advances every instance by one control period under constant generalized forces.
@@ -110,33 +125,73 @@ class HybridBatch:
     ) -> tuple[NDArray[np.bool_], dict[str, Array]]:
         before = self.qpos.copy(), self.qvel.copy()
         limit = self.model.force_limit
-        self._force[:, self.model.force_dof] = np.clip(force, -limit, limit)
+        self._force[:] = self._compensation_force()
+        self._force[:, self.model.force_dof] += np.clip(force, -limit, limit)
         unstable = self._batch.warning[:, _UNSTABLE, _COUNT].sum(axis=1)
-        diverged = np.zeros(self.num_envs, bool)
         records = self._records(command, record)
-        try:
-            self._advance(command, records)
-        except mujoco_batch.SimulationError as error:
-            diverged[error.ids] = True
+        diverged = self._advance(command, records)
         diverged |= self._batch.warning[:, _UNSTABLE, _COUNT].sum(axis=1) > unstable
         if diverged.any():
             self.qpos[diverged], self.qvel[diverged] = before[0][diverged], before[1][diverged]
         return diverged, records
+
+    def _compensation_force(self) -> Array | float:
+        """Returns what the robot's gravity compensation does wrong, at the middle of the period.
+
+        It varies slowly with the position, which goes on as it goes now.
+        """
+        if self._compensation is None:
+            return 0.0
+        qpos = self.qpos.copy()
+        dof, half_s = self.model.layout.dof, 0.5 * self.model.control_period_s
+        qpos[:, self.model.layout.qpos] += half_s * self.qvel[:, dof]
+        return self._compensation.at(qpos).force
 
     def _records(self, command: Array, names: tuple[str, ...]) -> dict[str, Array]:
         """Returns room for what a rollout records."""
         sizes = {"qpos": self.qpos.shape[1], "qvel": self.qvel.shape[1]}
         return {name: np.zeros((*command.shape[:2], sizes[name])) for name in names}
 
-    def _advance(self, command: Array, records: dict[str, Array]) -> None:
+    def _advance(self, command: Array, records: dict[str, Array]) -> NDArray[np.bool_]:
+        """Steps over one control period; returns in which instances MuJoCo gave up, shape (N,)."""
         driven = command[..., self._driven]
+        if self._levelled is not None:
+            return self._advance_levelled(self._levelled, driven, records)
         if driven.ndim == 2:
             self._ctrl[:, self._actuator] = driven
-            self._batch.step(nstep=self.model.substeps)
-            return
+            return self._failing(lambda: self._batch.step(nstep=self.model.substeps))
         control = np.zeros((*driven.shape[:2], self._ctrl.shape[1]))
         control[..., self._actuator] = driven
-        self._batch.rollout(driven.shape[1], control, record=tuple(records), out=records)
+        names, count = tuple(records), driven.shape[1]
+        return self._failing(lambda: self._batch.rollout(count, control, record=names, out=records))
+
+    def _advance_levelled(
+        self, levelled: LevelledModels, driven: Array, records: dict[str, Array]
+    ) -> NDArray[np.bool_]:
+        """Does what `_advance` does, with levels of dry friction written before every step."""
+        failed = np.zeros(self.num_envs, bool)
+        for k in range(driven.shape[1] if driven.ndim == 3 else self.model.substeps):
+            self._ctrl[:, self._actuator] = driven if driven.ndim == 2 else driven[:, k]
+            levelled.write(self._batch, self.qvel, self._sensordata)
+            failed |= self._failing(self._batch.step)
+            for name, record in records.items():
+                record[:, k] = getattr(self, name)
+        return failed
+
+    def _failing(self, advance: Callable[[], object]) -> NDArray[np.bool_]:
+        """Returns for which instances MuJoCo raised an error, shape (N,)."""
+        failed = np.zeros(self.num_envs, bool)
+        try:
+            advance()
+        except mujoco_batch.SimulationError as error:
+            failed[error.ids] = True
+        return failed
+
+    def _tell_drives(self, ids: Indices, command: Array | None) -> None:
+        """Computes the drives' torques in new states: the first levels depend on them."""
+        if command is not None:
+            self._ctrl[np.ix_(ids, self._actuator)] = command[:, self._driven]
+        self._batch.forward(ids)
 
     def _settle(self, ids: Indices, command: Array) -> None:
         """Writes delays and filters as if `command` had always been in force (MuJoCo: zero)."""

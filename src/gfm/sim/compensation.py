@@ -1,12 +1,14 @@
-"""What a gravity compensation that errs does to a robot, along a measured motion.
+"""What a gravity compensation that errs does to a robot.
 
-Shape letters: T measurements, J joints.
+Shape letters: T positions, J joints.
 """
 
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import final
 
 import mujoco
 import numpy as np
@@ -22,11 +24,31 @@ class CompensationError:
 
     Attributes:
         force: On the degrees of freedom, N m, shape (T, nv).
-        drive: To be counted to the drives beside what MuJoCo counts, N m, shape (T, J).
+        drive: To be counted to the drives beside what MuJoCo counts, N m, shape (T, nv).
     """
 
     force: Array
     drive: Array
+
+
+@final
+class ErringCompensation:
+    """The errors of one robot's compensation, at any position."""
+
+    def __init__(self, model: mujoco.MjModel, told: Sequence[Compensation]) -> None:
+        self._nv = model.nv
+        self._told = [(one, _Weight(model, one.gravity)) for one in told]
+
+    def at(self, qpos: Array) -> CompensationError:
+        """Returns the errors at positions of shape (T, nq)."""
+        force, drive = np.zeros((len(qpos), self._nv)), np.zeros((len(qpos), self._nv))
+        for one, weight in self._told:
+            meant = weight.torques(qpos + one.shift)
+            if not one.missing:
+                meant -= weight.torques(qpos)
+                force += meant
+            drive += meant
+        return CompensationError(force=force, drive=drive)
 
 
 def compensation_error(plant: Plant, position: Array) -> CompensationError | None:
@@ -37,29 +59,27 @@ def compensation_error(plant: Plant, position: Array) -> CompensationError | Non
     told = plant.compensations
     if not told:
         return None
-    force = np.zeros((len(position), plant.model.nv))
-    drive = np.zeros((len(position), len(plant.joints)))
-    for compensation in told:
-        meant = _weights(plant, position, compensation, compensation.shift)
-        if not compensation.missing:
-            meant -= _weights(plant, position, compensation, np.zeros_like(compensation.shift))
-            force += meant
-        drive += meant[:, plant.dof]
-    return CompensationError(force=force, drive=drive)
+    qpos = np.tile(plant.model.qpos0, (len(position), 1))
+    qpos[:, plant.qpos] = position
+    return ErringCompensation(plant.model, told).at(qpos)
 
 
-def _weights(plant: Plant, position: Array, compensation: Compensation, shift: Array) -> Array:
-    """Returns the torques that hold the robot's weight at shifted positions, shape (T, nv)."""
-    model = copy.copy(plant.model)
-    model.opt.gravity = compensation.gravity
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    data = mujoco.MjData(model)
-    torques = np.empty((len(position), model.nv))
-    for i, row in enumerate(position):
-        data.qpos[plant.qpos] = row
-        data.qpos += shift
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        torques[i] = data.qfrc_bias
-        data.qpos -= shift
-    return torques
+@final
+class _Weight:
+    """What holds a robot's weight."""
+
+    def __init__(self, model: mujoco.MjModel, gravity: Array) -> None:
+        self._model = copy.copy(model)
+        self._model.opt.gravity = gravity
+        self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        self._data = mujoco.MjData(self._model)
+
+    def torques(self, qpos: Array) -> Array:
+        """Returns the torques at rest, N m, shape (T, nv)."""
+        torques = np.empty((len(qpos), self._model.nv))
+        for row, place in zip(torques, qpos, strict=True):
+            self._data.qpos[:] = place
+            mujoco.mj_fwdPosition(self._model, self._data)
+            mujoco.mj_fwdVelocity(self._model, self._data)
+            row[:] = self._data.qfrc_bias
+        return torques

@@ -16,7 +16,11 @@ import numpy as np
 
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
+from gfm.effects import EffectInstance
+from gfm.sim.compensation import ErringCompensation
 from gfm.sim.layout import Indices, Layout, make_layout
+from gfm.sim.plant import compensations, drive_matrix, misled_already
+from gfm.sim.step_laws import StepLaws, adds_friction, step_laws
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +48,8 @@ class HybridModel:
         limits: Of the generalized forces.
         control_period_s: Between two decisions; a whole number of time steps.
         forced_joints: The joints that forces act on; by default all measured ones.
+        effects: What else the robot has, whatever the commands. Of these the models contain what
+            MuJoCo expresses (`gfm.sim.plant.stepping_spec`); the rest is added in stepping.
     """
 
     models: Mapping[CommandKind, mujoco.MjModel]
@@ -51,6 +57,7 @@ class HybridModel:
     limits: ForceLimits = field(default_factory=ForceLimits)
     control_period_s: float = 0.05
     forced_joints: tuple[str, ...] = ()
+    effects: tuple[EffectInstance, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.models:
@@ -109,6 +116,28 @@ class HybridModel:
         on_object = [self.limits.object_n] * 3 + [self.limits.object_nm] * 3
         on_joints = [self.limits.joint_nm] * len(self.forced)
         return np.array(on_joints + (on_object if self.layout.has_object else []))
+
+    def step_laws(self, count: int) -> StepLaws | None:
+        """Returns the dry friction to be evaluated at every step of so many simulations, if any.
+
+        Raises:
+            UnknownNameError: an effect acts on a joint that is not measured.
+        """
+        if not any(adds_friction(effect) for effect in self.effects):
+            return None
+        joints = self.layout.joint_names
+        drive = drive_matrix(self.any_model, joints)
+        if not drive.any():
+            raise ConfigError("the models do not tell their drives' torques; see `stepping_spec`")
+        return step_laws([self.effects] * count, joints, self.layout.dof, drive)
+
+    def erring_compensation(self) -> ErringCompensation | None:
+        """Returns what the robot's gravity compensation does wrong under the effects, if any."""
+        model = self.any_model
+        if not (model.body_gravcomp.any() or misled_already(model, self.effects)):
+            return None
+        told = [c for c in compensations(model, self.effects) if not c.missing]
+        return ErringCompensation(model, told) if told else None
 
     def model_for(self, trajectory: Trajectory) -> mujoco.MjModel:
         """Returns the model for a recording: its kind of command, its servo gains.

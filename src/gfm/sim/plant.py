@@ -9,13 +9,17 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gfm.core import UnknownNameError
-from gfm.effects import EffectInstance
+from gfm.core import ConfigError, UnknownNameError
+from gfm.effects import EffectInstance, find_effect
+from gfm.effects.drive import LAGS
 from gfm.effects.effect import Compensation
 from gfm.effects.elastic import MOTOR_SIDE
+from gfm.sim.step_laws import adds_friction
 
 #: Prefix of the sensors that a plant adds: the drive torque of each joint, and what to take off it.
 DRIVE_SENSOR = "gfm_drive_"
+#: MjsActuator.actdim of a drive without activation.
+NO_ACTIVATION = -1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +35,7 @@ class Plant:
         actuator: Their actuators, shape (J,).
         drive: Matrix from sensordata to the drive torque of each joint, shape (J, nsensordata).
         compensated: Whether the nominal model cancels gravity.
-        effects: Every effect that was added.
+        effects: Every effect that was added, the delays and lags of the model itself among them.
     """
 
     model: mujoco.MjModel
@@ -47,15 +51,12 @@ class Plant:
     @property
     def stepwise(self) -> tuple[EffectInstance, ...]:
         """The effects that have to be evaluated at every step."""
-        return tuple(e for e in self.effects if _adds_friction(e))
+        return tuple(e for e in self.effects if adds_friction(e))
 
     @property
     def compensations(self) -> tuple[Compensation, ...]:
         """How the robot's gravity compensation errs; nothing where it has none."""
-        if not self.compensated:
-            return ()
-        told = (e.effect.compensation(self.model, e.joints, e.values) for e in self.effects)
-        return tuple(c for c in told if c is not None)
+        return compensations(self.model, self.effects) if self.compensated else ()
 
     @property
     def layout(self) -> tuple[int, ...]:
@@ -70,19 +71,57 @@ def make_plant(
 ) -> Plant:
     """Returns `spec` (which stays as it is) with `effects` added.
 
-    Effects on commands are left to the simulation, which can place them between two time steps.
+    Effects on commands are left to the simulation, which can place them between two time steps;
+    so are the delays and lags that the model has itself.
 
     Raises:
         UnknownNameError: the model lacks one of the joints, or an actuator of that name.
     """
     check_joints(spec, joints)
     changed = spec.copy()
+    own = _taken_from_drives(changed, joints)
     for instance in in_order(effects):
-        if not acts_on_command(instance):
+        if not (instance.in_model or acts_on_command(instance)):
             instance.effect.apply(changed, instance.joints, instance.values)
     _add_drive_sensors(changed, joints)
-    compensated = any(body.gravcomp for body in spec.bodies)
-    return _plant(changed.compile(), joints, compensated, tuple(effects))
+    model = changed.compile()
+    compensated = any(body.gravcomp for body in spec.bodies) or misled_already(model, effects)
+    return _plant(model, joints, compensated, (*own, *effects))
+
+
+def _taken_from_drives(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[EffectInstance, ...]:
+    """Takes delays and first-order lags out of the joints' drives; returns them as effects."""
+    taken = []
+    for name in joints:
+        drive = spec.actuator(name)
+        if drive.delay > 0.0:
+            taken.append(_at(name, "command_delay", delay=float(drive.delay)))
+            drive.delay, drive.nsample = 0.0, 0
+        if drive.dyntype in LAGS:
+            taken.append(_at(name, "actuator_lag", time_constant=float(drive.dynprm[0])))
+            drive.dyntype, drive.actdim = mujoco.mjtDyn.mjDYN_NONE, NO_ACTIVATION
+    return tuple(taken)
+
+
+def _at(joint: str, name: str, **values: float) -> EffectInstance:
+    return EffectInstance(effect=find_effect(name), joints=(joint,), values=values)
+
+
+def misled_already(model: mujoco.MjModel, effects: Sequence[EffectInstance]) -> bool:
+    """Returns whether effects that a model has already say that its robot cancels gravity.
+
+    They may have taken MuJoCo's own compensation out of the model, and are listed beside it only
+    where there was one.
+    """
+    return bool(compensations(model, [e for e in effects if e.in_model]))
+
+
+def compensations(
+    model: mujoco.MjModel, effects: Sequence[EffectInstance]
+) -> tuple[Compensation, ...]:
+    """Returns how a gravity compensation errs under `effects`."""
+    told = (e.effect.compensation(model, e.joints, e.values) for e in effects)
+    return tuple(c for c in told if c is not None)
 
 
 def in_order(effects: Sequence[EffectInstance]) -> list[EffectInstance]:
@@ -95,6 +134,8 @@ def in_order(effects: Sequence[EffectInstance]) -> list[EffectInstance]:
 
 def acts_on_command(instance: EffectInstance) -> bool:
     """Returns whether an effect changes what is commanded rather than the model."""
+    if instance.in_model:
+        return False
     effect, values = instance.effect, instance.values
     now = np.zeros(1)
     return effect.lag_s(values) != 0.0 or bool(effect.retime(now, values)[0] != 0.0)
@@ -109,12 +150,6 @@ def check_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
             raise UnknownNameError("joint", name, there)
         if name not in driven:
             raise UnknownNameError("actuator", name, driven)
-
-
-def _adds_friction(instance: EffectInstance) -> bool:
-    still = np.zeros(1)
-    values = {name: np.array([value]) for name, value in instance.values.items()}
-    return instance.effect.extra_friction(still, still, values) is not None
 
 
 def _add_drive_sensors(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
@@ -160,13 +195,14 @@ def _plant(
         dof=np.array([model.jnt_dofadr[i] for i in ids]),
         motor_qpos=np.array([model.jnt_qposadr[i] if i >= 0 else -1 for i in motors]),
         actuator=np.array([model.actuator(name).id for name in joints]),
-        drive=_drive_matrix(model, joints),
+        drive=drive_matrix(model, joints),
         compensated=compensated,
         effects=effects,
     )
 
 
-def _drive_matrix(model: mujoco.MjModel, joints: Sequence[str]) -> NDArray[np.float64]:
+def drive_matrix(model: mujoco.MjModel, joints: Sequence[str]) -> NDArray[np.float64]:
+    """Returns the matrix from sensor data to the drive torque of each joint, shape (J, M)."""
     matrix = np.zeros((len(joints), model.nsensordata))
     for row, name in enumerate(joints):
         for side in (name, name + MOTOR_SIDE):
@@ -187,6 +223,29 @@ def _mark(model: mujoco.MjModel, row: NDArray[np.float64], sensor: str, weight: 
 def native_spec(spec: mujoco.MjSpec, effects: Sequence[EffectInstance]) -> mujoco.MjSpec:
     """Returns a copy of `spec` with every effect that plain MuJoCo expresses, commands included."""
     changed = spec.copy()
-    for instance in in_order([e for e in effects if e.effect.native]):
+    for instance in in_order([e for e in effects if e.effect.native and not e.in_model]):
         instance.effect.apply(changed, instance.joints, instance.values)
+    return changed
+
+
+def stepping_spec(spec: mujoco.MjSpec, effects: Sequence[EffectInstance]) -> mujoco.MjSpec:
+    """Returns a copy of `spec` with all that MuJoCo expresses of `effects`, commands included.
+
+    What is left of them is up to who steps it (`gfm.sim.batch`). Where that is dry friction which
+    depends on the drive, sensors tell the torque of every drive.
+
+    Raises:
+        ConfigError: an effect changes commands in a way that MuJoCo cannot express.
+    """
+    changed = spec.copy()
+    for instance in in_order([e for e in effects if not e.in_model]):
+        if acts_on_command(instance) and not instance.effect.native:
+            raise ConfigError(
+                f"{instance.effect.name} changes commands in a way that MuJoCo cannot express: "
+                "recordings can be predicted with it, simulations cannot be stepped"
+            )
+        instance.effect.apply(changed, instance.joints, instance.values)
+    if any(adds_friction(e) for e in effects):
+        driven = {actuator.name for actuator in changed.actuators}
+        _add_drive_sensors(changed, [j.name for j in changed.joints if j.name in driven])
     return changed

@@ -19,10 +19,10 @@ from scipy.signal import lfilter
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.effects import EffectInstance
 from gfm.effects.elastic import MOTOR_SIDE
 from gfm.sim.compensation import CompensationError, compensation_error
 from gfm.sim.plant import Plant
+from gfm.sim.step_laws import step_laws
 
 #: Memory that one call of the batched rollout may fill, bytes.
 CHUNK_BYTES = 200e6
@@ -106,7 +106,7 @@ def _batches(plants: Sequence[Plant], segments: Sequence[Segment]) -> Iterator[l
     """Yields jobs that can run together: same layout, similar length, bounded memory."""
     groups: dict[tuple[object, ...], list[_Job]] = defaultdict(list)
     for p, plant in enumerate(plants):
-        names = tuple(e.key for e in plant.effects if e in plant.stepwise)
+        names = tuple(effect.key for effect in plant.stepwise)
         for s, segment in enumerate(segments):
             steps = int(np.ceil(segment.time_s[-1] / plant.model.opt.timestep - 1e-6)) + 1
             key = (plant.layout, names, bool(plant.compensations), steps.bit_length())
@@ -212,14 +212,13 @@ def applied_commands(plant: Plant, segment: Segment, steps: int) -> Array:
     grid = period_s * np.arange(steps + 1)
     columns = []
     for j, name in enumerate(plant.joints):
-        here = [e for e in plant.effects if name in e.joints]
+        here = [e for e in plant.effects if name in e.joints and not e.in_model]
         time_s = segment.command_time_s
         for instance in here:
             time_s = instance.effect.retime(time_s, instance.values)
         column = _held_means(grid, time_s, segment.command[:, j])
-        for lag_s in (e.effect.lag_s(e.values) for e in here):
-            column = _lagged_means(column, lag_s, period_s)
-        columns.append(column)
+        lag_s = sum(e.effect.lag_s(e.values) for e in here)
+        columns.append(_lagged_means(column, lag_s, period_s))
     return np.stack(columns, axis=1)
 
 
@@ -256,7 +255,7 @@ def _prediction(
     after = np.concatenate([segment.initial_position[None], qpos[:, plant.qpos]])
     drive, command = sensors @ plant.drive.T, controls[:, plant.actuator]
     broken = bool(np.any(np.diff(time_s[: job.steps]) <= 0.0)) or not np.isfinite(after).all()
-    beside = 0.0 if job.compensation is None else job.compensation.drive
+    beside = 0.0 if job.compensation is None else job.compensation.drive[:, plant.dof]
     return Prediction(
         position=_sample(after, segment.time_s / period_s),
         effort=_just_before(drive, command, segment.time_s / period_s) + beside,
@@ -297,13 +296,17 @@ def _step_by_step(jobs: list[_Job], threads: int) -> list[Prediction]:
         _set_initial(job, qpos[i], qvel[i])
     controls = np.stack([_controls(job, steps) for job in jobs], axis=1)
     forces = np.stack([_forces(job, steps) for job in jobs], axis=1)
-    laws, applied = _StepLaws(jobs, sims), sims.bind("qfrc_applied")
+    plant = jobs[0].plant
+    laws = step_laws([job.plant.effects for job in jobs], plant.joints, plant.dof, plant.drive)
+    constant = np.stack([job.model.dof_frictionloss for job in jobs])
+    friction, applied = sims.expand("dof_frictionloss"), sims.bind("qfrc_applied")
     time_s, kept_qpos, kept_sensors = [], [], []
     clock, sensordata, ctrl = sims.bind("time"), sims.bind("sensordata"), sims.bind("ctrl")
     with _quiet():
         for k in range(steps):
             ctrl[:], applied[:] = controls[k], forces[k]
-            laws.act()
+            if laws is not None:
+                friction[:] = laws.levels(constant, qvel, sensordata)
             sims.step(nstep=1)
             time_s.append(np.array(clock).reshape(len(jobs)))
             kept_qpos.append(np.array(qpos))
@@ -332,33 +335,3 @@ def _array_fields(model: mujoco.MjModel) -> list[str]:
     names = [name for name in dir(model) if not name.startswith("_")]
     arrays = [name for name in names if isinstance(getattr(model, name), np.ndarray)]
     return [name for name in arrays if np.issubdtype(getattr(model, name).dtype, np.floating)]
-
-
-class _StepLaws:
-    """Friction levels that depend on the state, set before every step."""
-
-    def __init__(self, jobs: list[_Job], sims: batch.Batch) -> None:
-        self._plant = jobs[0].plant
-        self._qvel, self._sensors = sims.bind("qvel"), sims.bind("sensordata")
-        self._friction = sims.expand("dof_frictionloss")
-        self._level: Array = np.stack([job.model.dof_frictionloss for job in jobs])
-        self._laws = [
-            (effect.effect, self._plant.joints.index(effect.joints[0]), _columns(effect, jobs))
-            for effect in self._plant.stepwise
-        ]
-
-    def act(self) -> None:
-        """Writes the levels for the coming step."""
-        drive = np.asarray(self._sensors) @ self._plant.drive.T
-        level = self._level.copy()
-        for effect, joint, values in self._laws:
-            dof = self._plant.dof[joint]
-            extra = effect.extra_friction(self._qvel[:, dof], drive[:, joint], values)
-            level[:, dof] += 0.0 if extra is None else extra
-        self._friction[:] = level
-
-
-def _columns(effect: EffectInstance, jobs: list[_Job]) -> dict[str, Array]:
-    """Returns the parameters that each job has for one effect, each of shape (jobs,)."""
-    own = [next(e for e in job.plant.effects if e.key == effect.key).values for job in jobs]
-    return {name: np.array([values[name] for values in own]) for name in effect.values}

@@ -51,17 +51,23 @@ def _step_forces(model: HybridModel, replay: Replay) -> list[Array]:
     inverse.actuator_delay[:] = 0.0  # the commands below come late instead
     qpos, qvel, qacc = _sampled_motion(replay, model, discrete=discrete)
     command = _as_arriving(model, replay)
+    compensation = model.erring_compensation()
+    extra = np.zeros_like(qvel) if compensation is None else compensation.at(qpos).force
+    laws, constant = model.step_laws(1), inverse.dof_frictionloss[None].copy()
     data = mujoco.MjData(inverse)
     data.act[:] = initial_activation(inverse, model.layout.actuator, command[0])
     forces = []
-    for q, v, a, u in zip(qpos, qvel, qacc, command, strict=True):
+    for q, v, a, u, known in zip(qpos, qvel, qacc, command, extra, strict=True):
         data.qpos[:], data.qvel[:] = q, v
         data.ctrl[model.layout.actuator[model.layout.driven]] = u[model.layout.driven]
         mujoco.mj_forward(inverse, data)
         data.act += inverse.opt.timestep * data.act_dot
+        if laws is not None:
+            levels = laws.levels(constant, data.qvel[None], data.sensordata[None])
+            inverse.dof_frictionloss[:] = levels[0]
         data.qacc[:] = a
         mujoco.mj_inverse(inverse, data)
-        forces.append(data.qfrc_inverse - data.qfrc_actuator)
+        forces.append(data.qfrc_inverse - data.qfrc_actuator - known)
     return forces
 
 
