@@ -26,8 +26,8 @@ from effects_10_seeds import commit
 import gfm
 from gfm.core.checks import Array
 from gfm.diagnosis.problem import Problem, make_problem
-from gfm.experiments.effects_file import read_effects
 from gfm.experiments.inputs import load_specs, read_recordings
+from gfm.service.effects_file import read_effects
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "results" / "measured_data.md"

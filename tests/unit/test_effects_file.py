@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from gfm.core import BadInputError, UnknownNameError
-from gfm.experiments.effects_file import read_effects
+from gfm.core import BadInputError
+from gfm.service.effects_file import read_effects
 
 GOOD = {
     "effect": "stribeck_friction",
@@ -30,10 +30,14 @@ def test_effects_come_back_with_place_and_amounts(tmp_path, schema):
     assert found.values == {"static_excess": 0.5, "stribeck_velocity": 0.05}
 
 
-def test_an_unknown_effect_is_refused(tmp_path):
-    path = written(tmp_path, {"schema": "gfm.effects/1", "effects": [GOOD | {"effect": "magic"}]})
-    with pytest.raises(UnknownNameError, match="magic"):
-        read_effects(path)
+def test_of_a_native_effect_the_model_beside_it_has_its_part_and_that_of_a_report_has_not(tmp_path):
+    offset = {"effect": "encoder_offset", "joints": ["elbow"], "native": True}
+    offset["parameters"] = {"offset": {"value": 0.1}}
+    document = {"effects": [offset, GOOD]}
+    beside = read_effects(written(tmp_path, document | {"schema": "gfm.effects/1"}))
+    assert [one.in_model for one in beside] == [True, False]
+    reported = read_effects(written(tmp_path, document | {"schema": "gfm.diagnosis/1"}))
+    assert [one.in_model for one in reported] == [False, False]
 
 
 @pytest.mark.parametrize(
@@ -42,7 +46,14 @@ def test_an_unknown_effect_is_refused(tmp_path):
         ("{", "expected JSON"),
         ({"schema": "other"}, "schema 'other'"),
         ([], "schema None"),
+        ({"schema": "gfm.effects/1"}, "effects None, expected a list"),
+        ({"schema": "gfm.effects/1", "effects": [GOOD | {"effect": "magic"}]}, "effect 'magic'"),
         ({"schema": "gfm.effects/1", "effects": [{"effect": "payload"}]}, "joints"),
+        ({"schema": "gfm.effects/1", "effects": ["payload"]}, "expected effect, joints"),
+        (
+            {"schema": "gfm.effects/1", "effects": [GOOD | {"joints": []}]},
+            "on no joint; expected 1",
+        ),
         (
             {"schema": "gfm.effects/1", "effects": [GOOD | {"parameters": {}}]},
             "expected static_excess, stribeck_velocity",
@@ -65,8 +76,10 @@ def test_an_unknown_effect_is_refused(tmp_path):
     ],
 )
 def test_a_damaged_file_is_refused_in_one_line(tmp_path, document, words):
+    path = written(tmp_path, document)
     with pytest.raises(BadInputError, match=words) as caught:
-        read_effects(written(tmp_path, document))
+        read_effects(path)
+    assert str(caught.value).startswith(f"effects {path}: ")
     assert "\n" not in str(caught.value)
 
 

@@ -10,6 +10,7 @@ import msgspec
 import mujoco
 
 from gfm.core import CommandKind, ConfigError, Trajectory, UnknownNameError
+from gfm.effects import EffectInstance
 from gfm.envs import gfm_fit, joint_tracking, point_mass
 from gfm.envs.arm import CONTROL_PERIOD_S, ArmProblem
 from gfm.envs.batched import BatchedEnvironment
@@ -69,10 +70,12 @@ class EnvironmentAssets:
 
     Attributes:
         models: By kind of command.
+        effects: What stands beside them: the robot's effects that MuJoCo cannot express.
         trajectories: The recordings.
     """
 
     models: Mapping[CommandKind, mujoco.MjModel] = field(default_factory=dict)
+    effects: tuple[EffectInstance, ...] = ()
     trajectories: Sequence[Trajectory] = ()
 
 
@@ -90,6 +93,7 @@ def fit_problem(settings: EnvironmentSettings, assets: EnvironmentAssets) -> Fit
         limits=force_limits(settings),
         control_period_s=settings.control_period_s,
         forced_joints=settings.forced_joints,
+        effects=assets.effects,
     )
     return make_fit_problem(
         model,
@@ -136,6 +140,7 @@ def arm_problem(name: str, settings: EnvironmentSettings, assets: EnvironmentAss
         limits=force_limits(settings),
         control_period_s=CONTROL_PERIOD_S,
         forced_joints=settings.forced_joints,
+        effects=assets.effects,
     )
     return ArmProblem(model=model, settings=settings.control)
 

@@ -80,6 +80,7 @@ def warm_start(
         models=assets.models,
         joint_names=recordings[0].joint_names,
         control_period_s=settings.control_period_s,
+        effects=assets.effects,
     )
     errors = joint_errors(nominal, recordings)
     forced = np.flatnonzero(errors > _ABOVE_NOISE * measure_noise(recordings).position)

@@ -5,13 +5,14 @@ Apart from the rest of this package because it needs mujoco, which the replay se
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import logging
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import mujoco
 
-from gfm.core import BadInputError, CommandKind
+from gfm.core import BadInputError
 from gfm.envs.batched import BatchedEnvironment
 from gfm.envs.registry import (
     EnvironmentAssets,
@@ -20,6 +21,10 @@ from gfm.envs.registry import (
     make_environment,
 )
 from gfm.recording import read_recording
+from gfm.service.model_files import ModelFile, read_model, shared_effects
+from gfm.sim.plant import stepping_spec
+
+_log = logging.getLogger(__name__)
 
 Complete = Callable[[mujoco.MjSpec], mujoco.MjSpec]
 
@@ -39,34 +44,30 @@ def load_environment(
 def load_assets(
     settings: EnvironmentSettings, complete: Complete | None = None
 ) -> EnvironmentAssets:
-    """Returns the models, completed, and recordings that environment settings name."""
+    """Returns what environment settings name: recordings, models, and what stands beside these.
+
+    Args:
+        settings: Name the files.
+        complete: Adds what a model lacks before it is compiled.
+
+    Raises:
+        BadInputError: a file is missing or damaged, or files do not belong together.
+    """
+    files = {kind: read_model(Path(path)) for kind, path in settings.models.items()}
+    for file in files.values():
+        if file.about:
+            _log.info("%s", file.about)
     return EnvironmentAssets(
-        models=load_models(settings.models, complete),
+        models={kind: _compiled(file, complete) for kind, file in files.items()},
+        effects=shared_effects(files.values()),
         trajectories=tuple(read_recording(Path(path)) for path in settings.recordings),
     )
 
 
-def load_models(
-    paths: Mapping[CommandKind, str], complete: Complete | None = None
-) -> dict[CommandKind, mujoco.MjModel]:
-    """Returns compiled models by kind of command.
-
-    Args:
-        paths: Of MJCF files.
-        complete: Adds what a file lacks before it is compiled.
-
-    Raises:
-        BadInputError: a file is missing or no valid MJCF.
-    """
-    return {kind: _load_model(Path(path), complete) for kind, path in paths.items()}
-
-
-def _load_model(path: Path, complete: Complete | None) -> mujoco.MjModel:
-    if not path.is_file():
-        raise BadInputError(f"model {path}: no such file, expected MJCF")
+def _compiled(file: ModelFile, complete: Complete | None) -> mujoco.MjModel:
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        return (complete(spec) if complete else spec).compile()
+        spec = complete(file.spec) if complete else file.spec
+        return stepping_spec(spec, file.effects).compile()
     except ValueError as exc:
         reason = " ".join(str(exc).split())
-        raise BadInputError(f"model {path}: {reason}; expected MJCF that MuJoCo loads") from exc
+        raise BadInputError(f"model {file.path}: {reason}; expected a robot's model") from exc

@@ -7,20 +7,23 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gfm.core import BadInputError
-from gfm.effects import EffectInstance
-from gfm.effects.registry import find_effect
+from gfm.core import BadInputError, UnknownNameError
+from gfm.effects import EffectInstance, Scope, find_effect
 
-#: Files that list effects: beside a corrected model, and reports.
-SCHEMAS = ("gfm.effects/1", "gfm.diagnosis/1")
+#: Files that list effects: beside a model, and reports.
+BESIDE, REPORT = "gfm.effects/1", "gfm.diagnosis/1"
+#: Joints that an effect names; one of the whole robot names those that share it, or none.
+_JOINTS = {Scope.JOINT: 1, Scope.LAST: 1, Scope.PAIR: 2}
 
 
 def read_effects(path: Path) -> tuple[EffectInstance, ...]:
     """Returns the effects that a `corrected.effects.json` or a diagnosis's `report.json` lists.
 
+    Beside a model stands what is not in it. Of an effect that is native, as its entry says, the
+    model has what MuJoCo expresses; such an entry tells the rest.
+
     Raises:
-        BadInputError: the file is missing, or does not list effects as expected.
-        UnknownNameError: an effect is not known here.
+        BadInputError: the file is missing, or does not list known effects as expected.
     """
     if not path.is_file():
         raise BadInputError(f"effects {path}: no such file")
@@ -29,18 +32,23 @@ def read_effects(path: Path) -> tuple[EffectInstance, ...]:
     except (ValueError, OSError) as exc:
         raise BadInputError(f"effects {path}: {exc}; expected JSON") from exc
     schema = document.get("schema") if isinstance(document, dict) else None
-    if schema not in SCHEMAS:
+    if schema not in (BESIDE, REPORT):
         raise BadInputError(
-            f"effects {path}: schema {schema!r}, expected one of {', '.join(SCHEMAS)}"
+            f"effects {path}: schema {schema!r}, expected one of {BESIDE}, {REPORT}"
         )
-    return tuple(_instance(entry, f"effects {path}") for entry in document.get("effects", ()))
+    entries = document.get("effects")
+    if not isinstance(entries, list):
+        raise BadInputError(f"effects {path}: effects {entries!r}, expected a list")
+    return tuple(_instance(entry, f"effects {path}", beside=schema == BESIDE) for entry in entries)
 
 
-def _instance(entry: Mapping[str, Any], where: str) -> EffectInstance:
+def _instance(entry: Mapping[str, Any], where: str, *, beside: bool) -> EffectInstance:
     try:
         effect = find_effect(entry["effect"])
         joints = tuple(str(name) for name in entry["joints"])
         amounts = {name: float(p["value"]) for name, p in entry["parameters"].items()}
+    except UnknownNameError as exc:
+        raise BadInputError(f"{where}: {exc}") from exc
     except (KeyError, TypeError, ValueError, AttributeError) as exc:
         raise BadInputError(
             f"{where}: {exc!r} in {json.dumps(entry)[:80]}; expected effect, joints and parameters "
@@ -54,4 +62,10 @@ def _instance(entry: Mapping[str, Any], where: str) -> EffectInstance:
         )
     if not effect.admissible(amounts):
         raise BadInputError(f"{where}: {effect.name} {amounts}: out of bounds")
-    return EffectInstance(effect=effect, joints=joints, values=amounts)
+    if len(joints) != _JOINTS.get(effect.scope, len(joints)):
+        raise BadInputError(
+            f"{where}: {effect.name} on {', '.join(joints) or 'no joint'}; "
+            f"expected {_JOINTS[effect.scope]}"
+        )
+    in_model = beside and effect.native and entry.get("native") is True
+    return EffectInstance(effect=effect, joints=joints, values=amounts, in_model=in_model)

@@ -1,0 +1,108 @@
+"""A robot's model in files: MJCF, and beside it the effects that MJCF cannot express.
+
+`corrected.xml` and `corrected.effects.json` are one model: whoever reads the first by its name
+finds the second and puts its effects in as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+
+from gfm.core import BadInputError, ConfigError
+from gfm.effects import EffectInstance
+from gfm.service.effects_file import read_effects
+
+#: What stands in place of `.xml`.
+EFFECTS_SUFFIX = ".effects.json"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelFile:
+    """A model that was read.
+
+    Attributes:
+        path: Of the MJCF file.
+        spec: What it says.
+        effects: What the file beside it says; empty where there is none.
+    """
+
+    path: Path
+    spec: mujoco.MjSpec
+    effects: tuple[EffectInstance, ...]
+
+    @property
+    def about(self) -> str:
+        """What was found beside the MJCF file, in one line; empty where nothing was."""
+        if not self.effects:
+            return ""
+        named = ", ".join(
+            f"{e.effect.name} on {', '.join(e.joints) or 'all'}" for e in self.effects
+        )
+        return f"model {self.path}: with {effects_path(self.path).name} beside it: {named}"
+
+
+def effects_path(model: Path) -> Path:
+    """Returns where the effects of an MJCF file would stand."""
+    return model.with_suffix(EFFECTS_SUFFIX)
+
+
+def read_model(path: Path) -> ModelFile:
+    """Returns a model with what stands beside it.
+
+    Raises:
+        BadInputError: a file is missing or damaged, or the two do not belong together.
+    """
+    spec = _read_spec(path)
+    beside = effects_path(path)
+    effects = read_effects(beside) if beside.is_file() else ()
+    _check_joints(spec, effects, beside, path)
+    return ModelFile(path=path, spec=spec, effects=effects)
+
+
+def _read_spec(path: Path) -> mujoco.MjSpec:
+    if not path.is_file():
+        raise BadInputError(f"model {path}: no such file, expected MJCF")
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        spec.copy().compile()
+    except ValueError as exc:
+        reason = " ".join(str(exc).split())
+        raise BadInputError(f"model {path}: {reason}; expected MJCF that MuJoCo loads") from exc
+    return spec
+
+
+def _check_joints(
+    spec: mujoco.MjSpec, effects: Iterable[EffectInstance], beside: Path, path: Path
+) -> None:
+    there = [joint.name for joint in spec.joints]
+    for instance in effects:
+        for name in instance.joints:
+            if name not in there:
+                raise BadInputError(
+                    f"effects {beside}: {instance.effect.name} on joint {name!r}, which {path} "
+                    f"does not have; expected one of {', '.join(there)}"
+                )
+
+
+def shared_effects(files: Iterable[ModelFile]) -> tuple[EffectInstance, ...]:
+    """Returns what stands beside all of one robot's models; nothing where there are none.
+
+    Raises:
+        ConfigError: beside one of them stands something else than beside another.
+    """
+    read = list(files)
+    for other in read[1:]:
+        if other.effects != read[0].effects:
+            raise ConfigError(
+                f"models {read[0].path} and {other.path}: beside the first stand "
+                f"{_listed(read[0])}, beside the second {_listed(other)}; expected one robot"
+            )
+    return read[0].effects if read else ()
+
+
+def _listed(file: ModelFile) -> str:
+    return ", ".join(f"{e.effect.name} {dict(e.values)}" for e in file.effects) or "no effects"
