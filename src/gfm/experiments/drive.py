@@ -74,6 +74,7 @@ def drive(
     *,
     wait_s: float = 30.0,
     idle: Callable[[], None] | None = None,
+    before: Callable[[Observation], None] | None = None,
 ) -> Iterator[Driven]:
     """Drives motions one after the other; yields each when its recording is complete.
 
@@ -83,6 +84,7 @@ def drive(
         motions: What to drive.
         wait_s: How long to wait for the bridge and the robot at first.
         idle: Called while waiting for an answer; sleeps a little by default.
+        before: Called with the first observation, before anything moves; may raise.
 
     Raises:
         UnreachableError: no bridge, or no robot behind it.
@@ -91,6 +93,8 @@ def drive(
     """
     driver = Driver(transport, clock, idle)
     driver.begin(motions[0].joint_names, wait_s)
+    if before is not None:
+        before(driver.newest)
     for motion in motions:
         driver.approach(motion)
         yield driver.record(motion)
@@ -162,7 +166,7 @@ class Driver:
         for time_s in np.arange(0.0, duration_s + _SETTLE_S, motion.period_s):
             target = start + minimum_jerk(np.array((time_s + motion.period_s) / duration_s)) * way
             self.command(CommandKind.POSITION, motion.joint_names, target)
-        if motion.kind is CommandKind.VELOCITY:
+        if motion.kind is not CommandKind.POSITION:
             self._follow(motion, 0, np.zeros_like(way))
 
     def record(self, motion: Motion) -> Driven:
@@ -189,9 +193,14 @@ class Driver:
 
     def _follow(self, motion: Motion, step: int, speed: Array) -> None:
         """Commands one period of a motion."""
+        behind = motion.position[step] - self.newest.position
         values = motion.position[step]
-        if motion.kind is CommandKind.VELOCITY:
-            values = speed + _FEEDBACK * (values - self.newest.position)
+        if motion.tracking is not None:
+            slow = speed - self.newest.velocity
+            tracking = motion.tracking
+            values = tracking.torque[step] + tracking.stiffness * behind + tracking.damping * slow
+        elif motion.kind is CommandKind.VELOCITY:
+            values = speed + _FEEDBACK * behind
         self.command(motion.kind, motion.joint_names, values)
 
     def _check_period(self, motion: Motion, passed_s: float) -> None:

@@ -1,0 +1,113 @@
+"""The room of a robot: ranges of all joints at once in which nothing touches.
+
+Shape letters: J joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from gfm.core import ConfigError
+from gfm.core.checks import Array
+from gfm.excitation.limits import RobotLimits
+from gfm.excitation.motion import JointRanges
+from gfm.excitation.safety import Fault, FaultKind, SafetyCheck
+
+#: Points of the room that are tried, and how often all of them.
+_POINTS, _PASSES = 400, 4
+#: A side that is to blame keeps this share of itself; the least that a joint may be left.
+_SMALLER, _SLOWER, _LEAST_SHARE = 0.95, 0.85, 0.02
+_LEAST_PACE = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Room:
+    """Where motions may go, shape (J,), and at which share of the limits on speed."""
+
+    lower: Array
+    upper: Array
+    pace: float = 1.0
+
+    def smaller(self, limits: RobotLimits, fault: Fault) -> Room:
+        """Returns less of the room, so that the fault becomes less likely."""
+        if fault.kind is FaultKind.DYNAMICS:
+            return replace(self, pace=_SLOWER * self.pace)
+        low = fault.joints & (fault.position < limits.start)
+        high = fault.joints & (fault.position > limits.start)
+        kept = limits.start + _SMALLER * (np.stack([self.lower, self.upper]) - limits.start)
+        return replace(
+            self,
+            lower=np.where(low, kept[0], self.lower),
+            upper=np.where(high, kept[1], self.upper),
+        )
+
+    def exhausted(self, limits: RobotLimits) -> bool:
+        """Returns whether there is nothing left to make smaller."""
+        moving = mask(limits)
+        share = (self.upper - self.lower)[moving] / (limits.upper - limits.lower)[moving]
+        return bool(share.min() < _LEAST_SHARE or self.pace < _LEAST_PACE)
+
+    def ranges(self, limits: RobotLimits, share: float = 1.0) -> JointRanges:
+        """Returns the ranges of the moving joints."""
+        moving = mask(limits)
+        return JointRanges(
+            joint_names=tuple(np.array(limits.joint_names)[moving]),
+            center=(0.5 * (self.lower + self.upper))[moving],
+            half_width=(0.5 * share * (self.upper - self.lower))[moving],
+            speed=self.pace * limits.speed[moving],
+            acceleration=self.pace * limits.acceleration[moving],
+        )
+
+
+def find_room(check: SafetyCheck, limits: RobotLimits) -> tuple[Room, list[str]]:
+    """Returns ranges of all joints at once in which nothing touches, and why they are smaller.
+
+    Points all over the room are tried; a fault makes it smaller at the side of those to blame.
+    """
+    moving = mask(limits)
+    room = Room(
+        lower=np.where(moving, limits.lower, limits.start),
+        upper=np.where(moving, limits.upper, limits.start),
+    )
+    points = qmc.Halton(len(moving), scramble=False).random(_POINTS)
+    reasons: dict[str, None] = {}
+    for _ in range(_PASSES):
+        clean = True
+        for point in points:
+            while (fault := check.contact((_at(room, point))[np.newaxis])) is not None:
+                clean = False
+                reasons[fault.words] = None
+                room = room.smaller(limits, fault)
+                if room.exhausted(limits):
+                    raise ConfigError(f"no room around where motions begin: {fault.words}")
+        if clean:
+            break
+    return room, [_less_room(limits, room, list(reasons))] if reasons else []
+
+
+def mask(limits: RobotLimits) -> NDArray[np.bool_]:
+    """Returns which joints move, shape (J,)."""
+    return np.isin(limits.joint_names, limits.moving)
+
+
+def _at(room: Room, point: Array) -> Array:
+    return np.asarray(room.lower + point * (room.upper - room.lower))
+
+
+def _less_room(limits: RobotLimits, room: Room, reasons: Sequence[str]) -> str:
+    whole, kept = limits.upper - limits.lower, room.upper - room.lower
+    less = [
+        f"{name} {room.lower[j]:.2f} to {room.upper[j]:.2f}"
+        for j, name in enumerate(limits.joint_names)
+        if name in limits.moving and kept[j] < 0.99 * whole[j]
+    ]
+    more = f" (and {len(reasons) - 3} more)" if len(reasons) > 3 else ""
+    return (
+        f"less than the joints' ranges, so that nothing touches: {', '.join(less)} rad; beyond, "
+        f"{', '.join(reasons[:3])}{more}"
+    )
