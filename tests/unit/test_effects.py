@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from gfm.core import UnknownNameError
-from gfm.effects import EffectInstance, Scales, effect_library, find_effect
+from gfm.core import ConfigError, UnknownNameError
+from gfm.effects import EffectInstance, Scales, Scope, effect_library, find_effect
 from gfm.sim.plant import make_plant, native_spec
 
 ARM = """
@@ -38,6 +38,14 @@ SCALES = Scales(
     peak_nm=5.0,
     inertia=0.1,
     cogging_per_revolution=(12,),
+)
+#: Fields of a model in which effects show.
+WRITTEN = (
+    *("body_mass", "body_inertia", "body_ipos", "body_pos", "qpos0", "qpos_spring"),
+    *("jnt_stiffness", "dof_damping", "dof_dampingpoly", "dof_armature", "dof_frictionloss"),
+    *("dof_solref", "dof_solimp", "tendon_damping", "tendon_stiffness", "tendon_range"),
+    *("tendon_solref_lim", "tendon_limited", "actuator_gainprm", "actuator_biasprm"),
+    *("actuator_forcerange", "actuator_delay", "actuator_dynprm", "actuator_dyntype"),
 )
 STATE = {"qpos": (0.4, -0.7), "qvel": (0.8, -1.1), "ctrl": (0.5, 0.1)}
 
@@ -109,6 +117,16 @@ def test_a_payload_adds_its_weight_and_leaves_the_names():
     assert [model.joint(i).name for i in range(model.njnt)] == ["a", "b"]
 
 
+def test_a_payload_pulls_where_its_centre_is_told_to_be():
+    load = instance("payload", ("b",), mass=0.7, com_x=0.1, com_y=0.0, com_z=0.3)
+    model = native_spec(mujoco.MjSpec.from_string(ARM), [load]).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    hand = data.body(model.jnt_bodyid[model.joint("b").id])
+    there = hand.xpos + hand.xmat.reshape(3, 3) @ [0.1, 0.0, 0.3]
+    assert data.xipos[model.body("payload").id] == pytest.approx(there)
+
+
 def test_tilted_gravity_keeps_its_size():
     spec = native_spec(
         mujoco.MjSpec.from_string(ARM), [instance("gravity_direction", (), tilt_x=0.1, tilt_y=-0.2)]
@@ -165,6 +183,61 @@ def test_a_very_stiff_elasticity_changes_nothing():
         mujoco.mj_step(model, data, nstep=5000)
         ends.append(data.joint("a").qpos[0])
     assert ends[0] == pytest.approx(ends[1], abs=1e-3)
+
+
+@pytest.mark.parametrize("effect", effect_library().values(), ids=lambda e: e.name)
+def test_a_model_with_an_effect_is_the_same_after_it_was_written_and_read(effect):
+    joints = {Scope.JOINT: ("a",), Scope.LAST: ("b",), Scope.PAIR: ("a", "b")}
+    values = effect.probes(SCALES)[0][0]
+    there = joints.get(effect.scope, ("a", "b") if effect.shares_joints else ())
+    spec = native_spec(mujoco.MjSpec.from_string(ARM), [instance(effect.name, there, **values)])
+    before = spec.compile()
+    after = mujoco.MjModel.from_xml_string(spec.to_xml())
+    for name in WRITTEN:
+        expected = getattr(before, name)
+        np.testing.assert_allclose(getattr(after, name), expected, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["cogging_torque", "payload", "coupled_friction", "joint_spring"])
+def test_an_effect_can_be_added_to_a_model_that_has_it(name):
+    effect = effect_library()[name]
+    joints = {Scope.LAST: ("b",), Scope.PAIR: ("a", "b")}.get(effect.scope, ("a",))
+    added = instance(name, joints, **effect.probes(SCALES)[0][0])
+    once, twice = (
+        acceleration_torque(*([added] * count)) - acceleration_torque() for count in (1, 2)
+    )
+    assert np.abs(once).max() > 1e-4
+    assert twice == pytest.approx(2.0 * once, rel=0.05)
+
+
+def test_friction_and_inertia_of_a_separated_motor_are_on_its_side():
+    spec = native_spec(mujoco.MjSpec.from_string(ARM), [instance("backlash", gap=0.01)])
+    before, motor = spec.compile(), spec.joint("a_motor").id
+    added = [
+        instance("coulomb_friction", torque=0.3),
+        instance("viscous_friction", coefficient=0.4),
+        instance("armature", inertia=0.02),
+    ]
+    after = native_spec(spec, added).compile()
+    gained = [
+        getattr(after, name).ravel() - getattr(before, name).ravel()
+        for name in ("dof_frictionloss", "dof_damping", "dof_armature")
+    ]
+    dof = before.jnt_dofadr[motor]
+    assert [one[dof] for one in gained] == pytest.approx([0.3, 0.4, 0.02])
+    assert [np.count_nonzero(one) for one in gained] == [1, 1, 1]
+
+
+def test_a_second_motor_side_is_refused():
+    spec = native_spec(mujoco.MjSpec.from_string(ARM), [instance("backlash", gap=0.01)])
+    with pytest.raises(ConfigError, match="elasticity on a: the model has a motor side a_motor"):
+        native_spec(spec, [instance("joint_elasticity", stiffness=100.0)])
+
+
+def test_lags_add_up():
+    lag = instance("actuator_lag", time_constant=0.02)
+    model = native_spec(mujoco.MjSpec.from_string(ARM), [lag, lag]).compile()
+    assert model.actuator_dynprm[0, 0] == pytest.approx(0.04)
 
 
 @pytest.mark.parametrize("effect", effect_library().values(), ids=lambda e: e.name)

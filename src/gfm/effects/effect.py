@@ -13,9 +13,10 @@ Amounts are always *added* to what the model already has.
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import ClassVar
@@ -26,6 +27,9 @@ import numpy as np
 from gfm.core.checks import Array
 
 Values = Mapping[str, float]
+
+#: Suffix of the joint that carries a motor's side: armature, friction and drive.
+MOTOR_SIDE = "_motor"
 
 
 class Scope(StrEnum):
@@ -226,6 +230,21 @@ def angle(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, value: float) -> float:
 def find_joint(spec: mujoco.MjSpec, name: str) -> mujoco.MjsJoint:
     """Returns the joint called `name`."""
     return spec.joint(name)
+
+
+def find_motor_side(spec: mujoco.MjSpec, name: str) -> mujoco.MjsJoint:
+    """Returns the joint of the motor's side, where the model has one apart from the link's.
+
+    Armature, friction and drive are there.
+    """
+    return spec.joint(name + MOTOR_SIDE) or find_joint(spec, name)
+
+
+def free_name(taken: Iterable[object], name: str) -> str:
+    """Returns `name`, with a number behind it where one of `taken` is called so."""
+    names = {getattr(one, "name", "") for one in taken}
+    others = (f"{name}_{number}" for number in itertools.count(2))
+    return next(one for one in itertools.chain([name], others) if one not in names)
 
 
 def find_actuator(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator:

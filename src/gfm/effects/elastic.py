@@ -9,8 +9,10 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
+from gfm.core import ConfigError
 from gfm.core.checks import Array
 from gfm.effects.effect import (
+    MOTOR_SIDE,
     Effect,
     Motion,
     Parameter,
@@ -18,11 +20,10 @@ from gfm.effects.effect import (
     Scales,
     Values,
     find_joint,
+    find_motor_side,
 )
 from gfm.effects.elements import add_spring
 
-#: Suffix of the joint that carries a motor's side: armature, friction and drive.
-MOTOR_SIDE = "_motor"
 #: Mass and inertia of the body that carries a motor side; its real inertia is the armature.
 MOTOR_MASS, MOTOR_INERTIA = 1e-6, 1e-9
 #: Least inertia of a motor side, so that it can be integrated.
@@ -123,13 +124,21 @@ def separate_motor(spec: mujoco.MjSpec, name: str, what: str) -> mujoco.MjsTendo
     Returns:
         The tendon whose length is motor angle minus link angle; the caller says how it couples
         them.
+
+    Raises:
+        ConfigError: the joint has a motor side already.
     """
     link = find_joint(spec, name)
+    if find_motor_side(spec, name) is not link:
+        raise ConfigError(
+            f"{what} on {name}: the model has a motor side {name}{MOTOR_SIDE} already, and what "
+            "lies between the two cannot be added to; expected a joint without one"
+        )
     carrier = link.parent.parent.add_body(
         name=f"{name}{MOTOR_SIDE}", pos=link.parent.pos, quat=link.parent.quat
     )
     carrier.mass = MOTOR_MASS
-    carrier.inertia = [MOTOR_INERTIA] * 3
+    carrier.inertia, carrier.ipos = [MOTOR_INERTIA] * 3, [0.0] * 3  # else not written to XML
     carrier.explicitinertial = True
     motor = carrier.add_joint(name=f"{name}{MOTOR_SIDE}", type=link.type, axis=link.axis)
     motor.pos, motor.ref, motor.limited = link.pos, link.ref, mujoco.mjtLimited.mjLIMITED_FALSE

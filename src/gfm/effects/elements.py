@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mujoco
 
-from gfm.effects.effect import angle, find_joint
+from gfm.effects.effect import angle, find_joint, find_motor_side, free_name
 
 #: Solver settings of dry friction with which a joint at rest stays there.
 HOLDING_SOLREF, HOLDING_SOLIMP = (0.004, 1.0), (0.99, 0.999, 0.001)
@@ -26,7 +26,7 @@ def add_spring(spec: mujoco.MjSpec, name: str, stiffness: float, rest_rad: float
 
 def add_dry_friction(spec: mujoco.MjSpec, name: str, torque: float) -> None:
     """Adds dry friction that holds: MuJoCo's default lets a joint creep under a load below it."""
-    joint = find_joint(spec, name)
+    joint = find_motor_side(spec, name)
     joint.frictionloss += torque
     joint.solref_friction = HOLDING_SOLREF
     joint.solimp_friction[0:3] = HOLDING_SOLIMP
@@ -46,7 +46,9 @@ def add_cogging(
     Written field by field, as MuJoCo's reader does for `<dcmotor input="none" motorconst="0">`,
     because `MjsActuator.set_to_dcmotor` refuses a motor constant of zero.
     """
-    motor = spec.add_actuator(name=f"{joint}_cogging", target=joint)
+    side = find_motor_side(spec, joint).name
+    name = free_name(spec.actuators, f"{joint}_cogging")
+    motor = spec.add_actuator(name=name, target=side)
     motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
     motor.dyntype = mujoco.mjtDyn.mjDYN_DCMOTOR
     motor.gaintype = mujoco.mjtGain.mjGAIN_DCMOTOR

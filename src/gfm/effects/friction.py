@@ -18,7 +18,8 @@ from gfm.effects.effect import (
     Scales,
     Scope,
     Values,
-    find_joint,
+    find_motor_side,
+    free_name,
     sign,
 )
 from gfm.effects.elements import (
@@ -61,7 +62,7 @@ class ViscousFriction(Effect):
 
     @override
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
-        find_joint(spec, joints[0]).damping[0] += values["coefficient"]
+        find_motor_side(spec, joints[0]).damping[0] += values["coefficient"]
 
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
@@ -82,7 +83,7 @@ class QuadraticDrag(Effect):
 
     @override
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
-        find_joint(spec, joints[0]).damping[1] += values["coefficient"]
+        find_motor_side(spec, joints[0]).damping[1] += values["coefficient"]
 
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
@@ -204,7 +205,8 @@ class CoupledFriction(Effect):
 
     @override
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
-        tendon = spec.add_tendon(name=f"{joints[0]}_{joints[1]}_coupled_friction")
+        name = free_name(spec.tendons, f"{joints[0]}_{joints[1]}_coupled_friction")
+        tendon = spec.add_tendon(name=name)
         tendon.damping[0] = values["viscous"]
         tendon.wrap_joint(joints[0], 1.0)
         tendon.wrap_joint(joints[1], -1.0)

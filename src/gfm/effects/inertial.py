@@ -19,6 +19,8 @@ from gfm.effects.effect import (
     Scope,
     Values,
     find_joint,
+    find_motor_side,
+    free_name,
 )
 
 GRAVITY = 9.81
@@ -44,10 +46,11 @@ class Payload(Effect):
         if values["mass"] <= 0.0:
             return
         load = find_joint(spec, joints[0]).parent.add_body(
-            name="payload", pos=[values["com_x"], values["com_y"], values["com_z"]]
+            name=free_name(spec.bodies, "payload"),
+            pos=[values["com_x"], values["com_y"], values["com_z"]],
         )
         load.mass = values["mass"]
-        load.inertia = [1e-9] * 3
+        load.inertia, load.ipos = [1e-9] * 3, [0.0] * 3  # without ipos it is not written to XML
         load.explicitinertial = True
 
     @override
@@ -129,7 +132,7 @@ class Armature(Effect):
 
     @override
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
-        find_joint(spec, joints[0]).armature += values["inertia"]
+        find_motor_side(spec, joints[0]).armature += values["inertia"]
 
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
