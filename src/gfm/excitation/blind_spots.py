@@ -22,8 +22,8 @@ from gfm.excitation.sightings import Sighting, sightings
 _MOVED = 0.02
 #: With fewer reversals, a step of the friction's sign is one or two events.
 _REVERSALS = 4
-#: A speed that is held for a smaller share of the time hardly weighs in a fit.
-_SPEED_SHARE = 0.02
+#: Speeds, and two joints side by side, that are seen for less time hardly weigh in a fit, s.
+_LEAST_S = 0.5
 #: With less than this the rarer way, friction and a constant torque look alike.
 _BOTH_WAYS = 0.15
 #: Over less, a spring (and gravity on a wrong angle) looks like a constant torque, rad.
@@ -38,12 +38,12 @@ _COMMAND_HZ = 0.2
 _INERTIA_HZ, _RESONANCE_HZ = 0.2, 0.4
 #: Load that varies less shows one friction, whatever it depends on.
 _LOAD_SPREAD = 0.4
-#: The teeth change sides where the load changes its sign: not rarer than this.
-_LOAD_BACKWARD = 0.02
+#: Teeth change sides where the load changes its sign: it should be the other for so long, s.
+_LOAD_BACKWARD_S = 0.2
 #: A limit beyond what was used by this factor would not have been met.
 _LIMIT_SHARE = 0.8
-#: Two joints that move at once so rarely say little of a friction between them.
-_BESIDE = 0.1
+#: Stands for all effects of a joint, where it did not move.
+ANY = "any"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +51,7 @@ class BlindSpot:
     """An effect that recordings could not have shown.
 
     Attributes:
-        effect: Name in the effect library.
+        effect: Name in the effect library, or `ANY` for all effects of joints that did not move.
         joints: Where; empty for an effect of the whole robot.
         why: What the recordings lack, in words with figures.
         motion: What would show it: label of a motion of `gfm excite`, and words.
@@ -73,6 +73,7 @@ class _Rule:
         lack: Says what a sighting lacks ("moved over 0.1 rad"), or nothing.
         expected: In words.
         whole: Whether one joint is enough: an effect of the whole robot.
+        joints: How many a robot must have for it.
     """
 
     effect: str
@@ -80,6 +81,7 @@ class _Rule:
     lack: Callable[[Sighting], str]
     expected: str
     whole: bool = False
+    joints: int = 1
 
 
 def blind_spots(
@@ -94,12 +96,13 @@ def blind_spots(
     if not recordings:
         return ()
     seen = sightings(recordings)
-    limits = torque_limit_nm or {}
-    rules = [*_RULES, _saturation(limits)]
-    found = []
-    for rule in rules:
-        lacking = {one.joint: words for one in seen if (words := _lack(rule, one, len(seen)))}
-        if not lacking or (rule.whole and len(lacking) < len(seen)):
+    still = tuple(one.joint for one in seen if one.span < _MOVED)
+    moved = [one for one in seen if one.span >= _MOVED]
+    found = [_still(still)] if still else []
+    for rule in (*_RULES, _saturation(torque_limit_nm or {})):
+        lacking = {one.joint: words for one in moved if (words := rule.lack(one))}
+        one_is_enough = rule.whole and len(lacking) < len(moved)
+        if not lacking or one_is_enough or len(seen) < rule.joints:
             continue
         found.append(
             BlindSpot(
@@ -112,21 +115,21 @@ def blind_spots(
     return tuple(found)
 
 
-def _lack(rule: _Rule, seen: Sighting, joints: int) -> str:
-    if rule.effect == "coupled_friction" and joints == 1:
-        return ""
-    if seen.span < _MOVED:
-        judged = rule.effect != "torque_saturation" or bool(rule.lack(seen))
-        return "did not move" if judged else ""
-    return rule.lack(seen)
+def _still(joints: tuple[str, ...]) -> BlindSpot:
+    return BlindSpot(
+        effect=ANY,
+        joints=joints,
+        why=f"moved over less than {_MOVED:g} rad",
+        motion="all: nothing is seen of a joint that stands still",
+    )
 
 
 def _listed(lacking: Mapping[str, str]) -> str:
-    """Returns "a, b did not move; c moved over 0.1 rad"."""
+    """Returns "a, b: moved over 0.1 rad; c: moved over 0.2 rad"."""
     joints: dict[str, list[str]] = {}
     for joint, words in lacking.items():
         joints.setdefault(words, []).append(joint)
-    return "; ".join(f"{', '.join(names)} {words}" for words, names in joints.items())
+    return "; ".join(f"{', '.join(names)}: {words}" for words, names in joints.items())
 
 
 def _motion(label: str) -> str:
@@ -135,19 +138,19 @@ def _motion(label: str) -> str:
 
 
 def _too_narrow(least: float, seen: Sighting) -> str:
-    return f"moved over {seen.span:.2g} rad" if seen.span < least else ""
+    return f"moved over {seen.span:.3g} rad" if seen.span < least else ""
 
 
 def _few_reversals(seen: Sighting) -> str:
-    return f"reversed {seen.reversals} times" if seen.reversals < _REVERSALS else ""
+    return f"{seen.reversals} reversals" if seen.reversals < _REVERSALS else ""
 
 
 def _missing_speeds(bands: Sequence[int], seen: Sighting) -> str:
     names = ("slow", "middling", "fast")
-    missing = [names[i] for i in bands if seen.bands[i] < _SPEED_SHARE]
+    missing = [names[i] for i in bands if seen.bands_s[i] < _LEAST_S]
     if not missing:
         return ""
-    return f"had no {' or '.join(missing)} motion (top speed {seen.top_speed:.2g} rad/s)"
+    return f"no {' or '.join(missing)} motion (top speed {seen.top_speed:.2g} rad/s)"
 
 
 def _one_way(seen: Sighting) -> str:
@@ -163,7 +166,7 @@ def _slow_motion(least: float, seen: Sighting) -> str:
 def _slow_command(seen: Sighting) -> str:
     if seen.command_hz >= _COMMAND_HZ:
         return ""
-    return f"was commanded at {seen.command_hz:.2g} Hz" if seen.command_hz else "had one command"
+    return f"commanded at {seen.command_hz:.2g} Hz" if seen.command_hz else "one command"
 
 
 def _even_load(seen: Sighting) -> str:
@@ -174,17 +177,17 @@ def _even_load(seen: Sighting) -> str:
 
 def _one_sided(seen: Sighting) -> str:
     """Says that the load never changed its sign; without torques, that the motion hardly did."""
-    if seen.load_backward is None:
+    if seen.load_backward_s is None:
         return _few_reversals(seen)
-    if seen.load_backward >= _LOAD_BACKWARD:
+    if seen.load_backward_s >= _LOAD_BACKWARD_S:
         return ""
-    return f"had a load of the rarer sign {100 * seen.load_backward:.1f} % of the time"
+    return f"loaded the rarer way for {seen.load_backward_s:.2g} s"
 
 
 def _alone(seen: Sighting) -> str:
-    if seen.beside >= _BESIDE:
+    if seen.beside_s >= _LEAST_S:
         return ""
-    return f"moved beside another {100 * seen.beside:.0f} % of its time"
+    return f"moved beside another, not as one, for {seen.beside_s:.2g} s"
 
 
 def _ripples(seen: Sighting) -> str:
@@ -249,7 +252,8 @@ _RULES = (
         effect="coupled_friction",
         motion="multisine",
         lack=_alone,
-        expected=f"at least {100 * _BESIDE:.0f} %, and not as one",
+        expected=f"at least {_LEAST_S:g} s",
+        joints=2,
     ),
     _Rule(
         effect="joint_spring",
@@ -276,12 +280,6 @@ _RULES = (
         motion="bursts",
         lack=partial(_slow_motion, _INERTIA_HZ),
         expected=f"at least {_INERTIA_HZ:g} Hz",
-    ),
-    _Rule(
-        effect="actuator_gain",
-        motion="load_reversals",
-        lack=partial(_too_narrow, _MOVED),
-        expected="motion",
     ),
     _Rule(
         effect="command_delay",

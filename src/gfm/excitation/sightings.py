@@ -15,8 +15,9 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.excitation.shapes import rounded
 
-#: Over this time positions are averaged before they are differenced, s.
-_SMOOTHING_S = 0.05
+#: Over this time positions are averaged before they are differenced, s: coarse encoders (4096
+#: steps a turn, read at 50 Hz) would show no slow motion, and so do velocities made from them.
+_SMOOTHING_S = 0.2
 #: Commands are looked at once in this time, s: steps stay steps, streams become smooth.
 _COMMAND_S = 0.05
 #: A joint moves that is faster than this share of its top speed, and than this, rad/s.
@@ -36,14 +37,15 @@ class Sighting:
         span: From the lowest to the highest position, rad.
         top_speed: 99th percentile, rad/s.
         reversals: Of its motion; noise at rest is none.
-        bands: Shares of the time in which it moves slowly, middling and fast.
+        bands_s: Time in which it moves slowly, middling and fast, s.
         backward: Share of the moving time that goes the rarer way, 0 to 0.5.
-        motion_hz: Mean frequency of its motion: rms acceleration over rms velocity.
-        command_hz: Mean frequency of its command; 0 where that is constant.
-        beside: Largest share of its moving time in which another joint moves, and not as one.
+        motion_hz: Mean frequency of its motion (rms acceleration over rms velocity) in the
+            recording in which that is highest.
+        command_hz: Mean frequency of its command likewise; 0 where that is constant.
+        beside_s: Longest time that it moves and another joint does, not as one, s.
         load_spread: While it moves, 10th to 90th percentile of the magnitude of its drive torque,
             over the latter; None where no torque was recorded.
-        load_backward: Share of the time in which that torque has the rarer sign; None likewise.
+        load_backward_s: Time in which that torque has the rarer sign, s; None likewise.
         peak_torque: Largest, N m; None likewise.
     """
 
@@ -51,24 +53,28 @@ class Sighting:
     span: float
     top_speed: float
     reversals: int
-    bands: tuple[float, float, float]
+    bands_s: tuple[float, float, float]
     backward: float
     motion_hz: float
     command_hz: float
-    beside: float
+    beside_s: float
     load_spread: float | None
-    load_backward: float | None
+    load_backward_s: float | None
     peak_torque: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Signals:
-    """All recordings, one after the other: shape (T, J); effort None where any lacks it."""
+    """All recordings, one after the other: shape (T, J); effort None where any lacks it.
+
+    `period_s` is the time for which each measurement stands, `recording` counts them, shape (T,).
+    """
 
     position: Array
     velocity: Array
     effort: Array | None
-    first: NDArray[np.bool_]
+    period_s: Array
+    recording: NDArray[np.intp]
 
 
 def sightings(recordings: Sequence[Trajectory]) -> tuple[Sighting, ...]:
@@ -76,21 +82,23 @@ def sightings(recordings: Sequence[Trajectory]) -> tuple[Sighting, ...]:
     signals = _signals(recordings)
     top = np.percentile(np.abs(signals.velocity), 99.0, axis=0)
     moving = np.abs(signals.velocity) > np.maximum(_MOVING_SHARE * top, _CREEPING_RAD_S)
-    command_hz = _command_hz(recordings)
-    motion_hz = _motion_hz(recordings)
+    command_hz = np.max([_command_hz(one) for one in recordings], axis=0)
+    motion_hz = np.max([_motion_hz(one) for one in recordings], axis=0)
     return tuple(
         Sighting(
             joint=name,
             span=float(np.ptp(signals.position[:, j])),
             top_speed=float(top[j]),
             reversals=_reversals(signals, moving[:, j], j),
-            bands=_bands(signals.velocity[:, j], float(top[j])),
-            backward=_rarer(signals.velocity[moving[:, j], j]),
+            bands_s=_bands_s(signals, float(top[j]), j),
+            backward=_rarer(signals.velocity[moving[:, j], j], signals.period_s[moving[:, j]])[1],
             motion_hz=float(motion_hz[j]),
             command_hz=float(command_hz[j]),
-            beside=_beside(signals.velocity, moving, j),
+            beside_s=_beside_s(signals, moving, j),
             load_spread=None if signals.effort is None else _spread(signals.effort, moving, j),
-            load_backward=None if signals.effort is None else _rarer(signals.effort[:, j]),
+            load_backward_s=None
+            if signals.effort is None
+            else _rarer(signals.effort[:, j], signals.period_s)[0],
             peak_torque=None if signals.effort is None else _peak(signals.effort[:, j]),
         )
         for j, name in enumerate(recordings[0].joint_names)
@@ -99,20 +107,15 @@ def sightings(recordings: Sequence[Trajectory]) -> tuple[Sighting, ...]:
 
 def _signals(recordings: Sequence[Trajectory]) -> _Signals:
     efforts = [one.effort for one in recordings if one.effort is not None]
-    firsts = [np.arange(len(one.stamp_ns)) == 0 for one in recordings]
+    periods = [np.full(len(one.stamp_ns), np.median(np.diff(one.time_s))) for one in recordings]
+    numbers = [np.full(len(one.stamp_ns), i, np.intp) for i, one in enumerate(recordings)]
     return _Signals(
         position=np.concatenate([one.position for one in recordings]),
-        velocity=np.concatenate([_velocity(one) for one in recordings]),
+        velocity=np.concatenate([_rate(one.position, one.time_s) for one in recordings]),
         effort=np.concatenate(efforts) if len(efforts) == len(recordings) else None,
-        first=np.concatenate(firsts),
+        period_s=np.concatenate(periods),
+        recording=np.concatenate(numbers),
     )
-
-
-def _velocity(recording: Trajectory) -> Array:
-    """Returns the measured velocity, or that of the smoothed positions, rad/s, shape (T, J)."""
-    if recording.velocity is not None:
-        return recording.velocity
-    return _rate(recording.position, recording.time_s)
 
 
 def _rate(values: Array, time_s: Array) -> Array:
@@ -124,48 +127,38 @@ def _rate(values: Array, time_s: Array) -> Array:
 
 def _reversals(signals: _Signals, moving: NDArray[np.bool_], joint: int) -> int:
     """Returns how often the joint moves one way and then the other, within a recording."""
-    recording = np.cumsum(signals.first)[moving]
     direction = np.sign(signals.velocity[moving, joint])
-    return int(np.sum((np.diff(direction) != 0) & (np.diff(recording) == 0)))
+    return int(np.sum((np.diff(direction) != 0) & (np.diff(signals.recording[moving]) == 0)))
 
 
-def _bands(velocity: Array, top: float) -> tuple[float, float, float]:
-    speed = np.abs(velocity)
-    share = speed / max(top, 1e-12)
-    slow = (speed > _CREEPING_RAD_S) & (share < _BANDS[0])
-    middling = (share >= _BANDS[0]) & (share < _BANDS[1])
-    return float(slow.mean()), float(middling.mean()), float((share >= _BANDS[1]).mean())
+def _bands_s(signals: _Signals, top: float, joint: int) -> tuple[float, float, float]:
+    speed = np.abs(signals.velocity[:, joint])
+    slow = (speed > _CREEPING_RAD_S) & (speed < _BANDS[0] * top)
+    fast = speed >= _BANDS[1] * top
+    middling = (speed >= _BANDS[0] * top) & ~fast
+    passed = [float(signals.period_s[band].sum()) for band in (slow, middling, fast)]
+    return passed[0], passed[1], passed[2]
 
 
-def _rarer(values: Array) -> float:
-    """Returns the share of the rarer sign, 0 to 0.5."""
-    if not len(values):
-        return 0.0
-    positive = float((values > 0.0).mean())
-    return min(positive, 1.0 - positive)
+def _rarer(values: Array, period_s: Array) -> tuple[float, float]:
+    """Returns for how long values have the rarer sign, s, and as a share, 0 to 0.5."""
+    positive_s, whole_s = float(period_s[values > 0.0].sum()), float(period_s.sum())
+    rarer_s = min(positive_s, whole_s - positive_s)
+    return rarer_s, rarer_s / max(whole_s, 1e-12)
 
 
-def _motion_hz(recordings: Sequence[Trajectory]) -> Array:
-    """Returns rms acceleration over rms velocity, as a frequency, shape (J,)."""
-    velocities = [_velocity(one) for one in recordings]
-    rates = [_rate(v, one.time_s) for v, one in zip(velocities, recordings, strict=True)]
-    return _frequency(np.concatenate(velocities), np.concatenate(rates))
+def _motion_hz(recording: Trajectory) -> Array:
+    velocity = _rate(recording.position, recording.time_s)
+    return _frequency(velocity, _rate(velocity, recording.time_s))
 
 
-def _command_hz(recordings: Sequence[Trajectory]) -> Array:
-    """Returns the rms rate of the commands over their rms, as a frequency, shape (J,)."""
-    values, rates = [], []
-    for one in recordings:
-        time_s = np.arange(one.command_time_s[0], one.command_time_s[-1], _COMMAND_S)
-        if len(time_s) < 2:
-            continue
-        held = np.searchsorted(one.command_time_s, time_s, side="right") - 1
-        command = one.command[held]
-        values.append(command - command.mean(axis=0))
-        rates.append(np.diff(command, axis=0) / _COMMAND_S)
-    if not values:
-        return np.zeros(len(recordings[0].joint_names))
-    return _frequency(np.concatenate(values), np.concatenate(rates))
+def _command_hz(recording: Trajectory) -> Array:
+    """Returns the rms rate of a command over its rms, as a frequency, shape (J,)."""
+    issued_s = recording.command_time_s
+    time_s = np.arange(issued_s[0], issued_s[-1] + _COMMAND_S, _COMMAND_S)
+    command = recording.command[np.searchsorted(issued_s, time_s, side="right") - 1]
+    rates = np.diff(command, axis=0, append=command[-1:]) / _COMMAND_S
+    return _frequency(command - command.mean(axis=0), rates)
 
 
 def _frequency(values: Array, rates: Array) -> Array:
@@ -174,18 +167,16 @@ def _frequency(values: Array, rates: Array) -> Array:
     return np.asarray(np.where(size > 1e-9, rate / (2 * np.pi * np.maximum(size, 1e-9)), 0.0))
 
 
-def _beside(velocity: Array, moving: NDArray[np.bool_], joint: int) -> float:
-    """Returns the largest share of a joint's moving time in which another moves, not as one."""
-    own, best = moving[:, joint], 0.0
-    for other in range(velocity.shape[1]):
-        both = own & moving[:, other]
-        if other == joint or both.sum() < 3:
-            continue
-        one, two = velocity[both, joint], velocity[both, other]
+def _beside_s(signals: _Signals, moving: NDArray[np.bool_], joint: int) -> float:
+    """Returns the longest time in which a joint and another move, not as one."""
+    best_s = 0.0
+    for other in range(moving.shape[1]):
+        both = moving[:, joint] & moving[:, other]
+        one, two = signals.velocity[both, joint], signals.velocity[both, other]
         size = float(np.sqrt((one @ one) * (two @ two)))
-        if abs(float(one @ two)) < _AS_ONE * size:
-            best = max(best, float(both.sum() / own.sum()))
-    return best
+        if other != joint and abs(float(one @ two)) < _AS_ONE * size:
+            best_s = max(best_s, float(signals.period_s[both].sum()))
+    return best_s
 
 
 def _spread(effort: Array, moving: NDArray[np.bool_], joint: int) -> float:
