@@ -1,0 +1,24 @@
+"""What recordings are worth before anything is concluded from them.
+
+Objections stop a diagnosis, findings go into its report. Both come from short checks, one a
+property, each with its threshold explained beside it.
+"""
+
+from gfm.diagnosis.quality.examine import findings_of, objection_to, same_measurements
+from gfm.diagnosis.quality.finding import Finding, FindingRow, Objection, gathered
+from gfm.diagnosis.quality.lateness import Delays, delays
+from gfm.diagnosis.quality.timing import predicted_positions, timing_of
+
+__all__ = [
+    "Delays",
+    "Finding",
+    "FindingRow",
+    "Objection",
+    "delays",
+    "findings_of",
+    "gathered",
+    "objection_to",
+    "predicted_positions",
+    "same_measurements",
+    "timing_of",
+]

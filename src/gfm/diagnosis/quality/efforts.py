@@ -1,0 +1,119 @@
+"""Whether efforts can be the torques of the drives: their sign, and whether they have one.
+
+Two views that share nothing but the motion must agree before an effort is refused: what the model's
+inverse dynamics needs (it knows masses, not servos), and what the model's actuators would do under
+the recorded commands (they know gains, not masses). Either alone may be misled: the first by an
+effort that leaves out a gravity compensation, the second by gains that are far from the robot's.
+
+Shape letters: T measurements, J joints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gfm.core import Trajectory
+from gfm.core.checks import Array
+from gfm.diagnosis.candidates import torque_view
+from gfm.diagnosis.quality.finding import Finding, Objection, correlation
+from gfm.diagnosis.signals import smooth_states
+from gfm.sim.plant import Plant
+
+#: Correlation with both views that only the other sign explains.
+OPPOSITE = -0.6
+#: Share of the time in which the sign must be wanted negative for its absence to tell.
+WANTED = 0.1
+#: An effort without sign comes close to zero again and again: so often, so close to its greatest.
+NEAR_ZERO_SHARE, NEAR_ZERO = 0.01, 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class Views:
+    """Two opinions on the torques of a recording, N m, each of shape (T, J).
+
+    Attributes:
+        needed: By the model's inverse dynamics for the recorded motion.
+        drive: By the law of the model's actuators for the recorded commands.
+    """
+
+    needed: Array
+    drive: Array
+
+
+def views_of(recording: Trajectory, plant: Plant) -> Views:
+    """Returns what the model says of a recording's torques, whatever its efforts say."""
+    view = torque_view(plant, replace(recording, effort=None))
+    return Views(needed=view.missing + view.drive, drive=view.drive)
+
+
+def wrong_effort(recording: Trajectory, views: Views) -> Objection | None:
+    """Objects to efforts of the opposite sign, and to efforts without one."""
+    if recording.effort is None or _is_off(recording):
+        return None
+    return _unsigned(recording, recording.effort, views) or _opposite(
+        recording, recording.effort, views
+    )
+
+
+def _opposite(recording: Trajectory, effort: Array, views: Views) -> Objection | None:
+    for j, name in enumerate(recording.joint_names):
+        needed, drive = _agreement(effort[:, j], views, j)
+        if max(needed, drive) < OPPOSITE:
+            return Objection(
+                where=f"effort of {name}",
+                problem="runs against what the motion needs and what the command asks for "
+                f"(correlations {needed:.2f} and {drive:.2f})",
+                expected="torque that is positive where it pushes the joint's position up (turn "
+                "its sign)",
+            )
+    return None
+
+
+def _unsigned(recording: Trajectory, effort: Array, views: Views) -> Objection | None:
+    """Objects where no joint's effort is ever negative although some must have been."""
+    if (effort < 0.0).any():
+        return None
+    _, velocity, _ = smooth_states(recording.time_s, recording.position)
+    down = (views.needed < 0.0) & (views.drive < 0.0) & (velocity < 0.0)
+    close = effort < NEAR_ZERO * np.percentile(effort, 99.0, axis=0)
+    for j in np.flatnonzero((down.mean(axis=0) > WANTED) & (close.mean(axis=0) > NEAR_ZERO_SHARE)):
+        return Objection(
+            where="effort",
+            problem=f"is never negative, although {recording.joint_names[j]} is pushed down in "
+            f"{100 * down[:, j].mean():.0f} % of the time",
+            expected="signed torques (a motor current without sign is no effort: leave the field "
+            "empty)",
+        )
+    return None
+
+
+def doubtful_efforts(recording: Trajectory, views: Views) -> list[Finding]:
+    """Finds efforts that run against what the motion needs, though not against the command."""
+    if recording.effort is None or _is_off(recording):
+        return []
+    found = []
+    for j, name in enumerate(recording.joint_names):
+        needed, drive = _agreement(recording.effort[:, j], views, j)
+        if needed < OPPOSITE <= drive:
+            found.append(
+                Finding(
+                    recording=recording.name,
+                    joint=name,
+                    what="correlation of effort and needed torque",
+                    value=needed,
+                    unit="",
+                    consequence="is its sign or its gravity compensation not the model's?",
+                )
+            )
+    return found
+
+
+def _agreement(effort: Array, views: Views, joint: int) -> tuple[float, float]:
+    """Returns the correlation of one joint's effort with what is needed, and with the drive."""
+    return correlation(effort, views.needed[:, joint]), correlation(effort, views.drive[:, joint])
+
+
+def _is_off(recording: Trajectory) -> bool:
+    return all(recording.servo_gain.get(name, 1.0) == 0.0 for name in recording.joint_names)

@@ -1,0 +1,81 @@
+"""Every check of a recording, in one place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from gfm.core import Trajectory
+from gfm.diagnosis.quality import channels, efforts, stamps, units
+from gfm.diagnosis.quality.finding import Finding, Objection
+from gfm.diagnosis.quality.overlap import shared_share, shared_stamps
+from gfm.sim.plant import Plant
+
+#: Torques are judged on so many measurements at most: enough to know a sign by.
+MOST_ROWS = 4000
+#: A recording is another one's copy when it shares so much of its motion ...
+COPY = 0.5
+#: ... or overlaps it when so many measurements are the same, stamp and all.
+OVERLAP = 10
+
+
+def objection_to(recording: Trajectory, plant: Plant) -> Objection | None:
+    """Returns why a recording cannot be used with a model, or None.
+
+    Stamps come first: with them wrong, all speeds are; efforts last: they need all else right.
+    """
+    objection = (
+        stamps.absurd_rate(recording)
+        or channels.stuck_position(recording)
+        or channels.stuck_effort(recording)
+        or units.velocity_ratio(recording)
+        or units.command_ratio(recording)
+        or units.beyond_range(recording, plant)
+        or units.wound_up(recording, plant)
+    )
+    if objection is not None:
+        return objection
+    head = _head(recording)
+    energy = units.surplus_energy(head, plant)
+    if energy is not None or recording.effort is None:
+        return energy
+    return efforts.wrong_effort(head, efforts.views_of(head, plant))
+
+
+def findings_of(recording: Trajectory, plant: Plant) -> tuple[Finding, ...]:
+    """Returns what is doubtful, or good to know, about a recording."""
+    views = efforts.views_of(recording, plant)
+    return (
+        *stamps.jitter(recording),
+        *stamps.gaps(recording),
+        *stamps.repeated(recording),
+        *stamps.one_stamp_a_cycle(recording),
+        *channels.still(recording),
+        *channels.echoed(recording),
+        *channels.flat_topped(recording, views.drive),
+        *channels.at_range_limit(recording, plant),
+        *units.odd_velocities(recording),
+        *efforts.doubtful_efforts(recording, views),
+        *channels.rounded(recording),
+    )
+
+
+def same_measurements(one: Trajectory, other: Trajectory) -> str:
+    """Returns in which way two recordings are the same, or an empty text."""
+    share = shared_share(one, other)
+    if share > COPY:
+        return f"{100 * share:.0f} % of the motion is the same to the last digit"
+    count = shared_stamps(one, other)
+    if count > OVERLAP:
+        return f"{count} measurements of the motion have the same stamps and values"
+    return ""
+
+
+def _head(recording: Trajectory) -> Trajectory:
+    rows = slice(MOST_ROWS)
+    return replace(
+        recording,
+        stamp_ns=recording.stamp_ns[rows],
+        position=recording.position[rows],
+        velocity=None if recording.velocity is None else recording.velocity[rows],
+        effort=None if recording.effort is None else recording.effort[rows],
+    )

@@ -1,0 +1,100 @@
+"""Lateness as findings: in numbers with a spread, and with what they can and cannot mean."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from gfm.core import CommandKind, Trajectory
+from gfm.core.checks import Array
+from gfm.diagnosis.problem import Problem
+from gfm.diagnosis.quality.finding import Finding
+from gfm.diagnosis.quality.lateness import Delays, delays
+
+EVERYWHERE = "all recordings"
+#: What lies so many of its errors from zero, and as many seconds, is told.
+ERRORS, LEAST_S = 3.0, 1e-3
+
+_LAG = "dead time and the lag of servo and load together: no delay as such"
+_TORQUE = "transport or stamping: nothing else lies between a commanded and a measured torque"
+_EARLY = "an effect before its cause: commands are stamped late, or by another clock"
+_ALIKE = "delays on both ways, an offset between clocks, slower servos: they look alike here"
+_OWN = "beyond what all joints share: this joint's own delay, or a lag that the model lacks"
+_IN_TURN = "joints read one after the other under one stamp: give read_offset_s in the mapping"
+
+
+def predicted_positions(problem: Problem, recordings: Sequence[Trajectory]) -> list[Array | None]:
+    """Returns the nominal positions at all measurements of each recording, rad, shape (T, J).
+
+    None where a recording was cut into stretches or the simulation broke off.
+    """
+    found: list[Array | None] = [None] * len(recordings)
+    for segment, prediction in zip(problem.segments, problem.predictions([()])[0], strict=True):
+        whole = len(segment.position) == len(recordings[segment.recording].position)
+        if whole and not prediction.diverged:
+            found[segment.recording] = prediction.position
+    return found
+
+
+def timing_of(
+    recordings: Sequence[Trajectory], predictions: Sequence[Array | None]
+) -> tuple[Finding, ...]:
+    """Returns what is to be said about lateness, over all recordings of a robot."""
+    found: list[Finding] = []
+    for kind in CommandKind:
+        of_kind = [r for r in recordings if r.command_kind is kind]
+        if of_kind:
+            found += _after_commands(delays(of_kind), kind)
+    return (*found, *_after_predictions(delays(recordings, predictions)))
+
+
+def _after_commands(late: Delays, kind: CommandKind) -> Iterator[Finding]:
+    meaning = _TORQUE if kind is CommandKind.EFFORT else _LAG
+    for j in np.flatnonzero(np.isfinite(late.seconds)):
+        early = late.seconds[j] < -max(ERRORS * late.error_s[j], LEAST_S)
+        what = f"answers {kind} commands after"
+        yield _finding(late, int(j), what, _EARLY if early else meaning, doubtful=bool(early))
+
+
+def _after_predictions(late: Delays) -> Iterator[Finding]:
+    known = np.flatnonzero(np.isfinite(late.seconds))
+    if not len(known):
+        return
+    yield Finding(
+        recording=EVERYWHERE,
+        joint=None,
+        what="the joints move later than the model by",
+        value=1e3 * late.common_s,
+        unit="ms",
+        consequence=_ALIKE,
+        doubtful=False,
+        spread=1e3 * float(np.median(late.spread_s[known])),
+    )
+    per_joint_s = late.per_joint_s
+    if per_joint_s is not None:
+        yield Finding(
+            recording=EVERYWHERE,
+            joint=None,
+            what="lateness changes from joint to joint by",
+            value=1e3 * per_joint_s,
+            unit="ms",
+            consequence=_IN_TURN,
+        )
+        return
+    for j in known:
+        if abs(late.own_s[j]) > max(ERRORS * late.error_s[j], LEAST_S):
+            yield _finding(late, int(j), "moves later than the model by", _OWN, doubtful=False)
+
+
+def _finding(late: Delays, joint: int, what: str, consequence: str, *, doubtful: bool) -> Finding:
+    return Finding(
+        recording=EVERYWHERE,
+        joint=late.joints[joint],
+        what=what,
+        value=1e3 * float(late.seconds[joint]),
+        unit="ms",
+        consequence=consequence,
+        doubtful=doubtful,
+        spread=1e3 * float(late.spread_s[joint]),
+    )
