@@ -58,6 +58,7 @@ def identify(
     specs: Mapping[CommandKind, mujoco.MjSpec],
     recordings: Sequence[Trajectory],
     *,
+    given: Sequence[EffectInstance] = (),
     most_s: float = 20.0,
     max_iterations: int = 15,
 ) -> Identified:
@@ -66,6 +67,7 @@ def identify(
     Args:
         specs: The nominal model by kind of command.
         recordings: Training recordings; kinds of command take turns until `most_s` is reached.
+        given: Effects of the nominal model that `specs` cannot say.
         most_s: Recorded time to use, s.
         max_iterations: Of SLSQP.
 
@@ -73,7 +75,8 @@ def identify(
         BadInputError: models and recordings do not belong together.
     """
     chosen = _alternating(recordings, most_s)
-    problem = make_problem(specs, [replace(recording, effort=None) for recording in chosen])
+    positions = [replace(recording, effort=None) for recording in chosen]
+    problem = make_problem(specs, positions, given=given)
     objective = _Objective(problem)
     found = minimize(
         objective.value,

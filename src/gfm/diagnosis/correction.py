@@ -3,45 +3,104 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import mujoco
 
-from gfm.diagnosis.result import NamedEffect
+from gfm.diagnosis.result import ModelPair, NamedEffect, ParameterEstimate
 from gfm.effects import EffectInstance
-from gfm.sim.plant import native_spec
+from gfm.sim.plant import compensations, misled_already, native_spec
+from gfm.sim.step_laws import adds_friction
 
 
-def corrected_xml(
-    spec: mujoco.MjSpec, instances: Sequence[EffectInstance], named: Sequence[NamedEffect]
-) -> str:
-    """Returns MJCF with every effect that plain MuJoCo expresses, and a comment for each.
+def corrected_model(
+    spec: mujoco.MjSpec, named: Sequence[NamedEffect], given: Sequence[EffectInstance] = ()
+) -> ModelPair:
+    """Returns the model `spec`, beside which `given` stands, with the named effects added."""
+    instances = [effect.instance() for effect in named]
+    compiled = spec.copy().compile()
+    compensated = compiled.body_gravcomp.any() or misled_already(compiled, given)
+    new = [
+        effect
+        for effect, instance in zip(named, instances, strict=True)
+        if not effect.native
+        or adds_friction(instance)
+        or (compensated and compensations(compiled, [instance]))
+    ]
+    before = [_as_named(instance) for instance in given]
+    return ModelPair(
+        xml=_corrected_xml(native_spec(spec, instances), _lines(named, new, before)),
+        effects=(*before, *new),
+    )
+
+
+def model_pair(spec: mujoco.MjSpec, given: Sequence[EffectInstance]) -> ModelPair:
+    """Returns the model `spec`, beside which `given` stands, as it is."""
+    return ModelPair(xml=_xml(spec.copy()), effects=tuple(_as_named(one) for one in given))
+
+
+def _as_named(instance: EffectInstance) -> NamedEffect:
+    """Returns an effect that was given: how sure it is has been forgotten."""
+    units = {p.name: p.unit for p in instance.effect.parameters}
+    return NamedEffect(
+        effect=instance.effect.name,
+        joints=instance.joints,
+        parameters={
+            name: ParameterEstimate(value=value, unit=units[name], ci95=None)
+            for name, value in instance.values.items()
+        },
+        confidence=1.0,
+        native=instance.in_model,
+    )
+
+
+def _corrected_xml(changed: mujoco.MjSpec, comments: Sequence[str]) -> str:
+    """Returns MJCF text with comments in front.
 
     The integrator is part of the correction: amounts were fitted with the fourth-order one, and a
     first-order step would add an error of its own.
     """
-    changed = native_spec(spec, instances)
     changed.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    changed.compile()
-    head, body = changed.to_xml().split("\n", 1)
-    comments = "\n".join(f"  <!-- {line} -->" for line in _lines(named))
-    return f"{head}\n{comments}\n{body}" if comments else f"{head}\n{body}"
+    head, body = _xml(changed).split("\n", 1)
+    return "\n".join([head, *(f"  <!-- {line} -->" for line in comments), body])
 
 
-def _lines(named: Sequence[NamedEffect]) -> list[str]:
-    if not named:
+def _xml(spec: mujoco.MjSpec) -> str:
+    _make_findable(spec)
+    spec.compile()
+    return str(spec.to_xml())
+
+
+def _make_findable(spec: mujoco.MjSpec) -> None:
+    """Lets `spec` find its meshes and pictures from any folder."""
+    folder = Path(spec.modelfiledir).resolve()
+    if spec.meshes or spec.hfields or spec.skins:
+        spec.meshdir = str(folder / spec.meshdir)
+    if spec.textures:
+        spec.texturedir = str(folder / spec.texturedir)
+
+
+def _lines(
+    named: Sequence[NamedEffect], beside: Sequence[NamedEffect], before: Sequence[NamedEffect]
+) -> list[str]:
+    """Returns what was added, and what the model was given with, one line for each effect."""
+    if not (named or before):
         return []
     return [
         "Corrected by gfm: what follows was added to the nominal model.",
-        *(_line(effect) for effect in named),
+        *(_line(effect, beside) for effect in named),
+        *(f"{_line(effect, before)}, as before" for effect in before),
         "Fitted with the integrator set below; another one adds an error of its own.",
     ]
 
 
-def _line(effect: NamedEffect) -> str:
+def _line(effect: NamedEffect, beside: Sequence[NamedEffect]) -> str:
     where = f" on {', '.join(effect.joints)}" if effect.joints else ""
     amounts = ", ".join(_amount(name, p) for name, p in effect.parameters.items())
-    native = "" if effect.native else " (not expressible here: see corrected.effects.json)"
-    return f"{effect.effect}{where}: {amounts}{native}".replace("--", "- -")
+    part = "part of it" if effect.native else "it"
+    there = f" ({part} cannot be said here: see the .effects.json beside)"
+    told = f"{effect.effect}{where}: {amounts}{there if effect in beside else ''}"
+    return told.replace("--", "- -")
 
 
 def _amount(name: str, parameter: object) -> str:

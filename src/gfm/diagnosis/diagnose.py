@@ -13,7 +13,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis import evidence
 from gfm.diagnosis.attribution import Attribution, Fit, attribute, describe, free_parameters
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
-from gfm.diagnosis.correction import corrected_xml
+from gfm.diagnosis.correction import corrected_model
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.naming import fitly_named, twins
 from gfm.diagnosis.problem import Problem, make_problem
@@ -69,6 +69,7 @@ def diagnose(
     report: Callable[[str], None] = lambda _: None,
     provenance: Mapping[str, object] | None = None,
     notes: Sequence[str] = (),
+    given: Sequence[EffectInstance] = (),
 ) -> Diagnosis:
     """Returns what `specs` lack to explain `recordings`, judged on `holdout`.
 
@@ -79,13 +80,14 @@ def diagnose(
         report: Told what is happening, in words.
         provenance: What the result should say about where it came from.
         notes: Remarks of the caller that a reader should see.
+        given: Effects of the nominal model that `specs` cannot say.
 
     Raises:
         BadInputError: recordings and models do not belong together.
     """
     report("measuring the nominal model")
-    problem = make_problem(specs, recordings)
-    held = make_problem(specs, holdout, problem.noise)
+    problem = make_problem(specs, recordings, given=given)
+    held = make_problem(specs, holdout, problem.noise, given=given)
     lack = _lacking(recordings)
     found = _attribute(problem, recordings, report) if not lack else None
     instances = found.fit.effects if found else ()
@@ -97,7 +99,8 @@ def diagnose(
         instances, errors = (), HeldOut(problem=held, before=errors.before, after=errors.before)
     named = _named(problem, found, instances, errors.summary) if found else ()
     verdict = Verdict.INSUFFICIENT_DATA if lack else _verdict(errors.summary, named)
-    first = specs[recordings[0].command_kind]
+    corrected = {kind: corrected_model(spec, named, given) for kind, spec in specs.items()}
+    first = corrected[recordings[0].command_kind]
     return Diagnosis(
         verdict=verdict,
         sentence=_sentence(verdict, named, errors.summary, lack),
@@ -106,10 +109,11 @@ def diagnose(
         error=errors.summary,
         joints=_joint_errors(errors),
         recordings=_inputs(problem, recordings, errors, holdout, instances),
-        corrected_xml=corrected_xml(first, instances, named),
-        corrected_effects=tuple(e for e in named if not e.native),
+        corrected_xml=first.xml,
+        corrected_effects=first.effects,
+        twins=corrected if len(corrected) > 1 else {},
         plots=_plots(problem, recordings, instances, errors),
-        notes=(*notes, *_notes(instances, verdict)),
+        notes=(*notes, *_notes(verdict, outside=bool(first.effects))),
         provenance=dict(provenance or {}),
     )
 
@@ -362,13 +366,16 @@ def _plots(
     )
 
 
-def _notes(instances: Sequence[EffectInstance], verdict: Verdict) -> tuple[str, ...]:
+def _notes(verdict: Verdict, *, outside: bool) -> tuple[str, ...]:
     notes = [
         "Errors are of open-loop rollouts whose initial state is fitted (two numbers per joint); "
         "recordings of torque commands are cut into stretches of half a second."
     ]
-    if any(not e.effect.native for e in instances):
-        notes.append("Some effects cannot be written in MJCF: corrected.effects.json has them.")
+    if outside:
+        notes.append(
+            "Not everything can be written in MJCF: corrected.effects.json has the rest, and where "
+            "corrected.xml is given to a gfm command it is found beside it."
+        )
     if verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY_EXPLAINED):
         notes.append("What stays unexplained can be learned as a generalized force model.")
     return tuple(notes)

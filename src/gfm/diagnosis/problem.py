@@ -72,6 +72,7 @@ class Problem:
             shape (T * channels, 2 J).
         linear_from: Residuals from which on they count linearly, by joint for positions and
             efforts, in units of the noise, shape (2, J).
+        given: Effects of the nominal model that its specs cannot say: every candidate has them.
     """
 
     specs: Mapping[CommandKind, mujoco.MjSpec]
@@ -81,13 +82,15 @@ class Problem:
     after_command: bool = False
     state_basis: tuple[Array, ...] = field(default=())
     linear_from: Array | None = None
+    given: tuple[EffectInstance, ...] = ()
 
     def predictions(self, candidates: Sequence[Sequence[EffectInstance]]) -> list[list[Prediction]]:
         """Returns every candidate's prediction of every segment, candidates first."""
         kinds = list(dict.fromkeys(segment.kind for segment in self.segments))
         rows: list[list[Prediction | None]] = [[None] * len(self.segments) for _ in candidates]
         for kind in kinds:
-            plants = [make_plant(self.specs[kind], self.joints, c) for c in candidates]
+            spec, given = self.specs[kind], self.given
+            plants = [make_plant(spec, self.joints, (*given, *c)) for c in candidates]
             places = [i for i, s in enumerate(self.segments) if s.kind is kind]
             for row, answers in zip(
                 rows, predict(plants, [self.segments[i] for i in places]), strict=True
@@ -214,8 +217,10 @@ def make_problem(
     specs: Mapping[CommandKind, mujoco.MjSpec],
     recordings: Sequence[Trajectory],
     noise: Noise | None = None,
+    *,
+    given: Sequence[EffectInstance] = (),
 ) -> Problem:
-    """Returns the problem of explaining `recordings` by the models `specs`.
+    """Returns the problem of explaining `recordings` by the models `specs`, with `given` in them.
 
     The models are integrated to fourth order whatever they say themselves: a first-order step of
     theirs would show as a delay.
@@ -242,6 +247,7 @@ def make_problem(
         joints=joints,
         segments=segments,
         noise=noise,
+        given=tuple(given),
     )
     return _with_state_basis(replace(problem, after_command=_efforts_follow_commands(problem)))
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from gfm.core import CommandKind
 from gfm.core.checks import Array
 from gfm.effects import EffectInstance, find_effect
 
@@ -166,6 +167,20 @@ class EvidencePlot:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ModelPair:
+    """A model as two files.
+
+    Attributes:
+        xml: MJCF text; plain MuJoCo loads it.
+        effects: What it cannot say, to stand beside it; empty where it says everything. Of an
+            effect that is native it has what MuJoCo expresses.
+    """
+
+    xml: str
+    effects: tuple[NamedEffect, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """The whole answer.
 
@@ -178,8 +193,8 @@ class Diagnosis:
         joints: The same, joint by joint.
         recordings: What went in.
         corrected_xml: The corrected model, MJCF text.
-        corrected_effects: Accepted effects that plain MuJoCo cannot express, as loaded by the
-            hybrid stepping; empty where all are native.
+        corrected_effects: What it cannot say, see `ModelPair`.
+        twins: The corrected models by kind of command, where there was more than one.
         plots: Evidence, in the order in which it should be read.
         notes: What a reader should know: assumptions, doubts, what to record next.
         provenance: Files, hashes, versions, seed.
@@ -194,6 +209,7 @@ class Diagnosis:
     recordings: tuple[RecordingSummary, ...]
     corrected_xml: str
     corrected_effects: tuple[NamedEffect, ...] = ()
+    twins: Mapping[CommandKind, ModelPair] = field(default_factory=dict)
     plots: tuple[EvidencePlot, ...] = ()
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, object] = field(default_factory=dict)

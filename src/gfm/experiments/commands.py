@@ -23,10 +23,14 @@ _DIAGNOSE = """\
 Finds what a MuJoCo model lacks to explain recordings of the robot that it stands for: names the
 missing effect, says how large it is and how sure that is, and writes a corrected model.
 """
+_PAIR = "MODEL.effects.json beside it is read as part of it"
 _DIAGNOSE_END = """\
 Recordings are MCAP files with sensor_msgs/msg/JointState on both topics (`gfm import` makes them
 from tables). The model has one actuator per joint, named as the joint, of the kind of the commands:
-position servo, velocity servo or motor. Exit status: 0 a verdict was reached, 2 bad input.
+position servo, velocity servo or motor. What MJCF cannot say stands in a file beside it: corrected
+models are written to corrected.xml and, where need be, corrected.effects.json, and whoever is given
+the first reads both. For several models corrected_KIND.xml is written, too. Exit status: 0 a
+verdict was reached, 2 bad input.
 """
 
 
@@ -67,6 +71,16 @@ def add_run_parser(subparsers: Subparsers) -> None:
         metavar="SECONDS",
         help="length of each of the ten motions (default: %(default)s)",
     )
+    parser.add_argument(
+        "--model",
+        dest="models",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="MODEL.xml",
+        help="MJCF of the nominal arm, once for position and once for velocity commands (default: "
+        f"the published one); {_PAIR}",
+    )
     parser.set_defaults(run=run)
 
 
@@ -82,6 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
         actors=arguments.actors,
         budget_s=60.0 * arguments.budget_minutes,
         motion_s=arguments.motion_s,
+        models=tuple(arguments.models),
     )
     from gfm.experiments.run import close_the_loop
 
@@ -107,7 +122,7 @@ def add_diagnose_parser(subparsers: Subparsers) -> None:
         required=True,
         type=Path,
         metavar="MODEL.xml",
-        help="MJCF of the robot; once per kind of command in the recordings",
+        help=f"MJCF of the robot; once per kind of command in the recordings; {_PAIR}",
     )
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="for report and corrected model"

@@ -6,6 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -17,7 +18,7 @@ from gfm.diagnosis.result import Diagnosis
 from gfm.experiments.inputs import (
     check_together,
     command_line,
-    load_specs,
+    load_nominal,
     provenance,
     read_recordings,
     sha256,
@@ -25,6 +26,7 @@ from gfm.experiments.inputs import (
 )
 from gfm.recording.schemas import COMMAND, JOINT_STATES
 from gfm.report import print_diagnosis, write_diagnosis
+from gfm.report.files import forget_effects
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,29 +78,37 @@ def diagnose_files(request: DiagnoseRequest, answer: Console, progress: Console)
 
 
 def _diagnosed(request: DiagnoseRequest, progress: Console) -> Diagnosis:
-    specs = load_specs(request.models)
+    nominal = load_nominal(request.models)
+    say = partial(_say, progress)
+    for line in nominal.about:
+        say(line)
     paths = [*request.recordings, *request.holdout]
     recordings = read_recordings(paths, joint_states=request.joint_states, command=request.command)
     _check_different(paths)
-    check_together(specs, list(zip(paths, recordings, strict=True)))
+    check_together(nominal.specs, list(zip(paths, recordings, strict=True)))
     count = len(request.recordings)
     training, holdout, notes = recordings[:count], recordings[count:], []
     if not holdout:
         training, holdout, note = split(training)
         notes.append(note)
     files = {
-        "model": request.models,
+        "model": nominal.files,
         "recording": request.recordings,
         "held-out recording": request.holdout,
     }
     return diagnose(
-        specs,
+        nominal.specs,
         training,
         holdout,
-        report=lambda words: progress.print(Text(f"  {words}", style="dim"), soft_wrap=True),
+        report=say,
         provenance=provenance(files, request.seed, command_line()),
         notes=notes,
+        given=nominal.effects,
     )
+
+
+def _say(progress: Console, words: str) -> None:
+    progress.print(Text(f"  {words}", style="dim"), soft_wrap=True)
 
 
 def _check_different(paths: Sequence[Path]) -> None:
@@ -123,10 +133,12 @@ def _check_folder(out: Path) -> None:
 def write_whole(out: Path, diagnosis: Diagnosis) -> tuple[Path, ...]:
     """Writes the files of a diagnosis beside `out` first, then moves them there."""
     out.absolute().parent.mkdir(parents=True, exist_ok=True)
-    partial = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.absolute().parent))
+    part = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.absolute().parent))
     try:
-        written = write_diagnosis(partial, diagnosis)
+        written = write_diagnosis(part, diagnosis)
         out.mkdir(exist_ok=True)
+        for path in written:
+            forget_effects(out / path.name)
         return tuple(path.replace(out / path.name) for path in written)
     finally:
-        shutil.rmtree(partial)
+        shutil.rmtree(part)

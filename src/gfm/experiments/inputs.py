@@ -7,7 +7,7 @@ import platform
 import shlex
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -15,10 +15,12 @@ import mujoco
 import numpy as np
 
 import gfm
-from gfm.core import BadInputError, CommandKind, ConfigError, RecordingError, Trajectory
+from gfm.core import CommandKind, ConfigError, RecordingError, Trajectory
 from gfm.core.checks import Array
+from gfm.effects import EffectInstance
 from gfm.recording import read_recording
 from gfm.recording.schemas import COMMAND, JOINT_STATES
+from gfm.service.model_files import ModelFile, effects_path, read_model, shared_effects
 
 #: Share of a single recording that effects are looked for in; the rest is held out.
 TRAINING_SHARE = 0.7
@@ -33,36 +35,52 @@ _SERVO_DYNAMICS = (
 )
 
 
-def load_specs(paths: Sequence[Path]) -> dict[CommandKind, mujoco.MjSpec]:
-    """Returns the models in MJCF files by the kind of command that their actuators take.
+@dataclass(frozen=True, kw_only=True)
+class NominalModel:
+    """One robot's models, and what stands beside them.
+
+    Attributes:
+        specs: By the kind of command that their actuators take.
+        effects: What the specs cannot say; the same for all of them.
+        files: Everything that was read.
+        about: What was found beside MJCF files, in lines.
+    """
+
+    specs: Mapping[CommandKind, mujoco.MjSpec]
+    effects: tuple[EffectInstance, ...]
+    files: tuple[Path, ...]
+    about: tuple[str, ...]
+
+
+def load_nominal(paths: Sequence[Path]) -> NominalModel:
+    """Returns the models in MJCF files, with the effects in the files beside them.
 
     Raises:
-        BadInputError: a file is missing or no MJCF, or its actuators take no one kind of command.
-        ConfigError: two files are of the same kind.
+        BadInputError: a file is missing or damaged, or its actuators take no one kind of command.
+        ConfigError: two files are of the same kind, or of different robots.
     """
-    specs: dict[CommandKind, mujoco.MjSpec] = {}
-    origin: dict[CommandKind, Path] = {}
+    files: dict[CommandKind, ModelFile] = {}
     for path in paths:
-        spec, model = _load(path)
-        kind = command_kind(model, str(path))
-        if kind in specs:
+        file = read_model(path)
+        kind = command_kind(file.spec.copy().compile(), str(path))
+        if kind in files:
             raise ConfigError(
-                f"{origin[kind]} and {path}: both have {kind} actuators; "
+                f"{files[kind].path} and {path}: both have {kind} actuators; "
                 "expected one model per kind of command"
             )
-        specs[kind], origin[kind] = spec, path
-    return specs
+        files[kind] = file
+    beside = [effects_path(file.path) for file in files.values() if file.effects]
+    return NominalModel(
+        specs={kind: file.spec for kind, file in files.items()},
+        effects=shared_effects(files.values()),
+        files=(*paths, *beside),
+        about=tuple(file.about for file in files.values() if file.about),
+    )
 
 
-def _load(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    if not path.is_file():
-        raise BadInputError(f"model {path}: no such file, expected MJCF")
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        return spec, spec.compile()
-    except ValueError as exc:
-        reason = " ".join(str(exc).split())
-        raise BadInputError(f"model {path}: {reason}; expected MJCF that MuJoCo loads") from exc
+def load_specs(paths: Sequence[Path]) -> dict[CommandKind, mujoco.MjSpec]:
+    """Returns the MJCF of `load_nominal` alone, for what asks for no more than shape and limits."""
+    return dict(load_nominal(paths).specs)
 
 
 def command_kind(model: mujoco.MjModel, where: str) -> CommandKind:
@@ -71,7 +89,9 @@ def command_kind(model: mujoco.MjModel, where: str) -> CommandKind:
     Raises:
         ConfigError: there are none, or they take different kinds.
     """
-    kinds = {model.actuator(i).name: _actuator_kind(model, i) for i in range(model.nu)}
+    # What takes no command (a cogging torque is written as such an actuator) does not drive.
+    driving = [i for i in range(model.nactuator) if model.actuator_ctrlnum[i]]
+    kinds = {model.actuator(i).name: _actuator_kind(model, i) for i in driving}
     if not kinds:
         raise ConfigError(
             f"model {where}: no actuators; expected one per driven joint, named as the joint"

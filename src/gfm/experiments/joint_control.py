@@ -147,7 +147,10 @@ class JointControlTest:
 
 
 def make_test(
-    specs: Mapping[CommandKind, mujoco.MjSpec], recordings: Sequence[Trajectory], noise: Noise
+    specs: Mapping[CommandKind, mujoco.MjSpec],
+    recordings: Sequence[Trajectory],
+    noise: Noise,
+    given: Sequence[EffectInstance] = (),
 ) -> JointControlTest:
     """Returns the comparison on `recordings`.
 
@@ -155,12 +158,13 @@ def make_test(
         specs: The nominal model by kind of command.
         recordings: Of servos, which keep a whole recording on track.
         noise: Of the sensors: the floor.
+        given: Effects of the nominal model that `specs` cannot say.
 
     Raises:
         BadInputError: models and recordings do not belong together.
     """
     started = tuple(from_first_command(replace(r, effort=None)) for r in recordings)
-    problem = make_problem(specs, started, noise)
+    problem = make_problem(specs, started, noise, given=given)
     if len(problem.segments) != len(started):
         kinds = ", ".join(sorted({r.command_kind for r in recordings}))
         raise ConfigError(f"{kinds} commands: expected position or velocity commands of servos")

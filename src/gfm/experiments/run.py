@@ -9,18 +9,24 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
-import mujoco
 from rich.console import Console
 from rich.text import Text
 
-from gfm.core import BadInputError, Clock, CommandKind, MonotonicClock, Trajectory
+from gfm.core import (
+    BadInputError,
+    Clock,
+    CommandKind,
+    ConfigError,
+    MonotonicClock,
+    Trajectory,
+)
 from gfm.diagnosis.baseline import Identified, identify
-from gfm.diagnosis.correction import corrected_xml
+from gfm.diagnosis.correction import model_pair
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.problem import measure_noise
 from gfm.diagnosis.result import Diagnosis
@@ -29,7 +35,13 @@ from gfm.excitation.waypoints import motions
 from gfm.experiments.drive import Driven, drive, sawyer_ranges
 from gfm.experiments.findings import Findings, system_facts
 from gfm.experiments.fit import FitInputs, FittedForces, ForceFit
-from gfm.experiments.inputs import command_line, provenance, read_recordings
+from gfm.experiments.inputs import (
+    NominalModel,
+    command_line,
+    load_nominal,
+    provenance,
+    read_recordings,
+)
 from gfm.experiments.joint_control import JointControlTest, ModelErrors, make_test
 from gfm.experiments.progress import Phase, RunProgress
 from gfm.experiments.run_settings import RunSettings
@@ -42,7 +54,9 @@ from gfm.launch import (
     robot_processes,
 )
 from gfm.report import ModelKind, RunReport, print_run, write_run
-from gfm.sim.sawyer import sawyer_spec
+from gfm.report.files import model_texts, write_texts
+from gfm.sim.plant import check_joints
+from gfm.sim.sawyer import JOINT_NAMES, sawyer_spec
 
 KINDS = (CommandKind.POSITION, CommandKind.VELOCITY)
 START, DRIVE, MEASURE, IDENTIFY, DIAGNOSE, LEARN, EVALUATE = (
@@ -110,7 +124,9 @@ class _Run:
 
     def __init__(self, settings: RunSettings, console: Console, clock: Clock) -> None:
         self._settings, self._clock = settings, clock
-        self._specs = {kind: sawyer_spec(command=kind) for kind in KINDS}
+        self._nominal = nominal_arm(settings.models)
+        for line in self._nominal.about:
+            console.print(Text(line), soft_wrap=True)
         left_out = {LEARN} if settings.skip_gfm else set()
         phases = [Phase(name=n, expected_s=s) for n, s in _EXPECTED_S.items() if n not in left_out]
         self._progress = RunProgress(phases, console=console, clock=clock)
@@ -172,8 +188,8 @@ class _Run:
                 shutil.rmtree(self._settings.folder)  # it was new, and holds logs alone
                 raise
             for kind, path in self._models.items():
-                path.parent.mkdir(exist_ok=True)
-                path.write_text(_mjcf(self._specs[kind]), encoding="utf-8")
+                pair = model_pair(self._nominal.specs[kind], self._nominal.effects)
+                write_texts(path.parent, model_texts(path.stem, pair))
 
     def _drive(self, supervisor: Supervisor) -> Recorded:
         chosen = motions(
@@ -200,13 +216,15 @@ class _Run:
         with self._progress.phase(MEASURE):
             self._progress.say("open-loop rollouts of the held-out recordings")
             noise = measure_noise(recorded.training)
-            test = make_test(self._specs, recorded.held_out, noise)
+            specs, given = self._nominal.specs, self._nominal.effects
+            test = make_test(specs, recorded.held_out, noise, given)
             return test, test.model_errors(ModelKind.NOMINAL, (), "as published")
 
     def _identify(self, recorded: Recorded) -> Identified:
         with self._progress.phase(IDENTIFY):
             self._progress.say("gain and damping of every joint, on training recordings")
-            return identify(self._specs, recorded.training)
+            specs, given = self._nominal.specs, self._nominal.effects
+            return identify(specs, recorded.training, given=given)
 
     def _diagnose(self, recorded: Recorded) -> Diagnosis:
         files = {
@@ -216,11 +234,12 @@ class _Run:
         }
         with self._progress.phase(DIAGNOSE):
             return diagnose(
-                self._specs,
+                self._nominal.specs,
                 recorded.training,
                 recorded.held_out,
                 report=self._progress.say,
                 provenance=provenance(files, self._settings.seed, command_line()),
+                given=self._nominal.effects,
             )
 
     def _learn(self, supervisor: Supervisor, recorded: Recorded) -> FittedForces | None:
@@ -258,17 +277,9 @@ class _Run:
         with self._progress.phase(EVALUATE):
             self._progress.say("open-loop rollouts of the held-out recordings")
             models = findings.models()
-            self._write_corrected(findings)
         return findings.report(
             self._settings.folder.name, models, self._progress.durations_s(), unseal(self._sealed)
         )
-
-    def _write_corrected(self, findings: Findings) -> None:
-        """Writes the corrected model for every kind of command, not only the report's one."""
-        for kind, spec in self._specs.items():
-            path = self._settings.folder / "models" / f"corrected_{kind}.xml"
-            text = corrected_xml(spec, findings.effects, findings.diagnosis.effects)
-            path.write_text(text, encoding="utf-8")
 
 
 def _watching(supervisor: Supervisor, clock: Clock) -> Callable[[], None]:
@@ -286,6 +297,21 @@ def _watching(supervisor: Supervisor, clock: Clock) -> Callable[[], None]:
     return idle
 
 
-def _mjcf(spec: mujoco.MjSpec) -> str:
-    spec.compile()
-    return str(spec.to_xml())
+def nominal_arm(models: Sequence[Path]) -> NominalModel:
+    """Returns the arm in the files `models`; the published one without any.
+
+    Raises:
+        BadInputError: a file cannot be used, or the files are no such arm.
+    """
+    if not models:
+        specs = {kind: sawyer_spec(command=kind) for kind in KINDS}
+        return NominalModel(specs=specs, effects=(), files=(), about=())
+    nominal = load_nominal(models)
+    if set(nominal.specs) != set(KINDS):
+        raise ConfigError(
+            f"models for {', '.join(sorted(nominal.specs))} commands; expected one for each of "
+            f"{', '.join(sorted(KINDS))}: the arm is driven in both modes"
+        )
+    for spec in nominal.specs.values():
+        check_joints(spec, JOINT_NAMES)
+    return nominal

@@ -20,6 +20,7 @@ class RunSettings:
         actors: Actor processes.
         budget_s: For the whole run; learning takes what the rest leaves.
         motion_s: Length of each motion.
+        models: MJCF files of the nominal arm, one per kind of command; empty for the published one.
     """
 
     folder: Path
@@ -29,6 +30,7 @@ class RunSettings:
     actors: int = 2
     budget_s: float = 570.0
     motion_s: float = 12.0
+    models: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         ranges = {

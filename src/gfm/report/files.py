@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from gfm.diagnosis.result import Diagnosis
+from gfm.diagnosis.result import Diagnosis, ModelPair
 from gfm.report.document import diagnosis_html, diagnosis_json, effect_json
 from gfm.report.run import RunReport
 from gfm.report.run_document import run_html, run_json
@@ -17,35 +17,56 @@ EFFECTS_SCHEMA = "gfm.effects/1"
 def write_diagnosis(folder: Path, diagnosis: Diagnosis) -> tuple[Path, ...]:
     """Writes the diagnosis's files into `folder`, made where it is missing; returns their paths."""
     document, page = diagnosis_json(diagnosis), diagnosis_html(diagnosis)
-    return _write(folder, _report_texts(document, page) | _model_texts(diagnosis))
+    twins = [model_texts(f"corrected_{kind}", model) for kind, model in diagnosis.twins.items()]
+    models = _corrected_texts(diagnosis) | {n: text for two in twins for n, text in two.items()}
+    return write_texts(folder, _report_texts(document, page) | models)
 
 
 def write_run(folder: Path, report: RunReport) -> tuple[Path, ...]:
-    """Writes the run's files into `folder`, made where it is missing; returns their paths."""
+    """Writes the run's files into `folder`, made where it is missing; returns their paths.
+
+    The corrected models of all kinds of command go to `models/`.
+    """
     texts = _report_texts(run_json(report), run_html(report))
-    return _write(folder, texts | _model_texts(report.diagnosis))
+    for kind, model in report.diagnosis.twins.items():
+        write_texts(folder / "models", model_texts(f"corrected_{kind}", model))
+    return write_texts(folder, texts | _corrected_texts(report.diagnosis))
+
+
+def model_texts(stem: str, model: ModelPair) -> dict[str, str]:
+    """Returns a model's files by name: MJCF, and beside it what that cannot say."""
+    texts = {f"{stem}.xml": model.xml}
+    if model.effects:
+        effects = [effect_json(effect) for effect in model.effects]
+        texts[f"{stem}.effects.json"] = _json_text({"schema": EFFECTS_SCHEMA, "effects": effects})
+    return texts
+
+
+def write_texts(folder: Path, texts: Mapping[str, str]) -> tuple[Path, ...]:
+    """Writes files by name, each in one move, into `folder`, made where it is missing."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        part = folder / f".{name}.part"
+        part.write_text(text, encoding="utf-8")
+        forget_effects(folder / name)
+        part.replace(folder / name)
+    return tuple(folder / name for name in texts)
+
+
+def forget_effects(path: Path) -> None:
+    """Removes what stands beside an older model under the name that a new one is about to get."""
+    if path.suffix == ".xml":
+        path.with_suffix(".effects.json").unlink(missing_ok=True)
 
 
 def _report_texts(document: Mapping[str, object], page: str) -> dict[str, str]:
     return {"report.json": _json_text(document), "report.html": page}
 
 
-def _model_texts(diagnosis: Diagnosis) -> dict[str, str]:
-    texts = {"corrected.xml": diagnosis.corrected_xml}
-    if diagnosis.corrected_effects:
-        effects = [effect_json(effect) for effect in diagnosis.corrected_effects]
-        texts["corrected.effects.json"] = _json_text({"schema": EFFECTS_SCHEMA, "effects": effects})
-    return texts
+def _corrected_texts(diagnosis: Diagnosis) -> dict[str, str]:
+    model = ModelPair(xml=diagnosis.corrected_xml, effects=diagnosis.corrected_effects)
+    return model_texts("corrected", model)
 
 
 def _json_text(document: Mapping[str, object]) -> str:
     return json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-
-
-def _write(folder: Path, texts: Mapping[str, str]) -> tuple[Path, ...]:
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, text in texts.items():
-        part = folder / f".{name}.part"
-        part.write_text(text, encoding="utf-8")
-        part.replace(folder / name)
-    return tuple(folder / name for name in texts)

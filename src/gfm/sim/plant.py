@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from gfm.core import ConfigError, UnknownNameError
 from gfm.effects import EffectInstance, find_effect
 from gfm.effects.drive import LAGS
-from gfm.effects.effect import Compensation
-from gfm.effects.elastic import MOTOR_SIDE
+from gfm.effects.effect import MOTOR_SIDE, Compensation
 from gfm.sim.step_laws import adds_friction
 
 #: Prefix of the sensors that a plant adds: the drive torque of each joint, and what to take off it.

@@ -19,7 +19,7 @@ from scipy.signal import lfilter
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.effects.elastic import MOTOR_SIDE
+from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.compensation import CompensationError, compensation_error
 from gfm.sim.plant import Plant
 from gfm.sim.step_laws import step_laws
