@@ -64,6 +64,12 @@ SUBCOMMANDS = (
         summary="turn CSV or JSON tables into recordings",
     ),
     Subcommand(
+        name="evaluate",
+        module="gfm.experiments.evaluate_command",
+        adder="add_parser",
+        summary="test a policy at ten goals",
+    ),
+    Subcommand(
         name="up",
         module="gfm.launch.commands",
         adder="add_up_parser",
