@@ -9,7 +9,7 @@ RUN_ARGS ?=
 export CONTAINER_ENGINE ?= docker
 IMAGES := router replay bridge robot actor learner
 
-.PHONY: help run test test-slow test-containers check format lock images clean bench-effects
+.PHONY: help run test test-slow test-containers check format lock images clean bench-effects bench-diagnosis
 
 help:  ## say what can be made
 	@sed -En 's/^([a-z-]+):.*## (.*)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -41,6 +41,9 @@ check: $(VENV)/.installed  ## check format, lint, imports and types
 
 bench-effects: $(VENV)/.installed  ## see whether runs name what their robots hide (20 runs)
 	$(BIN)/python benchmarks/effects_10_seeds.py
+
+bench-diagnosis: $(VENV)/.installed  ## judge the diagnosis on robots whose truth is known (hours)
+	$(BIN)/python benchmarks/diagnosis.py
 
 format: $(VENV)/.installed  ## format and repair what can be repaired
 	$(BIN)/ruff format .

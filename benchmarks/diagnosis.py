@@ -1,0 +1,161 @@
+"""What the diagnosis makes of robots whose truth is known: cases, scores, tables.
+
+    python benchmarks/diagnosis.py --out runs/known_truth
+
+Cases are drawn from a seed, simulated by `known_truth` (which shares nothing with gfm: own
+dynamics, own integrator, own files) and diagnosed by the command that a user has. Cases whose
+report is already there are not diagnosed again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fnmatch
+import json
+import os
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+from pathlib import Path
+
+from effects_10_seeds import commit
+from known_truth import page
+from known_truth.generate import generate
+from known_truth.plans import Plan, plans
+from known_truth.score import Score, score
+
+import gfm
+
+PAGE = Path(__file__).parents[1] / "docs" / "results" / "known_truth.md"
+#: A diagnosis that takes longer is broken off, s.
+LIMIT_S = 1800
+
+
+def diagnose(name: str, folder: Path) -> None:
+    """Diagnoses a case, unless its report is there, in a process of its own."""
+    case, out = folder / "cases" / name, folder / "diagnoses" / name
+    if (out / "report.json").exists():
+        return
+    recordings = [str(path) for path in sorted(case.glob("train_*.mcap"))]
+    held_out = [str(path) for path in sorted(case.glob("held_*.mcap"))]
+    models = [word for path in sorted(case.glob("*.xml")) for word in ("--model", str(path))]
+    words = ["diagnose", *recordings, *models, "--out", str(out), "--holdout", *held_out]
+    began = time.monotonic()
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with out.with_suffix(".log").open("w") as log:
+        done = subprocess.run(
+            [sys.executable, "-m", "gfm.cli", *words],
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            check=False,
+            timeout=LIMIT_S,
+            env=os.environ | {"OMP_NUM_THREADS": "1"},
+        )
+    if done.returncode:
+        print(f"{name}: gfm diagnose ended with status {done.returncode}, see {out}.log")
+        return
+    made = {"wall_s": time.monotonic() - began, "commit": commit()}
+    (out / "made.json").write_text(json.dumps(made))
+
+
+def scored(name: str, folder: Path) -> Score | None:
+    """Returns the score of a case; None where it has no report."""
+    report = folder / "diagnoses" / name / "report.json"
+    made = report.with_name("made.json")
+    if not made.exists():
+        return None
+    truth = json.loads((folder / "truth" / f"{name}.json").read_text())
+    return score(truth, json.loads(report.read_text()), json.loads(made.read_text())["wall_s"])
+
+
+def chosen(arguments: argparse.Namespace) -> list[Plan]:
+    """Returns the cases that are asked for: those of that name, and of these so many, spread."""
+    matching = [p for p in plans(arguments.seed) if fnmatch.fnmatch(p.name, arguments.only)]
+    if arguments.cases is None or arguments.cases >= len(matching):
+        return matching
+    step = len(matching) / arguments.cases
+    return [matching[int(i * step)] for i in range(arguments.cases)]
+
+
+def document(scores: Sequence[Score], words: str) -> str:
+    """Returns the page with all tables."""
+    wrong = [one for one in scores if page.is_wrong(one)]
+    return f"""# Robots whose truth is known
+
+{len(scores)} cases on three robots (a servo pendulum, a planar arm of two joints, a spatial arm of
+seven), simulated apart from everything that judges them: own rigid-body dynamics, own integrator
+(implicit midpoint, 0.25 ms; dry friction as impulses), own encoders, noise and clocks. Every
+robot is drawn anew: lengths, masses, gains, motions, sizes of effects. Diagnosed by `gfm diagnose`,
+which is given recordings and nominal model only. Written by
+
+    {words}
+
+with gfm {gfm.__version__} at commit {commit()}, {time.strftime("%Y-%m-%d")}, Python
+{platform.python_version()}, MuJoCo {version("mujoco")}, {platform.machine()}. Two shared cores,
+busy with other jobs: times are upper bounds.
+
+A name is right if it is that of the hidden effect, or of one that physics cannot tell from it, with
+the hidden one listed beside it as its equal. "Claimed": with a confidence above 0.5.
+
+## All of it
+
+{page.summary(scores)}
+
+## By robot
+
+{page.by_setup(scores)}
+
+## By effect
+
+{page.by_effect(scores)}
+
+## Cases that did not go as they should
+
+{page.cases(wrong)}
+
+## All cases
+
+{page.cases(scores)}
+"""
+
+
+def main() -> None:
+    """Generates, diagnoses, scores and writes the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("runs/known_truth"), metavar="DIR")
+    parser.add_argument("--seed", type=int, default=0, help="of everything that is drawn")
+    parser.add_argument("--cases", type=int, metavar="N", help="only so many, spread over all")
+    parser.add_argument("--only", default="*", metavar="GLOB", help="only cases of that name")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="diagnoses side by side")
+    parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE")
+    arguments = parser.parse_args()
+    cases = chosen(arguments)
+    generate(cases, arguments.out)
+    with ThreadPoolExecutor(arguments.jobs) as pool:
+        for name in pool.map(lambda plan: _told(plan.name, arguments.out), cases):
+            print(name, flush=True)
+    scores = [one for plan in cases if (one := scored(plan.name, arguments.out))]
+    words = f"python benchmarks/diagnosis.py --seed {arguments.seed}"
+    arguments.page.parent.mkdir(parents=True, exist_ok=True)
+    arguments.page.write_text(document(scores, words), encoding="utf-8")
+
+
+def _told(name: str, folder: Path) -> str:
+    """Diagnoses a case and returns a line about it."""
+    diagnose(name, folder)
+    one = scored(name, folder)
+    if one is None:
+        return f"{name}: no report"
+    mark = "WRONG" if page.is_wrong(one) else "right"
+    return (
+        f"{mark} {name}: hidden {one.hidden}; named {one.named}; {one.verdict}, "
+        f"after/floor {one.after / one.floor:.2f}, {one.wall_s:.0f} s"
+    )
+
+
+if __name__ == "__main__":
+    main()

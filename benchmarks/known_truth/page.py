@@ -1,0 +1,157 @@
+"""The results as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from statistics import median
+
+from known_truth.score import Score
+
+
+def share(scores: Sequence[Score], holds: Callable[[Score], bool]) -> str:
+    """Returns how many of the cases something holds of."""
+    if not scores:
+        return "–"
+    count = sum(holds(one) for one in scores)
+    return f"{count} of {len(scores)} ({100 * count / len(scores):.0f} %)"
+
+
+def summary(scores: Sequence[Score]) -> str:
+    """Returns the numbers of the whole suite, beside what is asked for."""
+    kind = {
+        c: [s for s in scores if s.category == c]
+        for c in ("single", "pair", "none", "outside", "poor")
+    }
+    effects = [*kind["single"], *kind["pair"]]
+    errors = [e for s in effects for e in s.errors]
+    covered = [c for s in effects for c in s.covered]
+    ratios = [s.after / s.floor for s in effects]
+    large = [s for s in scores if s.setup.startswith("spatial")]
+    rows = [
+        ("one effect: the right one first", "95 %", share(kind["single"], lambda s: s.effect)),
+        ("one effect: on the right joint", "95 %", share(kind["single"], lambda s: s.joint)),
+        (
+            "one effect: nothing else named",
+            "",
+            share(kind["single"], lambda s: s.complete and s.surplus == 0),
+        ),
+        ("two effects: both named", "85 %", share(kind["pair"], lambda s: s.complete)),
+        (
+            "two effects: both, nothing else",
+            "",
+            share(kind["pair"], lambda s: s.complete and s.surplus == 0),
+        ),
+        ("none: nothing named", "99 %", share(kind["none"], lambda s: s.surplus == 0)),
+        (
+            "outside the vocabulary: a name with confidence",
+            "at most 5 %",
+            share(kind["outside"], lambda s: s.claimed),
+        ),
+        (
+            "poor excitation: a wrong name with confidence",
+            "",
+            share(kind["poor"], lambda s: s.claimed),
+        ),
+        ("parameters: median relative error", "5 %", _percent(errors)),
+        ("95 % intervals that hold the truth", "90 to 99 %", _share_of(covered)),
+        (
+            "held-out error after / noise floor, one or two effects, median",
+            "at most 1.1",
+            f"{median(ratios):.2f}" if ratios else "–",
+        ),
+        (
+            "held-out error larger than before",
+            "never",
+            share(scores, lambda s: s.after > s.before),
+        ),
+        (
+            "time, seven joints, median (largest)",
+            "90 s",
+            _times([s.wall_s for s in large]),
+        ),
+    ]
+    lines = ["| | wanted | found |", "|---|---|---|"]
+    return "\n".join([*lines, *(f"| {a} | {b} | {c} |" for a, b, c in rows)])
+
+
+def _percent(errors: Sequence[float]) -> str:
+    return f"{100 * median(errors):.1f} % ({len(errors)} parameters)" if errors else "–"
+
+
+def _share_of(covered: Sequence[bool]) -> str:
+    if not covered:
+        return "–"
+    return f"{100 * sum(covered) / len(covered):.0f} % of {len(covered)}"
+
+
+def _times(wall_s: Sequence[float]) -> str:
+    return f"{median(wall_s):.0f} s ({max(wall_s):.0f} s)" if wall_s else "–"
+
+
+def by_setup(scores: Sequence[Score]) -> str:
+    """Returns one line per robot."""
+    lines = [
+        "| robot and commands | one effect: right | right joint | two: both | none: nothing "
+        "| outside: claimed | after / floor | time (s) |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for setup in dict.fromkeys(s.setup for s in scores):
+        here = [s for s in scores if s.setup == setup]
+        single, pair, none, outside = (
+            [s for s in here if s.category == c] for c in ("single", "pair", "none", "outside")
+        )
+        ratios = [s.after / s.floor for s in (*single, *pair)]
+        lines.append(
+            f"| {setup} | {share(single, lambda s: s.effect)} | {share(single, lambda s: s.joint)} "
+            f"| {share(pair, lambda s: s.complete)} | {share(none, lambda s: s.surplus == 0)} "
+            f"| {share(outside, lambda s: s.claimed)} | {median(ratios):.2f} "
+            f"| {median(s.wall_s for s in here):.0f} |"
+            if ratios
+            else f"| {setup} | | | | | | | |"
+        )
+    return "\n".join(lines)
+
+
+def by_effect(scores: Sequence[Score]) -> str:
+    """Returns one line per effect, of the cases that hide it alone."""
+    lines = [
+        "| effect | right | right joint | median error of parameters | intervals that hold |",
+        "|---|---|---|---|---|",
+    ]
+    single = [s for s in scores if s.category == "single"]
+    for effect in sorted({s.hidden.split("(")[0] for s in single}):
+        here = [s for s in single if s.hidden.startswith(f"{effect}(")]
+        lines.append(
+            f"| {effect} | {share(here, lambda s: s.effect)} | {share(here, lambda s: s.joint)} "
+            f"| {_percent([e for s in here for e in s.errors])} "
+            f"| {_share_of([c for s in here for c in s.covered])} |"
+        )
+    return "\n".join(lines)
+
+
+def is_wrong(one: Score) -> bool:
+    """Returns whether a case did not go as it should."""
+    worse = one.after > one.before
+    match one.category:
+        case "single":
+            return worse or not (one.effect and one.joint and one.complete) or one.surplus > 0
+        case "pair":
+            return worse or not one.complete or one.surplus > 0
+        case "none":
+            return worse or one.surplus > 0
+        case _:
+            return worse or one.claimed
+
+
+def cases(scores: Sequence[Score]) -> str:
+    """Returns one line per case."""
+    lines = [
+        "| case | hidden | named (confidence) | verdict | before (rad) | after / floor | s |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {one.name} | {one.hidden} | {one.named} | {one.verdict} | {one.before:.2e} "
+        f"| {one.after / one.floor:.2f} | {one.wall_s:.0f} |"
+        for one in scores
+    ]
+    return "\n".join(lines)
