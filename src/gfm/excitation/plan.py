@@ -28,6 +28,8 @@ from gfm.excitation.shapes import move_s, within
 
 #: How often a motion is made smaller before it is given up.
 _TRIES = 80
+#: A motion over less shows nothing, rad.
+_LEAST_MOTION = 1e-3
 #: Held-out motions keep to this share of the room: what is beyond has not been seen.
 _HELDOUT_SHARE = 0.8
 #: Torques hold a joint on its reference with this angular frequency, 1/s, at most, and this share
@@ -167,7 +169,7 @@ def make_plan(
         limits=limits,
         room=room,
         motions=tuple(sorted(motions, key=lambda one: one.family.purpose is Purpose.HELDOUT)),
-        notes=(*limits.notes, *notes),
+        notes=(*notes, *limits.notes),
     )
 
 
@@ -184,6 +186,9 @@ class _Planner:
         for _ in range(_TRIES):
             path = self._path(room, family, kind)
             fault = self._check.fault(path, self._request.period_s)
+            if fault is None and np.ptp(path, axis=0).max() < _LEAST_MOTION:
+                reasons.append("nothing would move: the drives are too weak, or the time too short")
+                break
             if fault is None:
                 return self._found(path, family, kind, reasons[:1])
             reasons.append(fault.words)

@@ -1,4 +1,4 @@
-"""The room of a robot: ranges of all joints at once in which nothing touches.
+"""The room of a robot: ranges of all joints at once in which it can rest, touching nothing.
 
 Shape letters: J joints.
 """
@@ -65,9 +65,10 @@ class Room:
 
 
 def find_room(check: SafetyCheck, limits: RobotLimits) -> tuple[Room, list[str]]:
-    """Returns ranges of all joints at once in which nothing touches, and why they are smaller.
+    """Returns ranges of all joints at once in which it can rest, and why they are smaller.
 
-    Points all over the room are tried; a fault makes it smaller at the side of those to blame.
+    Points all over the room are tried; a fault makes it smaller at the side of those to blame. A
+    point deep inside something may look free: whole paths, which begin free, are checked later.
     """
     moving = mask(limits)
     room = Room(
@@ -75,11 +76,13 @@ def find_room(check: SafetyCheck, limits: RobotLimits) -> tuple[Room, list[str]]
         upper=np.where(moving, limits.upper, limits.start),
     )
     points = qmc.Halton(len(moving), scramble=False).random(_POINTS)
+    if (fault := check.at_rest(limits.start)) is not None:
+        raise ConfigError(f"no room where motions begin: {fault.words}")
     reasons: dict[str, None] = {}
     for _ in range(_PASSES):
         clean = True
         for point in points:
-            while (fault := check.contact((_at(room, point))[np.newaxis])) is not None:
+            while (fault := check.at_rest(_at(room, point))) is not None:
                 clean = False
                 reasons[fault.words] = None
                 room = room.smaller(limits, fault)
@@ -108,6 +111,6 @@ def _less_room(limits: RobotLimits, room: Room, reasons: Sequence[str]) -> str:
     ]
     more = f" (and {len(reasons) - 3} more)" if len(reasons) > 3 else ""
     return (
-        f"less than the joints' ranges, so that nothing touches: {', '.join(less)} rad; beyond, "
-        f"{', '.join(reasons[:3])}{more}"
+        f"less than the joints' ranges, so that the robot can rest anywhere in them: "
+        f"{', '.join(less)} rad; beyond, {', '.join(reasons[:3])}{more}"
     )

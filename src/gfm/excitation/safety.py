@@ -120,7 +120,11 @@ class SafetyCheck:
             positions: Evenly spaced in time, rad, shape (N, J).
             period_s: Between two of them.
         """
-        return self.contact(refined(positions, period_s)) or self._overload(positions, period_s)
+        return self._overload(positions, period_s) or self.contact(refined(positions, period_s))
+
+    def at_rest(self, position: Array) -> Fault | None:
+        """Returns why the robot cannot rest in a posture, shape (J,); None where it can."""
+        return self._overload(np.tile(position, (2, 1)), 1.0) or self.contact(position[np.newaxis])
 
     def torque(self, positions: Array, period_s: float) -> Array:
         """Returns the drive torques that a path takes, without gravity compensation, (N, J)."""

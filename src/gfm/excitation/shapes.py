@@ -20,6 +20,8 @@ REST_S = 0.4
 #: Speeds of the friction ladder: shares of the allowed speed.
 RUNGS = (0.03, 0.1, 0.3, 1.0)
 _HOLD_S, _BURST_S = 0.8, 1.5
+#: Fewer postures are no variety.
+_LEAST_POSTURES = 3
 #: Reversals under load: so often, each so long, so fast.
 _TURNS, _TURN_S, _TURN_SHARE = 2, 1.2, 0.15
 #: Share of the ranges in which bursts take place, and largest part of them that a burst takes.
@@ -114,13 +116,16 @@ def wander(ranges: JointRanges, time_s: Array, rng: np.random.Generator) -> Arra
     """Returns moves through random postures, fast and less fast, with short rests between them."""
     posture: list[Array] = []
     starts, durations = [], []
-    here, at_s = np.zeros_like(ranges.center), REST_S
+    here, at_s, room = np.zeros_like(ranges.center), REST_S, ranges.half_width
     while True:
-        target = ranges.half_width * rng.uniform(-1.0, 1.0, len(here))
+        target = room * rng.uniform(-1.0, 1.0, len(here))
         duration_s = move_s(ranges, target - here) * rng.uniform(1.0, 1.6)
         rest_s = rng.uniform(0.1, 0.5)
         if at_s + duration_s + rest_s + move_s(ranges, target) > time_s[-1] - REST_S:
-            break
+            if len(posture) >= _LEAST_POSTURES or room.max() < 1e-3:
+                break
+            room = 0.8 * room
+            continue
         posture.append(target)
         starts.append(at_s)
         durations.append(duration_s)
@@ -192,20 +197,34 @@ def _visit(
     Returns:
         Offsets of shape (K, J); start and duration of the move to each, s, shape (K,).
     """
-    room = ranges.half_width * share
-    spread = qmc.Halton(len(room), scramble=False).random(1 + int(time_s[-1] / stay_s))
-    spread = 2.0 * ((spread + rng.uniform(size=len(room))) % 1.0) - 1.0
+    spread = qmc.Halton(len(ranges.center), scramble=False).random(1 + int(time_s[-1] / stay_s))
+    spread = 2.0 * ((spread + rng.uniform(size=len(ranges.center))) % 1.0) - 1.0
     whole_s = time_s[-1] - 2 * REST_S
-    posture = np.zeros((1, len(room)))
-    durations = np.full(1, 1e-3)
-    for count in range(1, len(spread) + 1):
-        tour = _tour(ranges, room * spread[:count])
-        moves = np.array([move_s(ranges, way) for way in np.diff(tour, axis=0, prepend=0.0)])
-        if moves.sum() + count * stay_s > whole_s:
-            break
-        posture, durations = tour, np.maximum(moves, 1e-3)
+    room = ranges.half_width * share
+    tour, durations = _longest_tour(ranges, room * spread, stay_s, whole_s)
+    # Where the ways are too long for the time, postures lie closer together.
+    while len(tour) <= _LEAST_POSTURES and room.max() > 1e-3:
+        room = 0.8 * room
+        tour, durations = _longest_tour(ranges, room * spread, stay_s, whole_s)
     ends = REST_S + np.cumsum(durations + stay_s)
-    return posture, np.array([REST_S, *ends[:-1]]), durations
+    return tour, np.array([REST_S, *ends[:-1]]), durations
+
+
+def _longest_tour(
+    ranges: JointRanges, postures: Array, stay_s: float, whole_s: float
+) -> tuple[Array, Array]:
+    """Returns a tour through as many of the first postures as there is time for, (K + 1, J).
+
+    And how long the move to each takes, s, shape (K + 1,).
+    """
+    found = np.zeros((1, postures.shape[1])), np.full(1, 1e-3)
+    for count in range(1, len(postures) + 1):
+        tour = _tour(ranges, postures[:count])
+        moves_s = np.array([move_s(ranges, way) for way in np.diff(tour, axis=0, prepend=0.0)])
+        if moves_s.sum() + count * stay_s > whole_s:
+            break
+        found = tour, np.maximum(moves_s, 1e-3)
+    return found
 
 
 def _tour(ranges: JointRanges, postures: Array) -> Array:
