@@ -17,6 +17,7 @@ from gfm.diagnosis.correction import corrected_model
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.naming import fitly_named, twins
 from gfm.diagnosis.problem import Problem, make_problem
+from gfm.diagnosis.quality import all_findings, doubts
 from gfm.diagnosis.result import (
     Diagnosis,
     ErrorSummary,
@@ -28,7 +29,6 @@ from gfm.diagnosis.result import (
     Suspect,
     Verdict,
 )
-from gfm.diagnosis.signals import warnings_of
 from gfm.effects import EffectInstance, effect_library
 
 #: Held-out RMSE, in units of the sensor noise, up to which a model counts as adequate.
@@ -101,6 +101,7 @@ def diagnose(
     verdict = Verdict.INSUFFICIENT_DATA if lack else _verdict(errors.summary, named)
     corrected = {kind: corrected_model(spec, named, given) for kind, spec in specs.items()}
     first = corrected[recordings[0].command_kind]
+    findings = all_findings(problem, recordings, holdout)
     return Diagnosis(
         verdict=verdict,
         sentence=_sentence(verdict, named, errors.summary, lack),
@@ -108,12 +109,16 @@ def diagnose(
         suspects=_suspects(found, instances) if found else (),
         error=errors.summary,
         joints=_joint_errors(errors),
-        recordings=_inputs(problem, recordings, errors, holdout, instances),
+        recordings=tuple(
+            replace(row, warnings=doubts(findings, row.name))
+            for row in _inputs(problem, recordings, errors, holdout, instances)
+        ),
+        findings=findings,
         corrected_xml=first.xml,
         corrected_effects=first.effects,
         twins=corrected if len(corrected) > 1 else {},
         plots=_plots(problem, recordings, instances, errors),
-        notes=(*notes, *_notes(verdict, outside=bool(first.effects))),
+        notes=(*notes, *doubts(findings), *_notes(verdict, outside=bool(first.effects))),
         provenance=dict(provenance or {}),
     )
 
@@ -335,7 +340,6 @@ def _rows(recordings: Sequence[Trajectory], errors: HeldOut, role: str) -> list[
                 rate_hz=1.0 / float(np.median(np.diff(recording.time_s))),
                 before=_overall([errors.before[k] for k in here]),
                 after=_overall([errors.after[k] for k in here]),
-                warnings=warnings_of(recording),
             )
         )
     return rows

@@ -11,6 +11,7 @@ from enum import StrEnum
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
+from gfm.diagnosis.quality import Finding
 from gfm.effects import EffectInstance, find_effect
 
 SCHEMA = "gfm.diagnosis/1"
@@ -192,6 +193,7 @@ class Diagnosis:
         error: Held-out error before and after.
         joints: The same, joint by joint.
         recordings: What went in.
+        findings: What is to be known of their quality.
         corrected_xml: The corrected model, MJCF text.
         corrected_effects: What it cannot say, see `ModelPair`.
         twins: The corrected models by kind of command, where there was more than one.
@@ -210,6 +212,7 @@ class Diagnosis:
     corrected_xml: str
     corrected_effects: tuple[NamedEffect, ...] = ()
     twins: Mapping[CommandKind, ModelPair] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
     plots: tuple[EvidencePlot, ...] = ()
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, object] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""What can be said of measured signals alone: noise, smooth state, doubtful input.
+"""What can be said of measured signals alone: noise and smooth states.
 
 Shape letters: T measurements, J joints.
 """
@@ -10,7 +10,6 @@ from math import comb
 import numpy as np
 from scipy.signal import savgol_filter
 
-from gfm.core import Trajectory
 from gfm.core.checks import Array
 
 #: Order of the differences in which only noise is left of a smooth signal.
@@ -90,32 +89,3 @@ def starts_at_rest(time_s: Array, position: Array, noise: Array) -> Array:
     time = time_s[first] - time_s[first].mean()
     slope = time @ position[first] / (time @ time)
     return np.asarray(np.abs(slope) < REST_SIGMAS * noise / np.sqrt(time @ time))
-
-
-def warnings_of(trajectory: Trajectory) -> tuple[str, ...]:
-    """Returns what is doubtful about a recording, in words."""
-    found = []
-    periods = np.diff(trajectory.time_s)
-    typical = float(np.median(periods))
-    if periods.max() > 5.0 * typical:
-        found.append(
-            f"a gap of {periods.max():.3f} s in the joint states (typical {typical:.3f} s)"
-        )
-    jitter = float(np.std(periods)) / typical
-    if jitter > 0.1:
-        found.append(f"stamps jitter by {100 * jitter:.0f} % of the period")
-    still = np.ptp(trajectory.position, axis=0) < 1e-9
-    if still.any():
-        names = [n for n, s in zip(trajectory.joint_names, still, strict=True) if s]
-        found.append(f"position never changes: {', '.join(names)}")
-    if _is_copy(trajectory):
-        found.append("the command equals the measured position at every stamp: is it an echo?")
-    return tuple(found)
-
-
-def _is_copy(trajectory: Trajectory) -> bool:
-    if trajectory.command_kind != "position":
-        return False
-    held = np.searchsorted(trajectory.command_stamp_ns, trajectory.stamp_ns, side="right") - 1
-    commanded = trajectory.command[np.maximum(held, 0)]
-    return bool(np.abs(commanded - trajectory.position).max() < 1e-9)

@@ -24,6 +24,7 @@ from gfm.experiments.inputs import (
     sha256,
     split,
 )
+from gfm.experiments.refusals import check_usable
 from gfm.recording.schemas import COMMAND, JOINT_STATES
 from gfm.report import print_diagnosis, write_diagnosis
 from gfm.report.files import forget_effects
@@ -52,7 +53,7 @@ class DiagnoseRequest:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        _check_folder(self.out)
+        check_folder(self.out)
         given = [*self.recordings, *self.holdout]
         twice = [path for i, path in enumerate(given) if path.resolve() in _resolved(given[:i])]
         if twice:
@@ -85,8 +86,9 @@ def _diagnosed(request: DiagnoseRequest, progress: Console) -> Diagnosis:
     paths = [*request.recordings, *request.holdout]
     recordings = read_recordings(paths, joint_states=request.joint_states, command=request.command)
     _check_different(paths)
-    check_together(nominal.specs, list(zip(paths, recordings, strict=True)))
-    count = len(request.recordings)
+    count, read = len(request.recordings), list(zip(paths, recordings, strict=True))
+    check_together(nominal.specs, read)
+    check_usable(nominal.specs, read[:count], read[count:])
     training, holdout, notes = recordings[:count], recordings[count:], []
     if not holdout:
         training, holdout, note = split(training)
@@ -124,7 +126,8 @@ def _resolved(paths: Sequence[Path]) -> list[Path]:
     return [path.resolve() for path in paths]
 
 
-def _check_folder(out: Path) -> None:
+def check_folder(out: Path) -> None:
+    """Raises BadInputError where a file is in the way of a folder to write to."""
     there = next(place for place in (out, *out.absolute().parents) if place.exists())
     if not there.is_dir():
         raise BadInputError(f"{there}: is a file; expected a folder to write to")

@@ -143,12 +143,7 @@ def read_recordings(
 
 def _ordered(trajectory: Trajectory, first: Trajectory, path: Path) -> Trajectory:
     names = first.joint_names
-    if set(trajectory.joint_names) != set(names):
-        raise RecordingError(
-            str(path),
-            f"joints {', '.join(trajectory.joint_names)}",
-            f"those of {first.name}: {', '.join(names)}",
-        )
+    _check_joints(trajectory, first, path)
     columns = [trajectory.joint_names.index(name) for name in names]
 
     def ordered(values: Array | None) -> Array | None:
@@ -165,6 +160,21 @@ def _ordered(trajectory: Trajectory, first: Trajectory, path: Path) -> Trajector
     )
 
 
+def _check_joints(trajectory: Trajectory, first: Trajectory, path: Path) -> None:
+    """Refuses a recording that has not the joints of the first one."""
+    missing = [name for name in first.joint_names if name not in trajectory.joint_names]
+    surplus = [name for name in trajectory.joint_names if name not in first.joint_names]
+    if missing and surplus:
+        found = f"joints {', '.join(trajectory.joint_names)}"
+        expected = f"those of {first.name}: {', '.join(first.joint_names)} (one robot at a time)"
+        raise RecordingError(str(path), found, expected)
+    if missing or surplus:
+        has, lacks = ("lacks", "has") if missing else ("has", "lacks")
+        found = f"{has} joint {', '.join(missing or surplus)}, which {first.name} {lacks}"
+        expected = "the same joints in all recordings: record it always, or leave it out everywhere"
+        raise RecordingError(str(path), found, expected)
+
+
 def check_together(
     specs: Mapping[CommandKind, mujoco.MjSpec], recordings: Sequence[tuple[Path, Trajectory]]
 ) -> None:
@@ -173,9 +183,8 @@ def check_together(
         kind = recording.command_kind
         if kind not in specs:
             kinds = " or ".join(sorted(specs))
-            raise RecordingError(
-                str(path), f"{kind} commands", f"{kinds} commands: those the models' actuators take"
-            )
+            expected = f"{kinds} commands: those the models' actuators take (or one more --model)"
+            raise RecordingError(str(path), f"{kind} commands", expected)
         joints = {joint.name for joint in specs[kind].joints}
         _check_names(path, recording, "joint", joints)
         driven = {actuator.name for actuator in specs[kind].actuators}

@@ -14,7 +14,11 @@ from gfm.core import BadInputError, ConfigError, RecordingError, Trajectory
 from gfm.core.checks import Array, Stamps
 from gfm.recording.mapping import Files, JointColumns, Mapping, as_column
 from gfm.recording.reader import MIN_STATES
+from gfm.recording.reading_times import at_stamps
 from gfm.recording.tables import Table, read_table
+
+#: Joint states come tens to thousands of times a second; what lies outside is another unit.
+LEAST_PERIOD_S, MOST_PERIOD_S = 1e-4, 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +138,8 @@ def _trajectory(source: Source, states: Table, commands: Table, mapping: Mapping
     stamp_ns = _stamps(states, mapping)
     if len(stamp_ns) < MIN_STATES:
         raise RecordingError(str(states.path), f"has {len(stamp_ns)} rows", f"{MIN_STATES} or more")
-    position = _signal(states, mapping.joints, "position")
+    _check_rate(states, stamp_ns, mapping)
+    position = _measured(states, stamp_ns, mapping.joints, "position")
     command = _signal(commands, mapping.joints, "command")
     if position is None or command is None:
         raise AssertionError("the mapping requires both")
@@ -143,8 +148,8 @@ def _trajectory(source: Source, states: Table, commands: Table, mapping: Mapping
         joint_names=names,
         stamp_ns=stamp_ns,
         position=position,
-        velocity=_signal(states, mapping.joints, "velocity"),
-        effort=_signal(states, mapping.joints, "effort"),
+        velocity=_measured(states, stamp_ns, mapping.joints, "velocity"),
+        effort=_measured(states, stamp_ns, mapping.joints, "effort"),
         command_kind=mapping.command_kind,
         command_stamp_ns=_stamps(commands, mapping),
         command=command,
@@ -167,6 +172,27 @@ def _stamps(table: Table, mapping: Mapping) -> Stamps:
         problem = f"row {row + 1} is {-step_ns[row - 1] * 1e-9:.6f} s before the row above"
         raise RecordingError(where, problem, "strictly increasing times")
     return stamp_ns
+
+
+def _check_rate(table: Table, stamp_ns: Stamps, mapping: Mapping) -> None:
+    """Refuses times that are in another unit than the mapping says."""
+    period_s = float(np.median(np.diff(stamp_ns))) * 1e-9
+    if not LEAST_PERIOD_S <= period_s <= MOST_PERIOD_S:
+        where = f"{table.path}: column {as_column(mapping.time).column}"
+        expected = "measurements some milliseconds apart (does time.scale turn it into seconds?)"
+        raise RecordingError(where, f"rows are {period_s:.3g} s apart", expected)
+
+
+def _measured(
+    table: Table, stamp_ns: Stamps, joints: Sequence[JointColumns], signal: str
+) -> Array | None:
+    """Returns a measured signal at the stamps, although joints may have been read beside them."""
+    values = _signal(table, joints, signal)
+    if values is None:
+        return None
+    offsets_s = [joint.read_offset_s for joint in joints]
+    columns = zip(values.T, offsets_s, strict=True)
+    return np.stack([at_stamps(stamp_ns, column, offset) for column, offset in columns], axis=1)
 
 
 def _signal(table: Table, joints: Sequence[JointColumns], signal: str) -> Array | None:

@@ -9,6 +9,9 @@ import msgspec
 
 from gfm.core import CommandKind, ConfigError
 
+#: Joints are read within a cycle; more is another unit.
+MOST_OFFSET_S = 0.1
+
 
 class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Where a signal's numbers lie: value = scale * number + offset.
@@ -38,6 +41,8 @@ class JointColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         command: Setpoint: rad, rad/s or N m, as `command_kind` says.
         velocity: Measured, rad/s; for all joints or for none.
         effort: Measured torque, N m; for all joints or for none.
+        read_offset_s: How much later than its row's stamp this joint was read, s: robots that ask
+            one joint after the other stamp them all alike. Negative for earlier.
     """
 
     name: str
@@ -45,6 +50,14 @@ class JointColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     command: str | Column
     velocity: str | Column | None = None
     effort: str | Column | None = None
+    read_offset_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not abs(self.read_offset_s) <= MOST_OFFSET_S:
+            raise ValueError(
+                f"read_offset_s of {self.name} is {self.read_offset_s}, expected at most "
+                f"{MOST_OFFSET_S} s, either way"
+            )
 
 
 class Files(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -60,6 +60,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, object]:
             for one in diagnosis.joints
         ],
         "recordings": [_recording_json(recording) for recording in diagnosis.recordings],
+        "input_quality": [dict(vars(finding)) for finding in diagnosis.findings],
         "notes": diagnosis.notes,
         "provenance": diagnosis.provenance,
     }

@@ -9,6 +9,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from gfm.diagnosis.quality import gathered
 from gfm.report import words
 from gfm.report.figures import Picture
 
@@ -37,6 +38,9 @@ def _environment() -> Environment:
         "joints_title": words.joints_title,
         "figure_json": _figure_json,
         "flat": flat,
+        "gathered": gathered,
+        "finding_amount": words.finding_amount,
+        "some": words.some,
     }
     environment.globals |= {"times": words.times, "quantity": words.quantity}
     return environment

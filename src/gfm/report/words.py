@@ -6,9 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from gfm.diagnosis.quality import FindingRow
 from gfm.diagnosis.result import EvidencePlot, NamedEffect, ParameterEstimate, Suspect, Verdict
 
 NOTHING = "–"
+NAMES_SHOWN = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -243,6 +245,21 @@ def quantity(value: float | None, unit: str) -> str:
     """Returns the number with its unit; "1" is the unit of pure numbers and is not shown."""
     digits = number(value)
     return digits if digits == NOTHING or unit in {"", "1"} else f"{digits} {unit}"
+
+
+def finding_amount(row: FindingRow) -> str:
+    """Returns the value of a finding with its spread, or between what values it lies."""
+    if row.spread is not None:
+        return f"{number(row.low)} ± {quantity(row.spread, row.unit)}"
+    if number(row.low) == number(row.high):
+        return quantity(row.low, row.unit)
+    return f"{number(row.low)} … {quantity(row.high, row.unit)}"
+
+
+def some(names: Sequence[str]) -> str:
+    """Returns a few names, and how many more there are."""
+    more = len(names) - NAMES_SHOWN
+    return ", ".join(names[:NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "") or NOTHING
 
 
 def ratio(value: float, floor: float) -> float | None:

@@ -4,7 +4,13 @@ Objections stop a diagnosis, findings go into its report. Both come from short c
 property, each with its threshold explained beside it.
 """
 
-from gfm.diagnosis.quality.examine import findings_of, objection_to, same_measurements
+from gfm.diagnosis.quality.examine import (
+    all_findings,
+    doubts,
+    findings_of,
+    objection_to,
+    same_measurements,
+)
 from gfm.diagnosis.quality.finding import Finding, FindingRow, Objection, gathered
 from gfm.diagnosis.quality.lateness import Delays, delays
 from gfm.diagnosis.quality.timing import predicted_positions, timing_of
@@ -14,7 +20,9 @@ __all__ = [
     "Finding",
     "FindingRow",
     "Objection",
+    "all_findings",
     "delays",
+    "doubts",
     "findings_of",
     "gathered",
     "objection_to",

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from gfm.core import Trajectory
+from gfm.diagnosis.problem import Problem
 from gfm.diagnosis.quality import channels, efforts, stamps, units
 from gfm.diagnosis.quality.finding import Finding, Objection
 from gfm.diagnosis.quality.overlap import shared_share, shared_stamps
-from gfm.sim.plant import Plant
+from gfm.diagnosis.quality.timing import EVERYWHERE, predicted_positions, timing_of
+from gfm.sim.plant import Plant, make_plant
 
 #: Torques are judged on so many measurements at most: enough to know a sign by.
 MOST_ROWS = 4000
@@ -57,6 +60,28 @@ def findings_of(recording: Trajectory, plant: Plant) -> tuple[Finding, ...]:
         *efforts.doubtful_efforts(recording, views),
         *channels.rounded(recording),
     )
+
+
+def all_findings(
+    problem: Problem, recordings: Sequence[Trajectory], holdout: Sequence[Trajectory]
+) -> tuple[Finding, ...]:
+    """Returns the findings of a diagnosis: of each recording, and of what they say together.
+
+    Lateness is measured on what the problem is made of; held-out recordings are only examined.
+    """
+    plants = {kind: make_plant(spec, problem.joints) for kind, spec in problem.specs.items()}
+    each = [
+        finding
+        for recording in (*recordings, *holdout)
+        for finding in findings_of(recording, plants[recording.command_kind])
+    ]
+    together = timing_of(recordings, predicted_positions(problem, recordings))
+    return (*each, *together)
+
+
+def doubts(findings: Iterable[Finding], recording: str = EVERYWHERE) -> tuple[str, ...]:
+    """Returns what puts a recording in doubt, in words; by default what is said of all."""
+    return tuple(f.words for f in findings if f.doubtful and f.recording == recording)
 
 
 def same_measurements(one: Trajectory, other: Trajectory) -> str:

@@ -26,7 +26,6 @@ from functools import partial
 
 import numpy as np
 from scipy.signal import savgol_filter
-from scipy.stats import linregress
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
@@ -89,11 +88,14 @@ class Delays:
         known = np.flatnonzero(np.isfinite(self.seconds))
         if self.reference != "prediction" or len(known) < LEAST_JOINTS:
             return None
-        line = linregress(known.astype(float), self.seconds[known])
-        error = max(float(line.stderr), float(np.median(self.error_s[known])) / len(known))
-        even = line.rvalue**2 > EXPLAINS and abs(line.slope) > ERRORS * error
+        along, late = known - known.mean(), self.seconds[known] - self.seconds[known].mean()
+        slope = float(along @ late / (along @ along))
+        rest = late - slope * along
+        error = np.sqrt((rest @ rest) / (len(known) - 2) / (along @ along))
+        error += float(np.median(self.error_s[known])) / np.sqrt(along @ along)
+        even = rest @ rest < (1.0 - EXPLAINS) * (late @ late) and abs(slope) > ERRORS * error
         low, high = PER_JOINT_S
-        return float(line.slope) if even and low < abs(line.slope) < high else None
+        return slope if even and low < abs(slope) < high else None
 
 
 def delays(
