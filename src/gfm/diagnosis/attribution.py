@@ -173,8 +173,9 @@ def suspected(problem: Problem, candidates: Sequence[Place], base: Fit) -> list[
         for rank, j in enumerate(worst)
         if rank < LEAST_SUSPECTS or costs[j] > SUSPECT_JOINT * costs[worst[0]]
     }
-    taken = {instance.key for instance in base.effects}
-    separated = {e.joints for e in base.effects if e.effect.separates_motor}
+    given = [e for e in problem.given if not e.joints]  # a tilt is no amount to add to another
+    taken = {instance.key for instance in (*given, *base.effects)}
+    separated = {e.joints for e in base.effects if e.effect.separates_motor} | problem.separated
     return [
         place
         for place in candidates

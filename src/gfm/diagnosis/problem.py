@@ -24,6 +24,7 @@ from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.signals import evenly, noise_std, smooth_states, starts_at_rest
 from gfm.effects import EffectInstance
+from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.plant import check_joints, make_plant
 from gfm.sim.predict import Prediction, Segment, predict
 
@@ -83,6 +84,12 @@ class Problem:
     state_basis: tuple[Array, ...] = field(default=())
     linear_from: Array | None = None
     given: tuple[EffectInstance, ...] = ()
+
+    @property
+    def separated(self) -> set[tuple[str, ...]]:
+        """Joints whose motor the model has apart from the link already, each as a place."""
+        model = {joint.name for spec in self.specs.values() for joint in spec.joints}
+        return {(name,) for name in self.joints if name + MOTOR_SIDE in model}
 
     def predictions(self, candidates: Sequence[Sequence[EffectInstance]]) -> list[list[Prediction]]:
         """Returns every candidate's prediction of every segment, candidates first."""
