@@ -88,7 +88,7 @@ def document(scores: Sequence[Score], words: str) -> str:
 
 {len(scores)} cases on three robots (a servo pendulum, a planar arm of two joints, a spatial arm of
 seven), simulated apart from everything that judges them: own rigid-body dynamics, own integrator
-(implicit midpoint, 0.25 ms; dry friction as impulses), own encoders, noise and clocks. Every
+(implicit midpoint, 0.5 ms; dry friction as impulses), own encoders, noise and clocks. Every
 robot is drawn anew: lengths, masses, gains, motions, sizes of effects. Diagnosed by `gfm diagnose`,
 which is given recordings and nominal model only. Written by
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from known_truth.robots import Array
+from known_truth.robots import Array, Robot
 
-#: Of the flanks that stop free play, N m/rad.
-FLANK_STIFFNESS = 1e5
+#: By how much the flanks that stop free play give way under a joint's usual torque, rad.
+_FLANK_RAD = 2e-5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,9 +91,9 @@ class Amounts:
     elastic: Array
 
 
-def amounts(hidden: Sequence[Sequence[Hidden]], joints: int) -> Amounts:
+def amounts(hidden: Sequence[Sequence[Hidden]], robots: Sequence[Robot]) -> Amounts:
     """Returns the amounts of what each robot hides."""
-    count = len(hidden)
+    count, joints = len(hidden), len(robots[0].joints)
     fields = {name for places in _PLACES.values() for name in places.values()}
     made = Amounts(
         **{name: np.zeros((count, joints)) for name in fields},
@@ -108,6 +108,9 @@ def amounts(hidden: Sequence[Sequence[Hidden]], joints: int) -> Amounts:
     for robot, effects in enumerate(hidden):
         for effect in effects:
             _hide(made, robot, effect)
+    for i, built in enumerate(robots):
+        if made.gap[i]:
+            made.elastic[i] = built.torque[made.separated[i]] / _FLANK_RAD
     return made
 
 
@@ -125,7 +128,6 @@ def _hide(made: Amounts, robot: int, hidden: Hidden) -> None:
             made.gravity[robot] = _tilted(values["tilt_x"], values["tilt_y"])
         case "backlash":
             made.separated[robot], made.gap[robot] = hidden.joints[0], values["gap"]
-            made.elastic[robot] = FLANK_STIFFNESS
         case "joint_elasticity":
             made.separated[robot], made.elastic[robot] = hidden.joints[0], values["stiffness"]
         case name:

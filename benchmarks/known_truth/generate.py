@@ -33,7 +33,7 @@ _BATCH = 320
 #: Recordings on which sizes are tried, and how much of each, s.
 _TRIED, _TRIED_S = 2, 5.0
 #: Commands begin so long before the first measurement, time steps.
-_BEFORE = 800
+_BEFORE = 400
 _LAST = ("payload", SLIPPING)
 
 
@@ -158,7 +158,7 @@ def draft(plan: Plan) -> Draft:
     moved = _slowed(robot, plan, joints[0])
     motions = [(f"train_{i}", m) for i, m in enumerate(plan.setup.training)]
     motions += [(f"held_{i}", m) for i, m in enumerate(HELD_OUT)]
-    every, measured_every = int(rng.choice([40, 80])), int(rng.choice([20, 40]))
+    every, measured_every = int(rng.choice([20, 40])), int(rng.choice([10, 20]))
     runs, names = [], []
     for i, (role, motion) in enumerate(motions):
         kind = plan.setup.kinds[i % len(plan.setup.kinds)]
@@ -199,7 +199,7 @@ def _run(
     duration_s = 2.0 if plan.excitation == "short" else plan.setup.duration_s
     end = round(duration_s / STEP_S)
     # Commands and measurements follow clocks of their own.
-    first = -_BEFORE + int(rng.integers(0, every // 2)) * 2
+    first = -_BEFORE + int(rng.integers(0, every))
     count = (end - first) // every + 1
     time_s = (first + every * np.arange(count)) * STEP_S
     path = MOTIONS[motion](moved, np.maximum(time_s, 0.0), rng)

@@ -25,9 +25,9 @@ from known_truth.outside import SLIPPING, is_strange, outside
 from known_truth.robots import UPRIGHT, Array, Robot
 
 #: Time step, s. All times of commands and measurements are multiples of it.
-STEP_S = 2.5e-4
+STEP_S = 5e-4
 #: Time for which the first command is held before a recording begins, s.
-SETTLING_S = 1.5
+SETTLING_S = 1.0
 #: Sweeps over the joints with dry friction.
 _SWEEPS = 12
 #: Where a slipping load comes to lie, in multiples of where it was.
@@ -155,7 +155,7 @@ class _Robots:
         robots = [run.robot for run in runs]
         self._joints = len(robots[0].joints)
         named = [[h for h in run.hidden if not is_strange(h.effect)] for run in runs]
-        self._has = amounts(named, self._joints)
+        self._has = amounts(named, robots)
         self._strange = [
             (i, h.joints[0], outside(h.effect, h.parameters))
             for i, run in enumerate(runs)

@@ -14,7 +14,7 @@ from known_truth.motion import MOTIONS
 from known_truth.robots import PENDULUM, PLANAR, SPATIAL, Array, Robot, varied
 from known_truth.simulation import STEP_S, Course, Run, simulate
 
-EVERY = 40
+EVERY = 20
 
 
 def hidden(effect: str, *joints: int, **parameters: float) -> Hidden:
@@ -25,7 +25,7 @@ def drive(
     robot: Robot, kind: str, *effects: Hidden, seconds: float = 0.5, motion: str = "multisine"
 ) -> Run:
     """Returns a run along a motion, commanded every 10 ms from 0.1 s before."""
-    first = -400
+    first = -200
     time_s = (first + EVERY * np.arange(int((seconds / STEP_S - first) / EVERY) + 1)) * STEP_S
     path = MOTIONS[motion](robot, np.maximum(time_s, 0.0), np.random.default_rng(5))
     speeds = np.diff(path, axis=0, append=path[-1:]) / (EVERY * STEP_S)
@@ -38,7 +38,7 @@ def drive(
         command_every=EVERY,
         reference=speeds if kind == "velocity" else path,
         control=(0.4 * robot.stiffness, 0.7 * robot.servo_damping),
-        measured_at=np.arange(0, round(seconds / STEP_S) + 1, 20),
+        measured_at=np.arange(0, round(seconds / STEP_S) + 1, 10),
     )
 
 
@@ -64,12 +64,12 @@ def frictionless(robot: Robot) -> Robot:
 def in_mujoco(run: Run, course: Course) -> tuple[Array, Array]:
     """Returns positions and drive torques of the nominal model under the same commands."""
     spec = mujoco.MjSpec.from_string(mjcf(run.robot, run.kind))
-    spec.option.timestep = 2 * STEP_S
+    spec.option.timestep = STEP_S
     model = spec.compile()
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = course.position[0], course.velocity[0]
     positions, efforts = [], []
-    for step in range(0, int(run.measured_at[-1]) + 1, 2):
+    for step in range(int(run.measured_at[-1]) + 1):
         if step in run.measured_at:
             mujoco.mj_forward(model, data)
             positions.append(data.qpos.copy())
@@ -171,7 +171,7 @@ def test_a_pendulum_without_friction_keeps_its_energy(swung: dict[str, Course]) 
     course = swung["nothing"]
     assert np.ptp(course.position) > 1.5
     swing = np.ptp(WEIGHT * np.cos(course.position))
-    assert np.ptp(energy(PENDULUM, course)) < 1e-6 * swing
+    assert np.ptp(energy(PENDULUM, course)) < 1e-5 * swing
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS, ids=[effect.effect for effect, _ in LAWS])
@@ -246,7 +246,7 @@ def test_a_lag_is_a_first_order_filter_of_the_command() -> None:
     run = drive(PENDULUM, "position", hidden("actuator_lag", 0, time_constant=0.05))
     stepped = np.zeros_like(run.reference)
     stepped[10:] = 0.2  # from t = 0 on
-    still = replace(run, reference=stepped, start=np.zeros(1), measured_at=np.array([40]))
+    still = replace(run, reference=stepped, start=np.zeros(1), measured_at=np.array([20]))
     (course,) = simulate([still], settling_s=0.1)
     servo = 6.0 * (0.2 * (1 - np.exp(-0.2)) - course.position) - 0.25 * course.velocity
     assert course.servo[0, 0] == pytest.approx(float(servo[0, 0]), rel=1e-6)
@@ -268,7 +268,7 @@ HELD = {
 @pytest.fixture(scope="module")
 def settled() -> dict[str, Course]:
     """Returns where held pendulums come to rest."""
-    return dict(zip(HELD, simulate(list(HELD.values())), strict=True))
+    return dict(zip(HELD, simulate(list(HELD.values()), settling_s=2.0), strict=True))
 
 
 @pytest.mark.parametrize(("name", "scale"), [("nothing", 1.0), ("gain", 1.5)])
