@@ -1,0 +1,299 @@
+"""A corrected model as two files: found together, refused when damaged, as good as in memory."""
+
+import json
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from gfm.core import BadInputError, CommandKind, ConfigError, Trajectory
+from gfm.diagnosis.correction import corrected_model, model_pair
+from gfm.diagnosis.result import NamedEffect, ParameterEstimate
+from gfm.effects import EffectInstance, find_effect
+from gfm.experiments.inputs import load_nominal
+from gfm.report.files import model_texts, write_texts
+from gfm.service.model_files import read_model
+from gfm.sim.hybrid import HybridModel
+from gfm.sim.plant import make_plant, native_spec, stepping_spec
+from gfm.sim.predict import Segment, predict
+from gfm.sim.residual import residual_forces
+from gfm.sim.rollout import rollouts
+
+ARM = """
+<mujoco>
+  <compiler angle="radian"/>
+  <option timestep="0.002" integrator="RK4"/>
+  <worldbody><body gravcomp="1">
+    <joint name="a" axis="0 1 0" armature="0.05" damping="0.1" frictionloss="0.05"/>
+    <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="1"/>
+    <body pos="0.3 0 0" gravcomp="1">
+      <joint name="b" axis="0 1 0" armature="0.02" damping="0.05"/>
+      <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="0.5"/>
+    </body></body></worldbody>
+  <actuator>
+    <position name="a" joint="a" kp="30" kv="2"/><position name="b" joint="b" kp="15" kv="1"/>
+  </actuator>
+</mujoco>
+"""
+JOINTS = ("a", "b")
+
+
+def effect(name, joints, **values):
+    return EffectInstance(effect=find_effect(name), joints=tuple(joints), values=values)
+
+
+def named(instance):
+    units = {p.name: p.unit for p in instance.effect.parameters}
+    return NamedEffect(
+        effect=instance.effect.name,
+        joints=instance.joints,
+        parameters={
+            name: ParameterEstimate(value=value, unit=units[name], ci95=(0.9 * value, 1.1 * value))
+            for name, value in instance.values.items()
+        },
+        confidence=0.9,
+        native=instance.effect.native,
+    )
+
+
+LOAD = effect("load_dependent_friction", "b", coefficient=0.3)
+STRIBECK = effect("stribeck_friction", "a", static_excess=0.6, stribeck_velocity=0.15)
+DELAY = effect("command_delay", "ab", delay=0.0137)
+LAG = effect("actuator_lag", "a", time_constant=0.031)
+OFFSET = effect("encoder_offset", "a", offset=0.1)
+TILT = effect("gravity_direction", "", tilt_x=0.02, tilt_y=0.1)
+#: What a robot may have, and which of it stands beside the MJCF file.
+CASES = {
+    "friction with load": ([LOAD], ["load_dependent_friction"]),
+    "stribeck, delay and lag": ([STRIBECK, DELAY, LAG], ["stribeck_friction"]),
+    "encoder offset": ([OFFSET], ["encoder_offset"]),
+    "tilt": ([TILT], ["gravity_direction"]),
+    "tilt, offset and friction": (
+        [TILT, OFFSET, LOAD],
+        ["gravity_direction", "encoder_offset", "load_dependent_friction"],
+    ),
+    "backlash and friction": (
+        [effect("backlash", "b", gap=0.02), effect("coulomb_friction", "b", torque=0.1), STRIBECK],
+        ["stribeck_friction"],
+    ),
+    "elasticity, cogging and payload": (
+        [
+            effect("joint_elasticity", "a", stiffness=200.0),
+            effect("cogging_torque", "a", amplitude=0.2, per_revolution=10.0, phase=0.3),
+            effect("payload", "b", mass=0.2, com_x=0.1, com_y=0.0, com_z=0.05),
+        ],
+        [],
+    ),
+}
+
+
+def written(folder, effects, given=(), spec=None):
+    """Writes the corrected model of ARM; returns the path of the MJCF file."""
+    nominal = spec or mujoco.MjSpec.from_string(ARM)
+    pair = corrected_model(nominal, [named(e) for e in effects], given)
+    write_texts(folder, model_texts("corrected", pair))
+    return folder / "corrected.xml"
+
+
+def a_segment(seconds=1.0):
+    time_s = np.arange(0.0, seconds, 0.01)
+    command = np.stack([0.4 * np.sin(5.0 * time_s), 0.3 * np.cos(4.0 * time_s)], axis=1)
+    return Segment(
+        time_s=time_s,
+        position=command,
+        effort=None,
+        kind=CommandKind.POSITION,
+        command_time_s=time_s + 0.0007,
+        command=command,
+        initial_position=command[0],
+        initial_velocity=np.array([2.0, 0.0]),
+        servo_gain=np.array([1.0, 0.9]),
+    )
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_plain_mujoco_loads_the_corrected_model(case, tmp_path):
+    model = mujoco.MjModel.from_xml_path(str(written(tmp_path, CASES[case][0])))
+    expected = native_spec(mujoco.MjSpec.from_string(ARM), CASES[case][0]).compile()
+    data = [mujoco.MjData(one) for one in (model, expected)]
+    for one, moved in zip((model, expected), data, strict=True):
+        moved.ctrl[:] = 0.2
+        one.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        mujoco.mj_step(one, moved, nstep=100)
+    assert data[0].qpos == pytest.approx(data[1].qpos, abs=1e-6)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_beside_it_stands_what_mjcf_cannot_say(case, tmp_path):
+    effects, beside = CASES[case]
+    file = read_model(written(tmp_path, effects))
+    assert [one.effect.name for one in file.effects] == beside
+    assert [one.in_model for one in file.effects] == [
+        one.effect.native for one in effects if one.effect.name in beside
+    ]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_pair_predicts_what_the_corrected_model_in_memory_predicts(case, tmp_path):
+    effects, _ = CASES[case]
+    spec = mujoco.MjSpec.from_string(ARM)
+    file = read_model(written(tmp_path, effects))
+    plants = [make_plant(spec, JOINTS, effects), make_plant(file.spec, JOINTS, file.effects)]
+    (in_memory,), (pair,) = predict(plants, [a_segment()])
+    # MJCF text has six digits.
+    assert pair.position == pytest.approx(in_memory.position, abs=2e-5)
+    assert pair.effort == pytest.approx(in_memory.effort, abs=1e-2)
+    nominal = predict([make_plant(spec, JOINTS)], [a_segment()])[0][0]
+    assert np.abs(nominal.position - in_memory.position).max() > 1e-3
+
+
+def recording_of(effects):
+    """Returns 2 s of the robot that has these effects, at rest before its first command."""
+    time_s = np.arange(0.0, 2.0, 0.01)
+    command = np.stack([0.4 * np.sin(4.0 * time_s), 0.3 * np.sin(3.0 * time_s)], axis=1)
+    run = replace(
+        a_segment(),
+        time_s=time_s,
+        position=command,
+        command_time_s=time_s,
+        command=command,
+        initial_position=command[0],
+        initial_velocity=np.zeros(2),
+        servo_gain=np.ones(2),
+    )
+    plant = make_plant(mujoco.MjSpec.from_string(ARM), JOINTS, effects)
+    for _ in range(2):  # a compensation that errs is evaluated along the measured motion
+        run = replace(run, position=predict([plant], [run])[0][0].position)
+    stamp_ns = np.round(time_s * 1e9).astype(np.int64)
+    return Trajectory(
+        name="run",
+        joint_names=JOINTS,
+        stamp_ns=stamp_ns,
+        position=run.position,
+        velocity=None,
+        effort=None,
+        command_kind=CommandKind.POSITION,
+        command_stamp_ns=stamp_ns,
+        command=command,
+    )
+
+
+def hybrid(spec, effects=()):
+    model = stepping_spec(spec, effects).compile()
+    return HybridModel(
+        models={CommandKind.POSITION: model},
+        joint_names=JOINTS,
+        control_period_s=0.02,
+        effects=tuple(effects),
+    )
+
+
+def rollout_error(model, recording):
+    """Returns the RMSE once the start, where the smoothed state is off, is forgotten, rad."""
+    (told,) = rollouts(model, [recording])
+    error = recording.position[told.first :] - told.position
+    return float(np.sqrt(np.mean(error[80:] ** 2)))
+
+
+@pytest.mark.parametrize("case", ["friction with load", "encoder offset", "backlash and friction"])
+def test_hybrid_stepping_of_the_pair_follows_the_robot_and_mjcf_alone_does_not(case, tmp_path):
+    effects, _ = CASES[case]
+    recording = recording_of(effects)
+    file = read_model(written(tmp_path, effects))
+    alone = rollout_error(hybrid(file.spec), recording)
+    pair = rollout_error(hybrid(file.spec, file.effects), recording)
+    assert pair < 2e-5
+    assert pair < 0.02 * alone
+
+
+def test_many_instances_step_as_each_alone(tmp_path):
+    file = read_model(written(tmp_path, [STRIBECK, LOAD, OFFSET]))
+    model, recording = hybrid(file.spec, file.effects), recording_of([STRIBECK])
+    slower = replace(recording, name="slower", command=0.5 * recording.command)
+    together = rollouts(model, [recording, slower])
+    alone = rollouts(model, [slower])[0]
+    np.testing.assert_array_equal(together[1].position, alone.position)
+
+
+def test_a_robot_that_is_its_pair_needs_no_further_force(tmp_path):
+    recording = recording_of([LOAD, OFFSET])
+    file = read_model(written(tmp_path, [LOAD, OFFSET]))
+    forces = [
+        residual_forces(hybrid(file.spec, effects), recording)[5:-5]
+        for effects in ((), file.effects)
+    ]
+    alone, pair = (np.sqrt(np.mean(force**2, axis=0)) for force in forces)
+    assert (pair < 0.2 * alone).all()
+
+
+def test_the_mjcf_says_every_effect_with_amount_and_interval_in_a_comment(tmp_path):
+    text = written(tmp_path, [STRIBECK, DELAY]).read_text()
+    assert "command_delay on a, b: delay 0.0137 [0.01233, 0.01507] s -->" in text
+    assert "stribeck_friction on a: static_excess 0.6 [0.54, 0.66] N m" in text
+    assert "(it cannot be said here: see the .effects.json beside)" in text
+
+
+def test_a_corrected_pair_is_corrected_again_without_losing_anything(tmp_path):
+    once = read_model(written(tmp_path, [STRIBECK, LAG, OFFSET]))
+    path = written(tmp_path / "twice", [LOAD, LAG], once.effects, once.spec)
+    twice = read_model(path)
+    assert [e.key for e in twice.effects] == [STRIBECK.key, OFFSET.key, LOAD.key]
+    assert [e.in_model for e in twice.effects] == [False, True, False]
+    assert make_plant(twice.spec, JOINTS).effects[0].values["time_constant"] == pytest.approx(0.062)
+    assert "stribeck_friction on a: static_excess 0.6" in path.read_text()
+    again = model_pair(twice.spec, twice.effects)
+    assert [e.effect for e in again.effects] == [e.effect.name for e in twice.effects]
+
+
+def test_a_model_without_effects_has_nothing_beside_it_any_more(tmp_path):
+    assert read_model(written(tmp_path, [LOAD])).effects
+    path = written(tmp_path, [DELAY])
+    assert read_model(path).effects == ()
+    assert [p.name for p in tmp_path.iterdir()] == ["corrected.xml"]
+
+
+def test_what_was_found_is_said_in_one_line(tmp_path):
+    (line,) = load_nominal([written(tmp_path, [STRIBECK, TILT])]).about
+    assert line == (
+        f"model {tmp_path / 'corrected.xml'}: with corrected.effects.json beside it: "
+        "stribeck_friction on a, gravity_direction on all"
+    )
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda text: text[:-20], "expected JSON"),
+        (lambda text: text.replace('"b"', '"elbow"'), "on joint 'elbow', which"),
+        (lambda text: text.replace("gfm.effects/1", "gfm.effects/9"), "schema 'gfm.effects/9'"),
+        (lambda text: text.replace("0.3", "3.0", 1), "out of bounds"),
+    ],
+)
+def test_a_damaged_pair_is_refused_in_one_line(damage, words, tmp_path):
+    path = written(tmp_path, [LOAD])
+    beside = tmp_path / "corrected.effects.json"
+    beside.write_text(damage(beside.read_text()))
+    with pytest.raises(BadInputError, match=words) as caught:
+        load_nominal([path])
+    assert str(caught.value).startswith(f"effects {beside}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_models_of_one_robot_have_the_same_beside_them(tmp_path):
+    position = written(tmp_path, [LOAD])
+    velocity = tmp_path / "velocity.xml"
+    velocity.write_text(ARM.replace("<position", "<velocity").replace('kp="30"', ""))
+    velocity.write_text(velocity.read_text().replace('kp="15"', ""))
+    with pytest.raises(ConfigError, match="beside the first stand load_dependent_friction"):
+        load_nominal([position, velocity])
+    effects = json.loads((tmp_path / "corrected.effects.json").read_text())
+    (tmp_path / "velocity.effects.json").write_text(json.dumps(effects))
+    nominal = load_nominal([position, velocity])
+    assert set(nominal.specs) == {CommandKind.POSITION, CommandKind.VELOCITY}
+    assert [path.suffix for path in nominal.files] == [".xml", ".xml", ".json", ".json"]
+
+
+def test_a_model_with_cogging_is_still_one_of_position_commands(tmp_path):
+    path = written(tmp_path, CASES["elasticity, cogging and payload"][0])
+    assert list(load_nominal([path]).specs) == [CommandKind.POSITION]
