@@ -53,7 +53,7 @@ def for_another_task(path):
     ("prepare", "message"),
     [
         (lambda path: None, "no such file, expected gfm.weights/1"),  # noqa: ARG005
-        (for_another_task, "maps 9 observations to 7 actions .* expected 267 to 7 for position"),
+        (for_another_task, "maps 9 observations to 7 actions .* expected 270 to 7 for position"),
         (lambda path: path.write_bytes(b"PK\x03\x04 half"), "damaged"),
         (lambda path: path.mkdir(), "a folder without policy.npz or checkpoints/policy.npz"),
     ],

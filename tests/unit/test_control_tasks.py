@@ -226,7 +226,7 @@ def test_perturbations_move_the_object_and_stay_within_the_force_limits():
         ends.append(env.qpos[0, :7])
     assert np.abs(ends[0] - ends[1]).max() > 1e-3
     arms = Arm(problem(perturbation=0.5), 3, np.random.default_rng(0), 1)
-    forces = np.array([arms._forces() for _ in range(200)])
+    forces = np.array([arms._random_forces() for _ in range(200)])
     limit = problem().model.force_limit
     assert (np.abs(forces) <= 0.5 * limit).all()
     assert (np.abs(forces).max(axis=(0, 1)) > 0.45 * limit).all()

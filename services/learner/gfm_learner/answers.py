@@ -73,8 +73,10 @@ class Answers:
 
 def _with_absolute_paths(settings: EnvironmentSettings) -> str:
     """Returns the settings as JSON that means the same in any working directory."""
+    ensemble = tuple(str(Path(path).resolve()) for path in settings.control.ensemble)
     absolute = msgspec.structs.replace(
         settings,
+        control=msgspec.structs.replace(settings.control, ensemble=ensemble),
         models={kind: str(Path(path).resolve()) for kind, path in settings.models.items()},
         recordings=tuple(str(Path(path).resolve()) for path in settings.recordings),
     )

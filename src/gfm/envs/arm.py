@@ -19,6 +19,7 @@ from gfm.core.checks import Array, Array32
 from gfm.envs.control_settings import ControlSettings
 from gfm.sim.batch import HybridBatch
 from gfm.sim.hybrid import HybridModel
+from gfm.sim.learned import ForceEnsemble, LearnedForces
 from gfm.sim.randomised import randomised_models
 
 #: Of the allowed velocities (Jeong et al. 2019, section IV-C).
@@ -35,12 +36,26 @@ class ArmProblem:
     Attributes:
         model: Takes velocity commands.
         settings: Gain and disturbances.
+        ensemble: Generalized force models; each episode has one of them. The model is stepped as
+            often as they decide.
     """
 
     model: HybridModel
     settings: ControlSettings = field(default_factory=ControlSettings)
+    ensemble: tuple[LearnedForces, ...] = ()
 
     def __post_init__(self) -> None:
+        for forces in self.ensemble:
+            if forces.control_period_s != self.model.control_period_s:
+                raise ConfigError(
+                    f"a force model decides every {forces.control_period_s} s, expected every "
+                    f"{self.model.control_period_s} s as the others"
+                )
+        if abs(self.repeats * self.model.control_period_s - CONTROL_PERIOD_S) > 1e-9:
+            raise ConfigError(
+                f"force models decide every {self.model.control_period_s} s, expected a whole "
+                f"number of times within {CONTROL_PERIOD_S} s"
+            )
         if CommandKind.VELOCITY not in self.model.models:
             given = ", ".join(sorted(self.model.models))
             raise ConfigError(f"the control tasks need a velocity model, got one for {given}")
@@ -51,6 +66,11 @@ class ArmProblem:
     def nominal(self) -> mujoco.MjModel:
         """The model without randomisation."""
         return self.model.models[CommandKind.VELOCITY]
+
+    @property
+    def repeats(self) -> int:
+        """Decisions about forces per control period."""
+        return round(CONTROL_PERIOD_S / self.model.control_period_s)
 
     @cached_property
     def velocity_limit(self) -> Array:
@@ -83,6 +103,8 @@ class Arm:
         self._problem = problem
         self._rng = rng
         self._batch = HybridBatch(problem.model, num_envs, nthread=nthread)
+        members = problem.ensemble
+        self._ensemble = ForceEnsemble(members, problem.model, num_envs) if members else None
         self._learner_steps = 0
 
     @property
@@ -110,6 +132,8 @@ class Arm:
         rest = np.zeros((len(ids), self.qvel.shape[1]))
         models = [problem.variants[i] for i in chosen]
         self._batch.reset(ids, models, qpos, rest, np.zeros((len(ids), self._joints)))
+        if self._ensemble is not None:
+            self._ensemble.reset(ids, models, qpos, rest, self._rng)
         self.gain[ids] = problem.settings.curriculum.gain(self._learner_steps)
 
     def step(self, action: Array32) -> NDArray[np.bool_]:
@@ -119,14 +143,23 @@ class Arm:
             action: Joint velocities in units of their limits, in [-1, 1], shape (N, J).
         """
         command = action * self._problem.velocity_limit * self.gain[:, None]
-        return self._batch.step(command, self._forces())
+        random = self._random_forces()
+        diverged = np.zeros(len(self.gain), bool)
+        for _ in range(self._problem.repeats):
+            diverged |= self._batch.step(command, random + self._learned_forces(command))
+        return diverged
 
-    def _forces(self) -> Array:
+    def _random_forces(self) -> Array:
         limit = self._problem.model.force_limit
         share = self._problem.settings.perturbation
         if share == 0.0:
             return np.zeros((len(self.gain), len(limit)))
         return share * limit * self._rng.uniform(-1.0, 1.0, size=(len(self.gain), len(limit)))
+
+    def _learned_forces(self, command: Array) -> Array | float:
+        if self._ensemble is None:
+            return 0.0
+        return self._ensemble.forces(self.qpos, self.qvel, command)
 
     @property
     def _joints(self) -> int:

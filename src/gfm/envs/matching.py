@@ -19,7 +19,7 @@ from gfm.envs.arm import Arm, ArmProblem
 from gfm.envs.batched import BatchedEnvironment, Transition
 from gfm.envs.episodes import Episodes
 from gfm.envs.history import History
-from gfm.envs.matching_task import MatchingTask, object_outside, tip_outside
+from gfm.envs.matching_task import MatchingTask, behind, object_outside, tip_outside
 from gfm.envs.outcomes import Outcome, Outcomes
 from gfm.sim.cell import END_EFFECTOR_SITE
 from gfm.sim.kinematics import SiteKinematics, body_axes, wrapped, yaw_of
@@ -29,9 +29,11 @@ from gfm.sim.sawyer import READY
 STATES = 10
 
 _START_RAD, _START_M, _START_YAW_RAD = 0.02, 0.005, 0.1
-# What numbers are divided by on their way into the observation; m, rad, speed limits, and the
-# differences between states that follow each other.
-_PLACE_M, _JOINT_RAD, _SPEED_LIMITS, _STEP = 0.1, 0.5, 3.0, 0.1
+# What numbers are divided by on their way into the observation: m, rad, speed limits. What the
+# reward is about is made larger than one, the many steps of the history smaller: a policy finds out
+# first what moves its inputs most.
+_PLACE_M, _JOINT_RAD, _SPEED_LIMITS = 0.1, 0.5, 3.0
+_GOAL_M, _STEP = 0.04, 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,8 +57,9 @@ class Matching(BatchedEnvironment):
 
     The observation is the state now and the nine before (joint positions and velocities, tool tip,
     object position and axes) and where the goal is, seen from the basket and from the object, and
-    the object, seen from the tool. The tip follows from the joints; it is there because a policy of
-    two layers would have to learn the kinematics first. Actions are joint velocities in units of
+    where the object and the place behind it are, seen from the tool. All but the goal follows from
+    the measurements; it is there because a policy of two layers would have to learn kinematics and
+    geometry first. Actions are joint velocities in units of
     5 % of what is allowed, times the curriculum's gain.
 
     An episode begins with the object at the basket's centre, within millimetres, and the arm above
@@ -190,12 +193,13 @@ class Matching(BatchedEnvironment):
         return np.concatenate(parts, axis=1)
 
     def _goal_features(self, scene: Scene) -> Array:
-        """Returns scaled differences between goal, basket, object and tool, and angles, (N, G)."""
+        """Returns scaled differences between goal, basket, object and tool, angles, (N, G)."""
         goal, centre = self._goal, self._task.rest_position
         parts = [
             (goal[:, :2] - centre[:2]) / _PLACE_M,
-            (goal[:, :2] - scene.position[:, :2]) / _PLACE_M,
-            (scene.position - scene.tip) / _PLACE_M,
+            (goal[:, :2] - scene.position[:, :2]) / _GOAL_M,
+            (scene.position - scene.tip) / _GOAL_M,
+            (behind(scene.position, goal) - scene.tip) / _GOAL_M,
         ]
         if self._task.tolerance_rad is not None:
             left = wrapped(goal[:, 2] - yaw_of(scene.axes))

@@ -20,6 +20,7 @@ from gfm.envs.matching import Matching
 from gfm.envs.matching_task import TASKS
 from gfm.sim.cell import furnish
 from gfm.sim.hybrid import ForceLimits, HybridModel
+from gfm.sim.learned import LearnedForces
 from gfm.sim.sawyer import sawyer_spec
 
 
@@ -72,11 +73,13 @@ class EnvironmentAssets:
         models: By kind of command.
         effects: What stands beside them: the robot's effects that MuJoCo cannot express.
         trajectories: The recordings.
+        ensemble: Generalized force models for the control tasks.
     """
 
     models: Mapping[CommandKind, mujoco.MjModel] = field(default_factory=dict)
     effects: tuple[EffectInstance, ...] = ()
     trajectories: Sequence[Trajectory] = ()
+    ensemble: tuple[LearnedForces, ...] = ()
 
 
 def fit_problem(settings: EnvironmentSettings, assets: EnvironmentAssets) -> FitProblem:
@@ -134,15 +137,16 @@ def arm_problem(name: str, settings: EnvironmentSettings, assets: EnvironmentAss
     Raises:
         BadInputError: models and settings do not go together.
     """
+    periods = [forces.control_period_s for forces in assets.ensemble]
     models = assets.models or {CommandKind.VELOCITY: _nominal_cell(name).compile()}
     model = HybridModel(
         models=models,
         limits=force_limits(settings),
-        control_period_s=CONTROL_PERIOD_S,
+        control_period_s=periods[0] if periods else CONTROL_PERIOD_S,
         forced_joints=settings.forced_joints,
         effects=assets.effects,
     )
-    return ArmProblem(model=model, settings=settings.control)
+    return ArmProblem(model=model, settings=settings.control, ensemble=assets.ensemble)
 
 
 def _nominal_cell(name: str) -> mujoco.MjSpec:

@@ -21,6 +21,7 @@ from gfm.envs.registry import (
     make_environment,
 )
 from gfm.recording import read_recording
+from gfm.service.force_files import read_forces
 from gfm.service.model_files import ModelFile, read_model, shared_effects
 from gfm.sim.plant import stepping_spec
 
@@ -61,6 +62,7 @@ def load_assets(
         models={kind: _compiled(file, complete) for kind, file in files.items()},
         effects=shared_effects(files.values()),
         trajectories=tuple(read_recording(Path(path)) for path in settings.recordings),
+        ensemble=tuple(read_forces(Path(path)) for path in settings.control.ensemble),
     )
 
 
