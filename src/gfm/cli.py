@@ -52,6 +52,12 @@ SUBCOMMANDS = (
         summary="find what a model lacks to explain recordings",
     ),
     Subcommand(
+        name="excite",
+        module="gfm.experiments.excite",
+        adder="add_parser",
+        summary="propose, or drive, motions that show effects",
+    ),
+    Subcommand(
         name="record",
         module="gfm.experiments.record",
         adder="add_parser",

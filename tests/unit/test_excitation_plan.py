@@ -212,15 +212,15 @@ def test_a_path_is_looked_at_every_few_milliseconds():
     np.testing.assert_allclose(np.diff(fine[:, 0]), 0.05)
 
 
-def test_limits_come_from_the_model_with_a_margin_and_half_the_speed():
+def test_limits_come_from_the_model_with_a_margin():
     model = arm()
     servo = arm(
         actuators='<velocity name="shoulder" joint="shoulder" ctrlrange="-3 3" kv="10"/>'
         '<velocity name="elbow" joint="elbow" ctrlrange="-2 2" kv="10"/>'
     )
     limits = robot_limits({POSITION: model, VELOCITY: servo})
-    np.testing.assert_allclose(limits.speed, [1.5, 1.0])
-    np.testing.assert_allclose(limits.acceleration, 10.0)
+    np.testing.assert_allclose(limits.speed, [1.35, 0.9])
+    np.testing.assert_allclose(limits.acceleration, [10.0, 9.0])
     np.testing.assert_allclose(limits.upper, [2.0 - 0.12, 2.5 - 0.15])
     np.testing.assert_allclose(limits.effort, [27.0, 9.0])
     assert limits.notes == ()

@@ -14,8 +14,9 @@ import numpy as np
 from gfm.core import CommandKind, ConfigError, UnknownNameError
 from gfm.core.checks import Array
 
-#: Share of a velocity limit in the model that is used: drives follow badly at their limit.
-SPEED_SHARE = 0.5
+#: Share of a velocity limit in the model that is used: drives follow badly at their limit, and a
+#: bridge, which allows half of it by default, should have nothing to change.
+SPEED_SHARE = 0.45
 #: Where a model has no velocity limit, rad/s (or m/s of a slide).
 DEFAULT_SPEED = 1.0
 #: Full speed is reached in no less than this time, s, and with no more than this, rad/s^2.

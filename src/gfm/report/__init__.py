@@ -2,6 +2,7 @@
 
 from gfm.report.document import diagnosis_html, diagnosis_json
 from gfm.report.files import write_diagnosis, write_run
+from gfm.report.plan_document import PlanReport, plan_html, plan_json, write_plan
 from gfm.report.run import (
     Comparison,
     CurveGroup,
@@ -27,15 +28,19 @@ __all__ = [
     "ModelError",
     "ModelKind",
     "PhaseTime",
+    "PlanReport",
     "RunReport",
     "SystemFacts",
     "TrainingCurve",
     "diagnosis_html",
     "diagnosis_json",
+    "plan_html",
+    "plan_json",
     "print_diagnosis",
     "print_run",
     "run_html",
     "run_json",
     "write_diagnosis",
+    "write_plan",
     "write_run",
 ]

@@ -1,0 +1,260 @@
+"""What `gfm excite` does: a model and a question in, motions out; driven where asked for."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from gfm.core import BadInputError, Clock, CommandKind, ConfigError, MonotonicClock, Observation
+from gfm.effects import find_effect
+from gfm.excitation.blind_spots import ANY
+from gfm.excitation.limits import RobotLimits, Wishes, robot_limits
+from gfm.excitation.motion import Purpose
+from gfm.excitation.plan import Plan, Request, make_plan
+from gfm.excitation.programme import FAMILIES, Family
+from gfm.excitation.safety import SafetyCheck
+from gfm.experiments.diagnose_command import check_folder
+from gfm.experiments.drive import Driven, drive
+from gfm.experiments.inputs import command_line, load_specs, provenance
+from gfm.report import PlanReport, write_plan
+from gfm.transport import Transport, ZenohTransport
+
+#: Below this confidence, a named effect is an open question.
+_SURE = 0.9
+#: After these verdicts, only suspects are open that alone would explain so much.
+_DECIDED, _CLOSE = ("no_gap", "explained"), 0.9
+#: Steps in which the way to the first motion is looked at, rad.
+_APPROACH_STEP = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExciteRequest:
+    """What is asked for.
+
+    Attributes:
+        models: One MJCF file per kind of command.
+        out: Folder to write to.
+        effects: To be shown.
+        report: Of a diagnosis whose open questions are to be decided, or None.
+        kinds: Of commands; empty for those of the models.
+        seconds: Length of each motion.
+        seed: Of everything random.
+        period_s: Between two commands.
+        clearance_m: Distance to keep.
+        wishes: Limits beyond those in the models.
+        endpoint: Of the robot bridge's run; None to plan only.
+        run_name: Of the bridge's run.
+    """
+
+    models: tuple[Path, ...]
+    out: Path
+    effects: tuple[str, ...] = ()
+    report: Path | None = None
+    kinds: tuple[CommandKind, ...] = ()
+    seconds: float = 20.0
+    seed: int = 0
+    period_s: float = 0.02
+    clearance_m: float = 0.01
+    wishes: Wishes
+    endpoint: str | None = None
+    run_name: str = "default"
+
+    def __post_init__(self) -> None:
+        check_folder(self.out)
+
+
+def excite(request: ExciteRequest, answer: Console, progress: Console) -> None:
+    """Plans, drives where that is asked for, writes and prints.
+
+    Raises:
+        BadInputError: something given cannot be used; nothing was written, and nothing moved.
+        UnreachableError: no bridge, or no robot behind it.
+        RefusedError: the bridge said no.
+    """
+    models = {kind: spec.compile() for kind, spec in load_specs(request.models).items()}
+    model = next(iter(models.values()))
+    effects = [*request.effects, *_open_questions(request.report)]
+    wanted = Request(
+        effects=tuple(dict.fromkeys(find_effect(name).name for name in effects)),
+        kinds=request.kinds or tuple(models),
+        seconds=request.seconds,
+        period_s=request.period_s,
+        seed=request.seed,
+    )
+    progress.print(Text("  planning", style="dim"))
+    limits = robot_limits(models, request.wishes)
+    plan = make_plan(model, limits, wanted, clearance_m=request.clearance_m)
+    files = {"model": request.models, "report": (request.report,) if request.report else ()}
+    report = PlanReport(
+        plan=plan,
+        robot=request.models[0].stem,
+        provenance=provenance(files, request.seed, command_line()),
+    )
+    if request.endpoint is None:
+        paths = write_plan(request.out, report)
+    else:
+        with _connected(request.endpoint, request.run_name) as transport:
+            paths, report = drive_plan(
+                transport, MonotonicClock(), report, request, model=model, progress=progress
+            )
+    print_plan(answer, report, request.models)
+    for path in paths[:2]:
+        answer.print(Text(str(path)), soft_wrap=True)
+
+
+@contextmanager
+def _connected(endpoint: str, run_name: str) -> Iterator[Transport]:
+    with ZenohTransport.open(run=run_name, name="excite", connect=(endpoint,)) as transport:
+        yield transport
+
+
+def drive_plan(
+    transport: Transport,
+    clock: Clock,
+    report: PlanReport,
+    request: ExciteRequest,
+    *,
+    model: mujoco.MjModel,
+    progress: Console,
+    idle: Callable[[], None] | None = None,
+) -> tuple[tuple[Path, ...], PlanReport]:
+    """Drives and records a plan; returns what was written, and the plan with its recordings.
+
+    The plan is written before the robot moves: whoever watches can look at what comes.
+    """
+    plan = report.plan
+
+    def before(observation: Observation) -> None:
+        check_way(model, plan.limits, observation.position, request.clearance_m)
+        write_plan(request.out, report)
+
+    driven: list[Driven] = []
+    motions = [one.motion for one in plan.motions]
+    for one in drive(transport, clock, motions, idle=idle, before=before):
+        driven.append(one)
+        words = f"  {len(driven)} of {len(motions)}: {one.path}, {one.reports} measurements"
+        progress.print(Text(words, style="dim"), soft_wrap=True)
+    recorded = PlanReport(
+        plan=plan,
+        robot=report.robot,
+        recordings={one.name: str(one.path) for one in driven},
+        provenance=report.provenance,
+    )
+    return write_plan(request.out, recorded), recorded
+
+
+def check_way(
+    model: mujoco.MjModel, limits: RobotLimits, position: np.ndarray, clearance_m: float
+) -> None:
+    """Raises ConfigError where the straight way from a position to the first motion touches."""
+    way = limits.start - position
+    points = max(int(np.abs(way).max() / _APPROACH_STEP), 1) + 1
+    path = position + np.linspace(0.0, 1.0, points)[:, np.newaxis] * way
+    fault = SafetyCheck(model, limits, clearance_m=clearance_m).contact(path)
+    if fault is not None:
+        raise ConfigError(
+            f"on the straight way from where the robot is to where motions begin, {fault.words}; "
+            "bring it closer to that pose first, or name another keyframe with --pose"
+        )
+
+
+def _open_questions(path: Path | None) -> list[str]:
+    """Returns the effects that a diagnosis could not decide."""
+    if path is None:
+        return []
+    document = _diagnosis(path)
+    try:
+        decided = document["verdict"] in _DECIDED
+        suspects = [
+            one["effect"]
+            for one in document["suspects"]
+            if one["decided_by"] and (not decided or one["gain"] >= _CLOSE)
+        ]
+        unsure = [one["effect"] for one in document["effects"] if _is_unsure(one)]
+        unseen = [one["effect"] for one in document.get("blind_spots", ())]
+    except (KeyError, TypeError, AttributeError) as exc:
+        raise BadInputError(
+            f"report {path}: {exc!r}; expected verdict, effects and suspects as "
+            "`gfm diagnose` writes them"
+        ) from exc
+    # Of a joint that stood still, everything is open: all motions.
+    return [] if ANY in unseen else [*suspects, *unsure, *unseen]
+
+
+def _diagnosis(path: Path) -> Mapping[str, Any]:
+    """Returns a diagnosis's document, also out of a run's."""
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as exc:
+        raise BadInputError(f"report {path}: no such file") from exc
+    except (ValueError, OSError) as exc:
+        raise BadInputError(f"report {path}: {exc}; expected JSON") from exc
+    found = document.get("diagnosis", document) if isinstance(document, dict) else None
+    schema = found.get("schema") if isinstance(found, dict) else None
+    if not isinstance(found, dict) or schema != "gfm.diagnosis/1":
+        raise BadInputError(f"report {path}: schema {schema!r}, expected 'gfm.diagnosis/1'")
+    return found
+
+
+def _is_unsure(effect: Mapping[str, Any]) -> bool:
+    withheld = any(one["ci95"] is None for one in effect["parameters"].values())
+    return withheld or (effect["confidence"] or 0.0) < _SURE
+
+
+def print_plan(console: Console, report: PlanReport, models: Sequence[Path]) -> None:
+    """Prints which motion shows what, what to know, and how to go on."""
+    plan = report.plan
+    table = Table(box=box.SIMPLE, title=f"{len(plan.motions)} motions, {plan.duration_s:.0f} s")
+    for column in ("motion", "command", "shows"):
+        table.add_column(column, overflow="fold")
+    for family in dict.fromkeys(one.family for one in plan.motions):
+        kinds = [str(one.motion.kind) for one in plan.motions if one.family is family]
+        table.add_row(family.label, ", ".join(kinds), _shows(family))
+    console.print(table)
+    for note in plan.notes:
+        console.print(Text(f"note: {note}"), soft_wrap=True)
+    if report.recordings:
+        console.print(Text(f"next: {diagnose_words(plan, report, models)}"), soft_wrap=True)
+
+
+def diagnose_words(plan: Plan, report: PlanReport, models: Sequence[Path]) -> str:
+    """Returns the command line that diagnoses what was recorded."""
+    paths = {
+        purpose: [
+            report.recordings[one.motion.name]
+            for one in plan.motions
+            if one.family.purpose is purpose
+        ]
+        for purpose in Purpose
+    }
+    given = [word for model in models for word in ("--model", str(model))]
+    held_out = ["--holdout", *paths[Purpose.HELDOUT]]
+    return shlex.join(["gfm", "diagnose", *paths[Purpose.TRAINING], *held_out, *given, "--out"]) + (
+        " DIR"
+    )
+
+
+def print_families(console: Console) -> None:
+    """Prints which motion shows which effect."""
+    table = Table(box=box.SIMPLE)
+    for column in ("motion", "what the robot does", "shows"):
+        table.add_column(column, overflow="fold")
+    for family in FAMILIES:
+        table.add_row(family.label, family.words, _shows(family))
+    console.print(table)
+
+
+def _shows(family: Family) -> str:
+    return ", ".join(family.shows) or "held out: errors are measured on it"
