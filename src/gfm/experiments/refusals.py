@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from gfm.core import CommandKind, RecordingError, Trajectory
-from gfm.diagnosis.quality import objection_to, same_measurements
+from gfm.diagnosis.quality import Objection, dead_positions, objection_to, same_measurements
 from gfm.sim.plant import make_plant
 
 Files = Sequence[tuple[Path, Trajectory]]
@@ -32,13 +32,19 @@ def check_usable(
     check_one_robot(recordings)
     check_held_out(training, held_out)
     check_some_motion(recordings)
+    dead = dead_positions([recording for _, recording in recordings])
+    if dead is not None:
+        raise _refusal(recordings[dead[0]][0], dead[1])
     joints = recordings[0][1].joint_names
     plants = {kind: make_plant(spec, joints) for kind, spec in specs.items()}
     for path, recording in recordings:
         objection = objection_to(recording, plants[recording.command_kind])
         if objection is not None:
-            where = f"{path}: {objection.where}"
-            raise RecordingError(where, objection.problem, objection.expected)
+            raise _refusal(path, objection)
+
+
+def _refusal(path: Path, objection: Objection) -> RecordingError:
+    return RecordingError(f"{path}: {objection.where}", objection.problem, objection.expected)
 
 
 def check_one_robot(recordings: Files) -> None:

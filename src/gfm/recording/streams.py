@@ -114,7 +114,8 @@ def one_clock(path: Path, states: JointStream, commands: JointStream) -> None:
         i = int(gap_s.argmax()) + 1
         where = f"{path}: topic {states.topic}: field header.stamp"
         problem = f"message {i} comes {gap_s[i - 1]:.3f} s after the one before it"
-        raise RecordingError(where, problem, f"gaps of at most {_LONGEST_GAP_S:.0f} s")
+        expected = f"gaps of at most {_LONGEST_GAP_S:.0f} s (are the stamps sec and nanosec?)"
+        raise RecordingError(where, problem, expected)
     first_s, last_s = (states.stamp_ns[[0, -1]] - states.stamp_ns[0]) * 1e-9
     begin_s, end_s = (commands.stamp_ns[[0, -1]] - states.stamp_ns[0]) * 1e-9
     if begin_s > last_s or end_s < first_s - _LONGEST_WAIT_S:

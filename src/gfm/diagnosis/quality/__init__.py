@@ -4,6 +4,7 @@ Objections stop a diagnosis, findings go into its report. Both come from short c
 property, each with its threshold explained beside it.
 """
 
+from gfm.diagnosis.quality.channels import dead_positions
 from gfm.diagnosis.quality.examine import (
     all_findings,
     doubts,
@@ -21,6 +22,7 @@ __all__ = [
     "FindingRow",
     "Objection",
     "all_findings",
+    "dead_positions",
     "delays",
     "doubts",
     "findings_of",

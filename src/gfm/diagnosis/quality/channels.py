@@ -5,6 +5,8 @@ Shape letters: T measurements, J joints.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gfm.core import CommandKind, Trajectory
@@ -16,13 +18,21 @@ from gfm.sim.plant import Plant
 #: A command that moves by so much while the joint does not: more than any dry friction holds
 #: against a servo that works, rad.
 STUCK_RAD = 0.2
+#: Less noise than this is none: a simulation's, rad.
+LEAST_NOISE_RAD = 1e-7
 #: Share of the measurements that must lie in a plateau, and how much fuller than the next level
 #: it must be: a sine's top is 2.4 times as full, a triangle's as full.
 PLATEAU, FULLER = 0.01, 8.0
+#: How far from zero a plateau must be, in its thicknesses: joints rest.
+FROM_ZERO = 5.0
+#: What counts as the extreme, in percent: filters overshoot at the ends of a plateau.
+EXTREME = 98.0
 #: How thick a plateau may be, as a share of the signal's whole span.
 WIDEST = 0.1
 #: Share of the demand's whole spread that it must still have where the signal is flat.
-DEMAND_GOES_ON = 0.5
+DEMAND_GOES_ON = 0.15
+#: How much more than a speed commands must ask for, for the drive to be what limits it.
+MORE = 1.2
 #: A joint is at its limit when it is so close to it, as a share of the range.
 AT_LIMIT = 1e-3
 #: Measurements that equal the command, as a share, from which it is an echo; and how exactly.
@@ -66,9 +76,37 @@ def stuck_effort(recording: Trajectory) -> Objection | None:
         return None
     return Objection(
         where="effort",
-        problem=f"is {effort[0, 0]:.3g} throughout on every joint while the robot moves",
+        problem=f"is {effort[0, 0] + 0.0:.3g} throughout on every joint while the robot moves",
         expected="measured torques, or an empty field where nothing measures them",
     )
+
+
+def dead_positions(recordings: Sequence[Trajectory]) -> tuple[int, Objection] | None:
+    """Objects to a position without any noise on a robot whose encoders have noise.
+
+    A joint that rests shows its noise. One that shows none, in a recording whose commands move it,
+    was not measured: told by the same joint elsewhere, or by all other joints there.
+
+    Returns:
+        Which of the recordings, and why; None where all are alive.
+    """
+    alive = np.array([_alive(recording.position) for recording in recordings])
+    for i, recording in enumerate(recordings):
+        told = np.ptp(recording.command, axis=0) > 0.0
+        for j in np.flatnonzero(told & (np.ptp(recording.position, axis=0) == 0.0)):
+            others = np.delete(alive[i], j)
+            if alive[:, j].any() or (len(others) and others.all()):
+                return i, Objection(
+                    where=f"position of {recording.joint_names[j]}",
+                    problem="never changes, not even by the noise that it or all others have",
+                    expected="measurements (is the channel dead?)",
+                )
+    return None
+
+
+def _alive(position: Array) -> Array:
+    """Returns which columns have noise that rounding does not hide, shape (J,)."""
+    return np.asarray(noise_std(position) > np.maximum(resolution(position), LEAST_NOISE_RAD))
 
 
 def still(recording: Trajectory) -> list[Finding]:
@@ -129,7 +167,7 @@ def flat_topped(recording: Trajectory, drive: Array) -> list[Finding]:
     """Finds speeds and efforts that stay at their extreme while what is demanded of them goes on.
 
     A plateau alone is no saturation: joints rest, and dry friction makes plateaus of efforts. Where
-    the demand still varies by half its spread, it is one.
+    the demand still varies by a good part of its spread, it is one.
 
     Args:
         recording: The recording.
@@ -139,11 +177,20 @@ def flat_topped(recording: Trajectory, drive: Array) -> list[Finding]:
     if recording.effort is not None:
         found += _flat_tops(recording, "effort has a flat top at", "N m", recording.effort, drive)
     if recording.command_kind is not CommandKind.EFFORT:
-        _, velocity, _ = smooth_states(recording.time_s, recording.position)
-        told = recording.command_kind is CommandKind.VELOCITY
-        demand = held_command(recording) - (0.0 if told else recording.position)
-        found += _flat_tops(recording, "speed has a flat top at", "rad/s", velocity, demand)
+        _, speed, _ = smooth_states(recording.time_s, recording.position)
+        command, asked = held_command(recording), held_command(recording)
+        if recording.command_kind is CommandKind.POSITION:
+            _, asked, _ = smooth_states(recording.time_s, command)
+            command = command - recording.position
+        tops = _flat_tops(recording, "speed has a flat top at", "rad/s", speed, command)
+        found += [top for top in tops if _more_asked(asked, recording, top)]
     return found
+
+
+def _more_asked(asked: Array, recording: Trajectory, top: Finding) -> bool:
+    """Returns whether commands ask for speeds beyond a flat top: else they have it themselves."""
+    column = np.abs(asked[:, [name == top.joint for name in recording.joint_names]])
+    return bool((column > MORE * abs(top.value)).mean() > PLATEAU)
 
 
 def _flat_tops(
@@ -166,10 +213,11 @@ def _plateau(signal: Array, demand: Array, width: float) -> float | None:
     if width > WIDEST * np.ptp(signal):
         return None
     for sign in (1.0, -1.0):
-        depth = (sign * signal).max() - sign * signal
-        top, next_level = depth < width, (depth >= width) & (depth < 2.0 * width)
+        depth = np.percentile(sign * signal, EXTREME) - sign * signal
+        top, next_level = np.abs(depth) < width, (depth >= width) & (depth < 2.0 * width)
         full = top.mean() > PLATEAU and top.sum() > FULLER * max(next_level.sum(), 1)
-        if full and _spread(demand[top]) > DEMAND_GOES_ON * spread > 0.0:
+        moving = np.abs(np.median(signal[top])) > FROM_ZERO * width
+        if full and moving and _spread(demand[top]) > DEMAND_GOES_ON * spread > 0.0:
             return float(np.median(signal[top]))
     return None
 
