@@ -25,7 +25,7 @@ from gfm.experiments.excite_command import (
 )
 from gfm.recording import read_recording
 from gfm.report import PlanReport
-from gfm.sim.sawyer import NEUTRAL, READY, sawyer_spec
+from gfm.sim.sawyer import JOINT_NAMES, NEUTRAL, READY, sawyer_spec
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.__main__ import build as build_bridge
 from gfm_robot_bridge.config import BridgeConfig
@@ -33,11 +33,16 @@ from gfm_robot_bridge.simulated.__main__ import build as build_robot
 from gfm_robot_bridge.simulated.config import SimulatedConfig
 
 MODEL = sawyer_spec(command=CommandKind.POSITION).compile()
-READY_POSE = Wishes(pose="ready", speed={"": 0.6})
+#: Close to where the simulated robot starts: the way there takes a second.
+READY_POSE = Wishes(
+    pose="ready",
+    speed={"": 0.6},
+    ranges={name: (q - 0.3, q + 0.35) for name, q in zip(JOINT_NAMES, READY, strict=True)},
+)
 
 
 #: Of each motion that is driven: enough to see whether it is followed.
-PERIODS = 120
+PERIODS = 100
 
 
 def made_plan(kind: CommandKind) -> Plan:
@@ -113,7 +118,7 @@ def test_torques_keep_the_arm_on_the_motion(tmp_path: Path) -> None:
     reached = recording.position[5::2][: len(one.motion.position) - 10]
     behind = abs(reached - one.motion.position[: len(reached)])
     assert behind.max() < 0.1
-    assert np.ptp(one.motion.position, axis=0).max() > 0.2
+    assert np.ptp(one.motion.position, axis=0).max() > 0.1
 
 
 def test_a_way_to_the_first_motion_that_touches_is_refused_before_anything_moves(

@@ -84,7 +84,18 @@ def test_nothing_touches_along_any_path_though_the_wall_is_in_reach(plan):
 
 def test_motions_begin_and_end_at_rest_where_they_should(plan):
     for one in plan.motions:
-        np.testing.assert_allclose(one.motion.position[[0, -1]], 0.0, atol=1e-3)
+        ends = one.motion.position[[0, 1, -2, -1]] - plan.limits.start
+        np.testing.assert_allclose(ends, 0.0, atol=2e-3)
+    np.testing.assert_allclose(plan.limits.start, plan.room.middle)
+
+
+def test_the_way_from_the_pose_to_where_motions_begin_is_free(plan):
+    model = arm(wall=0.5)
+    pose = robot_limits({POSITION: model})
+    assert np.abs(plan.limits.start - pose.start).max() > 0.3
+    assert SafetyCheck(model, pose).way(pose.start, plan.limits.start) is None
+    through_the_wall = np.array([-1.88, 0.0])
+    assert SafetyCheck(model, pose).way(pose.start, through_the_wall) is not None
 
 
 def test_training_comes_first_and_something_is_held_out(plan):
@@ -120,7 +131,7 @@ def servos(shoulder: float, elbow: float) -> str:
 
 
 def test_weak_drives_get_slower_motions_and_the_note_says_why():
-    plan = plan_of(arm(actuators=servos(5.0, 1.5)))
+    plan = plan_of(arm(actuators=servos(5.0, 1.5)), effects=("torque_saturation",))
     assert all((np.abs(one.torque) <= 0.9 * np.array([5.0, 1.5])).all() for one in plan.motions)
     slower = [one for one in plan.motions if any("would need" in note for note in one.notes)]
     assert slower

@@ -11,7 +11,7 @@ Shape letters: N control periods, J joints, M moving joints.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import mujoco
@@ -113,8 +113,8 @@ class Plan:
 
     Attributes:
         request: What was asked for.
-        limits: Of the robot.
-        room: Ranges of all joints at once in which nothing touches.
+        limits: Of the robot; motions begin and end at `start`, the room's middle.
+        room: Ranges of all joints at once in which the robot can rest, touching nothing.
         motions: Training first.
         notes: What to know before a robot moves, in words.
     """
@@ -147,6 +147,9 @@ def make_plan(
     """
     check = SafetyCheck(model, limits, clearance_m=clearance_m)
     room, notes = find_room(check, limits)
+    # One way there instead of one in every motion.
+    limits = replace(limits, start=room.middle)
+    check = SafetyCheck(model, limits, clearance_m=clearance_m)
     planner = _Planner(check, limits, request)
     motions: list[PlannedMotion] = []
     for kind in request.kinds:

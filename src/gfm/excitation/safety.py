@@ -6,6 +6,7 @@ Shape letters: N points of a path, J joints.
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import final
@@ -20,8 +21,10 @@ from gfm.excitation.limits import RobotLimits
 
 #: A path is checked at least so often, s.
 CHECK_S = 0.005
+#: Steps in which a way is looked at, rad.
+WAY_STEP = 0.01
 _DISABLE_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-#: Joints whose way back parts two bodies less than this share of the best are not to blame.
+#: Joints that have less than this share in a fault than the one that has most are not to blame.
 _BLAME_SHARE = 0.3
 
 Mask = NDArray[np.bool_]
@@ -95,7 +98,6 @@ class SafetyCheck:
         self._dof = np.array([joint.dofadr[0] for joint in joints])
         self._compensated = np.array([bool(model.jnt_actgravcomp[joint.id]) for joint in joints])
         self._moved = _moved_bodies(model, {joint.id for joint in joints})
-        self._near: dict[tuple[int, int], float] = {}
         self._near = self._pairs_at_start()
 
     @property
@@ -108,7 +110,20 @@ class SafetyCheck:
     def contact(self, positions: Array) -> Fault | None:
         """Returns the first contact at any of the given points, shape (N, J); None without one."""
         for position in positions:
-            touching = self._touching(position)
+            touching = self._touching(position, self._near)
+            if touching is not None:
+                return self._contact_fault(touching, position)
+        return None
+
+    def way(self, here: Array, there: Array) -> Fault | None:
+        """Returns the first contact on the straight way between two postures, shape (J,).
+
+        What is closer than the clearance at its beginning must only not touch.
+        """
+        count = max(int(np.abs(there - here).max() / WAY_STEP), 1) + 1
+        near = self._near | self._pairs(here)
+        for position in here + np.linspace(0.0, 1.0, count)[:, np.newaxis] * (there - here):
+            touching = self._touching(position, near)
             if touching is not None:
                 return self._contact_fault(touching, position)
         return None
@@ -133,12 +148,15 @@ class SafetyCheck:
 
     def inertia(self, position: Array) -> Array:
         """Returns the inertia of each joint with all that it moves, kg m^2, shape (J,)."""
+        return np.asarray(np.diag(self._inertia_matrix(position)))
+
+    def _inertia_matrix(self, position: Array) -> Array:
         data, model = self._inverse, self._dynamics
         data.qpos[self._qpos] = position
         mujoco.mj_fwdPosition(model, data)
         full = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, full)
-        return np.asarray(np.diag(full)[self._dof])
+        return np.asarray(full[np.ix_(self._dof, self._dof)])
 
     def _overload(self, positions: Array, period_s: float) -> Fault | None:
         needed = np.abs(self.torque(positions, period_s))
@@ -146,17 +164,26 @@ class SafetyCheck:
         if not over.any():
             return None
         point, joint = (int(i[0]) for i in np.nonzero(over))
-        still = np.zeros((1, len(self._dof)))
+        still, limit = np.zeros((1, len(self._dof))), self._limits.effort[joint]
         at_rest = np.abs(self._needed(positions[point : point + 1], still, still))[0, joint]
-        limit = self._limits.effort[joint]
-        kind = FaultKind.LOAD if at_rest > limit else FaultKind.DYNAMICS
+        heavy = at_rest > limit
         return Fault(
-            kind=kind,
+            kind=FaultKind.LOAD if heavy else FaultKind.DYNAMICS,
             words=f"{self._limits.joint_names[joint]} would need {needed[point, joint]:.3g} N m of "
             f"the {limit:.3g} that motions may use",
             position=positions[point],
-            joints=np.ones(len(self._dof), bool),
+            joints=np.ones(len(self._dof), bool)
+            if heavy
+            else self._pushing(positions, period_s, point, joint),
         )
+
+    def _pushing(self, positions: Array, period_s: float, point: int, joint: int) -> Mask:
+        """Returns the joints whose acceleration takes most of one joint's torque, shape (J,)."""
+        velocity = np.gradient(positions, period_s, axis=0)
+        acceleration = np.gradient(velocity, period_s, axis=0)[point]
+        row = self._inertia_matrix(positions[point])[joint]
+        torque = row * acceleration * np.sign(row @ acceleration)
+        return np.asarray(torque >= _BLAME_SHARE * torque.max())
 
     def _needed(self, positions: Array, velocity: Array, acceleration: Array) -> Array:
         data, torque = self._inverse, np.empty_like(positions)
@@ -169,16 +196,22 @@ class SafetyCheck:
 
     def _pairs_at_start(self) -> dict[tuple[int, int], float]:
         """Returns the pairs of bodies that are closer than the clearance where motions begin."""
-        touching = self._touching(self._limits.start)
-        if touching is not None and touching.distance_m < 0.0:
+        near = self._pairs(self._limits.start)
+        touching = self._touching(self._limits.start, near)
+        if touching is not None:
             raise ConfigError(
                 f"where motions begin, {self._named(touching.bodies)} touch; name another keyframe "
                 "with --pose, or exclude the pair from contact in the model"
             )
-        geom = self._data.contact.geom[: self._data.ncon]
-        return {self._bodies(pair): 0.0 for pair in geom}
+        return near
 
-    def _touching(self, position: Array) -> _Touch | None:
+    def _pairs(self, position: Array) -> dict[tuple[int, int], float]:
+        """Returns the pairs that are closer than the clearance, and the distance to keep: none."""
+        self._touching(position, {})
+        geoms = self._data.contact.geom[: self._data.ncon]
+        return {self._bodies(pair): 0.0 for pair in geoms}
+
+    def _touching(self, position: Array, near: Mapping[tuple[int, int], float]) -> _Touch | None:
         """Returns the closest contact of a moved body that is too close."""
         data = self._data
         data.qpos[self._qpos] = position
@@ -187,7 +220,7 @@ class SafetyCheck:
         found = None
         for i in range(data.ncon):
             bodies, distance_m = self._bodies(data.contact.geom[i]), float(data.contact.dist[i])
-            allowed_m = self._near.get(bodies, self._clearance_m)
+            allowed_m = near.get(bodies, self._clearance_m)
             if found is not None:
                 allowed_m = min(allowed_m, found.distance_m)
             if self._moved[list(bodies)].any() and distance_m < allowed_m:

@@ -88,9 +88,19 @@ def _add_choice(parser: argparse.ArgumentParser) -> None:
         help="the joints that move (default: all)",
     )
     group.add_argument(
-        "--seconds", type=float, default=20.0, help="length of each (default: %(default)s)"
+        "--seconds",
+        type=float,
+        default=20.0,
+        metavar="N",
+        help="length of each (default: %(default)s)",
     )
-    group.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
+    group.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        metavar="N",
+        help="of postures, orders and phases; names the recordings too (default: %(default)s)",
+    )
 
 
 def _add_limits(parser: argparse.ArgumentParser) -> None:
@@ -130,11 +140,18 @@ def _add_robot(parser: argparse.ArgumentParser) -> None:
         metavar="ENDPOINT",
         help="drive the robot whose bridge is there, and record it",
     )
-    group.add_argument("--run", dest="run_name", default="default", help="(default: %(default)s)")
+    group.add_argument(
+        "--run",
+        dest="run_name",
+        default="default",
+        metavar="NAME",
+        help="name of the bridge's run (default: %(default)s)",
+    )
     group.add_argument(
         "--control-hz",
         type=float,
         default=50.0,
+        metavar="HZ",
         help="commands per second, as the bridge's (default: %(default)s)",
     )
 

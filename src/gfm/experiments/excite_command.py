@@ -35,8 +35,6 @@ from gfm.transport import Transport, ZenohTransport
 _SURE = 0.9
 #: After these verdicts, only suspects are open that alone would explain so much.
 _DECIDED, _CLOSE = ("no_gap", "explained"), 0.9
-#: Steps in which the way to the first motion is looked at, rad.
-_APPROACH_STEP = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,10 +157,8 @@ def check_way(
     model: mujoco.MjModel, limits: RobotLimits, position: np.ndarray, clearance_m: float
 ) -> None:
     """Raises ConfigError where the straight way from a position to the first motion touches."""
-    way = limits.start - position
-    points = max(int(np.abs(way).max() / _APPROACH_STEP), 1) + 1
-    path = position + np.linspace(0.0, 1.0, points)[:, np.newaxis] * way
-    fault = SafetyCheck(model, limits, clearance_m=clearance_m).contact(path)
+    check = SafetyCheck(model, limits, clearance_m=clearance_m)
+    fault = check.way(position, limits.start)
     if fault is not None:
         raise ConfigError(
             f"on the straight way from where the robot is to where motions begin, {fault.words}; "
