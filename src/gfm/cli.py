@@ -70,6 +70,12 @@ SUBCOMMANDS = (
         summary="turn CSV or JSON tables into recordings",
     ),
     Subcommand(
+        name="train",
+        module="gfm.experiments.train_command",
+        adder="add_parser",
+        summary="train a policy",
+    ),
+    Subcommand(
         name="evaluate",
         module="gfm.experiments.evaluate_command",
         adder="add_parser",

@@ -7,12 +7,12 @@ from gfm.envs.point_mass import PointMass
 from gfm.envs.registry import EnvironmentSettings
 from gfm.rl.learner import LearnerSettings
 from gfm.rl.policy_numpy import GaussianPolicy
+from gfm.service.metrics import NoMetrics
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_actor.config import ActorConfig
 from gfm_actor.service import ActorService
 from gfm_learner.checkpoint import begin
 from gfm_learner.config import LearnerConfig
-from gfm_learner.metrics import NoMetrics
 from gfm_learner.service import LearnerService
 from gfm_replay.config import ReplayConfig
 from gfm_replay.service import ReplayService

@@ -20,11 +20,11 @@ from gfm.envs.registry import EnvironmentSettings
 from gfm.recording.weights_file import read_weights, write_weights
 from gfm.rl.learner import LearnerSettings, state_arrays
 from gfm.rl.policy_numpy import GaussianPolicy
+from gfm.service.metrics import METRICS, FolderMetrics, NoMetrics
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_learner.__main__ import main
 from gfm_learner.checkpoint import CHECKPOINT, POLICY, begin
 from gfm_learner.config import LearnerConfig
-from gfm_learner.metrics import METRICS, FolderMetrics, NoMetrics
 from gfm_learner.service import LearnerService, LearningDivergedError
 from gfm_wire import EnvironmentRequest, NotReady, SampleRequest, WeightsRequest
 

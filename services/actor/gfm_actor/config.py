@@ -46,15 +46,20 @@ class ActorConfig(ServiceConfig, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (steps := episode_steps(self.env, self.environment)) % self.sequence_length:
-            raise ConfigError(
-                f"environment.horizon is {steps} and sequence_length is "
-                f"{self.sequence_length}, expected a multiple of it"
-            )
+        if self.environment != EnvironmentSettings():  # else the run is asked for it first
+            self.check_lengths()
         if self.window < self.num_envs:
             raise ConfigError(
                 f"window is {self.window} and num_envs is {self.num_envs}, expected at least as "
                 "many: all instances may finish a sequence in the same step"
+            )
+
+    def check_lengths(self) -> None:
+        """Raises ConfigError where episodes are no whole number of sequences long."""
+        if (steps := episode_steps(self.env, self.environment)) % self.sequence_length:
+            raise ConfigError(
+                f"environment.horizon is {steps} and sequence_length is "
+                f"{self.sequence_length}, expected a multiple of it"
             )
 
     @property

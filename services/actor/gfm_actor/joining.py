@@ -27,17 +27,20 @@ def complete(config: ActorConfig, transport: Transport, clock: Clock) -> ActorCo
         RefusedError: the run learns for another environment.
         ConfigError: the run's settings do not go with this actor's, or cannot be understood.
     """
-    if config.environment != EnvironmentSettings():
-        return config
+    if config.environment == EnvironmentSettings():
+        config = replace(config, environment=_environment(config, transport, clock))
+        config.check_lengths()
+    return config
+
+
+def _environment(config: ActorConfig, transport: Transport, clock: Clock) -> EnvironmentSettings:
     answer = _ask(config, transport, clock)
     if answer is None:
         _log.info("no learner told its environment within %.0f s: using defaults", config.wait_s)
-        return config
+        return config.environment
     _log.info("the run's environment: %s", answer.settings)
     try:
-        return replace(
-            config, environment=msgspec.json.decode(answer.settings, type=EnvironmentSettings)
-        )
+        return msgspec.json.decode(answer.settings, type=EnvironmentSettings)
     except msgspec.DecodeError as exc:
         raise ConfigError(f"the learner's environment settings: {exc}") from exc
 

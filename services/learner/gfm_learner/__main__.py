@@ -13,10 +13,10 @@ from gfm.core import Clock
 from gfm.service import Service, make_parser, service_main
 from gfm.service.assets import load_environment
 from gfm.service.environment_flags import add_environment_flags
+from gfm.service.metrics import FolderMetrics, NoMetrics
 from gfm.transport import Transport
 from gfm_learner.checkpoint import begin
 from gfm_learner.config import LearnerConfig
-from gfm_learner.metrics import FolderMetrics, NoMetrics
 from gfm_learner.service import LearnerService
 
 

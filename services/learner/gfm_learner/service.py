@@ -15,12 +15,12 @@ from gfm.core import Batch, Clock, GfmError, Status, Weights
 from gfm.recording.weights_file import write_weights
 from gfm.rl.learner import Stats, learner_step, policy_tensors
 from gfm.service import Service, make_status
+from gfm.service.metrics import MetricsSink
 from gfm.transport import Transport
 from gfm_learner.answers import Answers
 from gfm_learner.batches import BatchSource
 from gfm_learner.checkpoint import CHECKPOINT, POLICY, Progress, save_checkpoint
 from gfm_learner.config import LearnerConfig
-from gfm_learner.metrics import MetricsSink
 from gfm_wire import SampleRequest
 
 

@@ -5,12 +5,12 @@ ignore it.
 
 Success is the paper's test (Jeong et al. 2019, section IV-C). The reward is ours:
 
-    0.8 exp(-D / 1.6) + 0.2 exp(-d / 0.1 m)
+    0.75 exp(-D / 1.6) + 0.25 exp(-d / 0.06 m)
 
 D is the distance from the goal in units of the success test's tolerance (for a pose the norm of
 both parts). d is how far the tool is from the place behind the object from where it pushes towards
 the goal; within the tolerance it counts as none. It is between 0 and 1, slopes everywhere in the
-basket, and leaves 0.8 to what the task is about.
+basket, and leaves most to what the task is about.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from gfm.sim.kinematics import wrapped, yaw_of
 RADIAL_GOALS = 10
 
 _CENTRE = np.array(numbers.BASKET_XYZ)
-_PLACE_WEIGHT, _PLACE_LENGTH, _REACH_LENGTH_M = 0.8, 1.6, 0.1
+_PLACE_WEIGHT, _PLACE_LENGTH, _REACH_LENGTH_M = 0.75, 1.6, 0.06
 _BEHIND_M = 0.06
 #: Lower and upper corner of where the tool's tip may be, and of where the object may be, relative
 #: to the centre of the basket's floor, m.

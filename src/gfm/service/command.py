@@ -61,6 +61,9 @@ def make_parser(prog: str, description: str, *, listens: bool = False) -> argpar
     group.add_argument(
         "--config", type=Path, metavar="FILE", help="TOML file of settings; flags win over it"
     )
+    group.add_argument(
+        "--section", metavar="NAME", help="table of that file to read (default: all of it)"
+    )
     group.add_argument("--log-level", choices=get_args(LogLevel), help="(default: info)")
     return parser
 
@@ -71,7 +74,8 @@ def parse_config(
     """Returns the settings that a command line asks for; the name is always filled in."""
     flags = vars(parser.parse_args(argv))
     path: Path | None = flags.pop("config", None)
-    config = read_config(config_type, path, flags)
+    section: str = flags.pop("section", "")
+    config = read_config(config_type, path, flags, section)
     return config if config.name else replace(config, name=unique_name(parser.prog))
 
 

@@ -73,28 +73,39 @@ def unique_name(prog: str) -> str:
 Config = TypeVar("Config", bound=msgspec.Struct)
 
 
-def read_config(config_type: type[Config], path: Path | None, flags: Mapping[str, Any]) -> Config:
+def read_config(
+    config_type: type[Config],
+    path: Path | None,
+    flags: Mapping[str, Any],
+    section: str = "",
+) -> Config:
     """Returns the settings of defaults, file and flags.
 
     Args:
         config_type: The struct to fill.
         path: A TOML file, or None.
         flags: Values that win over the file, by field name; a dot leads into a nested struct.
+        section: The table of the file that counts, empty where there is none of that name; by
+            default the whole file.
 
     Raises:
         BadInputError: the file cannot be read.
         ConfigError: a key is unknown, or a value of the wrong type or out of range.
     """
-    settings = {} if path is None else _read_toml(path)
+    settings = {} if path is None else read_toml(path)
+    if section:
+        settings = settings.get(section, {})
     for name, value in flags.items():
         _set(settings, name.split("."), value)
     try:
         return msgspec.convert(settings, config_type)
     except msgspec.ValidationError as exc:
-        raise ConfigError(f"{path or 'settings'}: {exc}") from exc
+        where = f"{path}, table {section}" if section else f"{path or 'settings'}"
+        raise ConfigError(f"{where}: {exc}") from exc
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
+def read_toml(path: Path) -> dict[str, Any]:
+    """Returns what a TOML file says; raises BadInputError where it cannot be read."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as exc:

@@ -1,4 +1,4 @@
-"""Where the learner's metrics go: rows of JSON, and TensorBoard."""
+"""Where metrics go: rows of JSON, and TensorBoard."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class MetricsSink(ABC):
         """Takes one row.
 
         Args:
-            step: Learner steps.
+            step: What the curves are drawn over: learner steps.
             time_s: Since 1970-01-01 UTC.
             row: Values by name; names carry units where there are any.
         """

@@ -1,0 +1,134 @@
+"""What `gfm train` does: all services as processes of this machine, watched until they are done."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+
+from gfm.core import Clock
+from gfm.experiments.progress import Phase, RunProgress
+from gfm.experiments.train_config import RunFolder, TrainConfig, open_run
+from gfm.experiments.train_curves import SystemCurves, in_words
+from gfm.launch import (
+    Supervisor,
+    SystemSpec,
+    actor_processes,
+    free_endpoint,
+    learner_process,
+    replay_process,
+    statuses,
+)
+
+_CHECK_NS, _ROW_NS = 200_000_000, 5_000_000_000
+_START, _LEARN = "start the services", "learn"
+#: Expected of a start, and of one learner step on two cores, s.
+_START_S, _STEP_S = 8.0, 0.03
+#: The seeds of different starts of one run lie so far apart.
+_LIFE_SEEDS = 1000
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainRequest:
+    """What is asked for.
+
+    Attributes:
+        config: The experiment's file.
+        out: The run's folder.
+        resume: Whether it goes on with one that is there.
+    """
+
+    config: Path
+    out: Path
+    resume: bool = False
+
+
+def train(
+    request: TrainRequest, console: Console, clock: Clock, stopped: Callable[[], bool]
+) -> None:
+    """Trains until all steps are made or `stopped` says so.
+
+    Raises:
+        BadInputError: the experiment cannot be used, or a service refuses its settings.
+        GfmError: a service failed.
+    """
+    # Every service computes in one thread; more of them would only get into each other's way.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    config, folder = open_run(request.out, request.config, resume=request.resume)
+    curves = SystemCurves(folder)
+    system = training_system(config, folder, curves.life)
+    phases = [
+        Phase(name=_START, expected_s=_START_S),
+        Phase(name=_LEARN, expected_s=_STEP_S * config.learner_steps),
+    ]
+    try:
+        with (
+            RunProgress(phases, console=console, clock=clock) as progress,
+            Supervisor(system, folder.logs, clock=clock) as supervisor,
+        ):
+            with progress.phase(_START):
+                supervisor.start(stopped)
+            with progress.phase(_LEARN):
+                _follow(supervisor, curves, progress, config.learner_steps, clock, stopped)
+    finally:
+        curves.close()
+    console.print(f"policy: {folder.policy}", soft_wrap=True, highlight=False)
+    if curves.learner_steps < config.learner_steps:
+        console.print("stopped before the end: --resume goes on", highlight=False)
+
+
+def _follow(
+    supervisor: Supervisor,
+    curves: SystemCurves,
+    progress: RunProgress,
+    learner_steps: int,
+    clock: Clock,
+    stopped: Callable[[], bool],
+) -> None:
+    """Writes a row every few seconds, and looks in between whether everybody is alive."""
+    begun: int | None = None
+    row_ns = clock.now_ns()
+    while not stopped():
+        supervisor.check()
+        if clock.now_ns() >= row_ns:
+            row_ns = clock.now_ns() + _ROW_NS
+            row = curves.add(statuses(supervisor.transport), clock.utc_ns() * 1e-9)
+            begun = curves.learner_steps if begun is None else begun
+            share = (curves.learner_steps - begun) / max(learner_steps - begun, 1)
+            progress.say(in_words(row, learner_steps), share=share)
+            if curves.learner_steps >= learner_steps:
+                return
+        clock.sleep_until_ns(clock.now_ns() + _CHECK_NS)
+
+
+def training_system(config: TrainConfig, folder: RunFolder, life: int) -> SystemSpec:
+    """Returns the processes of a run.
+
+    Args:
+        config: The experiment.
+        folder: Of the run; the services read its copy of the experiment's file.
+        life: Starts of this run before this one.
+    """
+
+    def told(section: str) -> tuple[str, ...]:
+        return ("--config", str(folder.config), "--section", section)
+
+    learner = (
+        *told("learner"),
+        *("--env", config.env, "--seed", str(config.seed)),
+        *("--max-steps", str(config.learner_steps)),
+        *("--checkpoint-dir", str(folder.checkpoints)),
+    )
+    seed = config.seed + _LIFE_SEEDS * life
+    return SystemSpec(
+        run="train",  # a router of its own: nobody else is there
+        endpoint=free_endpoint(),
+        processes=(
+            replay_process((*told("replay"), "--seed", str(seed))),
+            learner_process(learner),
+            *actor_processes(config.actors, seed, (*told("actor"), "--env", config.env)),
+        ),
+    )
