@@ -138,14 +138,24 @@ def test_a_signal_stops_a_service_cleanly(number):
     assert rest.rstrip().endswith("stopped")
 
 
+def test_an_actor_that_waits_for_a_learner_stops_at_once(endpoint):
+    argv = ("gfm_actor", "--connect", endpoint, "--run", "shop", "--wait-s", "300")
+    process = started(*argv, until="connected")
+    process.send_signal(signal.SIGTERM)
+    _, rest = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert "SIGTERM: stopping" in rest
+    assert rest.rstrip().endswith("stopped")
+
+
 def started_replay() -> subprocess.Popen[str]:
-    process = subprocess.Popen(
-        [sys.executable, "-m", "gfm_replay", "--listen", free_endpoint()],
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    return started("gfm_replay", "--listen", free_endpoint(), until="running")
+
+
+def started(*argv: str, until: str) -> subprocess.Popen[str]:
+    process = subprocess.Popen([sys.executable, "-m", *argv], stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
-    while "running" not in (line := process.stderr.readline()):
+    while until not in (line := process.stderr.readline()):
         assert line, "it ended"
     return process
 

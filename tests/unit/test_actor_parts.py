@@ -188,6 +188,23 @@ def test_what_got_no_answer_is_sent_again_under_the_same_number():
     assert post.outbox.note == ""
 
 
+def test_replay_gone_and_back_is_one_line_each(caplog):
+    caplog.set_level("INFO")
+    post = Post()
+    post.outbox.send(sequence(0))
+    post.outbox.send(sequence(1))
+    post.receive()  # taken, and never answered
+    for _ in range(3):
+        post.clock.advance_s(1.5)
+        post.outbox.poll()
+    assert [line.split(",")[0] for line in caplog.messages] == ["replay does not answer"]
+    post.clock.advance_s(0.2)
+    post.outbox.poll()
+    post.acknowledge()
+    post.outbox.poll()
+    assert caplog.messages[1:] == ["replay answers again, after 3.2 s"]
+
+
 def test_what_is_refused_is_counted_and_not_sent_again():
     post = Post()
     post.outbox.send(sequence(0))
@@ -266,6 +283,19 @@ def test_asks_for_the_current_weights_until_they_come():
     learner.server.receive().reply(weights(9))
     learner.follower.poll()
     assert learner.follower.version == 9
+
+
+def test_a_learner_gone_and_back_is_one_line_each(caplog):
+    caplog.set_level("INFO")
+    learner = Learner()
+    for _ in range(4):
+        learner.follower.poll()
+        learner.clock.advance_s(3.0)
+    learner.publish(1)
+    assert [line.split(",")[0] for line in caplog.messages] == [
+        "learner does not answer",
+        "learner answers again",
+    ]
 
 
 def test_a_learner_for_another_environment_ends_it():

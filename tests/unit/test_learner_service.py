@@ -152,7 +152,8 @@ def test_says_what_it_waits_for_and_asks_again_after_a_pause():
     assert bench.learner.status().note == "learning"
 
 
-def test_goes_on_when_replay_comes_back():
+def test_goes_on_when_replay_comes_back(caplog):
+    caplog.set_level("INFO")
     bench = Bench(config(prefetch=1, timeout_s=1.0))
     bench.learner.step()
     while bench.samples.receive() is not None:
@@ -163,6 +164,10 @@ def test_goes_on_when_replay_comes_back():
     assert bench.learner.status().counters["batches_unanswered"] == 1
     bench.clock.advance_s(0.1)
     bench.learn(1)
+    assert [line.split(",")[0] for line in caplog.messages] == [
+        "replay does not answer",
+        "replay answers again",
+    ]
 
 
 def test_current_weights_are_served_to_whoever_has_the_same_environment():

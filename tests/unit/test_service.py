@@ -30,7 +30,9 @@ from gfm.service import (
     read_config,
     run_service,
 )
+from gfm.service.presence import Presence
 from gfm.service.service import nap_ns
+from gfm.service.signals import StopRequested
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_wire import Ack, StatusRequest
 
@@ -172,17 +174,48 @@ def test_a_service_is_closed_even_if_a_step_fails():
     assert service.closed
 
 
-def test_the_first_signal_sets_a_flag():
+@pytest.fixture
+def stop_signal():
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     stopped = StopSignal()
     stopped.install()
-    try:
-        assert not stopped()
+    yield stopped
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_the_first_signal_sets_a_flag(stop_signal):
+    assert not stop_signal()
+    os.kill(os.getpid(), signal.SIGTERM)
+    assert stop_signal()
+
+
+def test_what_may_end_at_once_ends_with_the_signal(stop_signal):
+    with pytest.raises(StopRequested), stop_signal.at_once():
         os.kill(os.getpid(), signal.SIGTERM)
-        assert stopped()
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    assert stop_signal()
+
+
+def test_a_signal_that_came_before_ends_it_before_it_begins(stop_signal):
+    os.kill(os.getpid(), signal.SIGTERM)
+    with pytest.raises(StopRequested), stop_signal.at_once():
+        pytest.fail("began")
+
+
+def test_a_peer_that_goes_and_comes_back_is_told_in_two_lines(caplog):
+    caplog.set_level("INFO")
+    clock = ManualClock()
+    replay = Presence("replay", clock)
+    replay.heard()
+    for _ in range(3):
+        replay.lost(UnreachableError("replay/insert", 1.0))
+        clock.advance_s(2.0)
+    replay.heard()
+    replay.heard()
+    assert caplog.messages == [
+        "replay does not answer, asking on: no answer from replay/insert within 1.0 s",
+        "replay answers again, after 6.0 s",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import final
 
 from gfm.core import Clock, RefusedError, Sequence, UnreachableError
+from gfm.service.presence import Presence
 from gfm.transport import PendingReply, Transport
 from gfm_wire import SequenceAck
 
@@ -50,6 +51,7 @@ class Outbox:
         self._clock = clock
         self._window = window
         self._timeout_s = timeout_s
+        self._replay = Presence("replay", clock)
         self._letters: deque[_Letter] = deque()
 
     def __len__(self) -> int:
@@ -78,15 +80,18 @@ class Outbox:
         try:
             answer = letter.reply.poll()
         except UnreachableError as error:
+            self._replay.lost(error)
             self.note = f"waiting for replay: {error}"
             letter.reply = None
             letter.resend_ns = self._clock.now_ns() + _PAUSE_NS
             return False
         except RefusedError as error:
+            self._replay.heard()
             self._note_refusal(letter.sequence, str(error))
             return True
         if answer is None:
             return False
+        self._replay.heard()
         if isinstance(answer, SequenceAck):
             self.acked += 1
             self.note = ""

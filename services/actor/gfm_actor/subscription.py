@@ -7,6 +7,7 @@ from typing import final
 
 from gfm.core import BadInputError, Clock, EnvironmentSpec, UnreachableError, Weights
 from gfm.rl.policy_numpy import GaussianPolicy
+from gfm.service.presence import Presence
 from gfm.transport import PendingReply, Transport
 from gfm_wire import Message, WeightsRequest
 
@@ -39,6 +40,7 @@ class PolicySubscription:
         self._transport = transport
         self._clock = clock
         self._max_age_s = max_age_s
+        self._learner = Presence("learner", clock)
         self._heard_ns = clock.now_ns()
         self._broadcasts = transport.subscribe("weights")
         self._asked: PendingReply | None = None
@@ -61,6 +63,8 @@ class PolicySubscription:
             RefusedError: the learner learns for another environment.
         """
         message = self._broadcasts.latest()
+        if message is not None:
+            self._learner.heard()
         if message is None and (self.policy is None or self.is_stale):
             message = self._ask()
         if isinstance(message, Weights):
@@ -74,11 +78,13 @@ class PolicySubscription:
             self._asked = self._transport.request("weights/current", request, timeout_s=2.0)
         try:
             answer = self._asked.poll()
-        except UnreachableError:
+        except UnreachableError as error:
+            self._learner.lost(error)
             self._asked = None
             self._ask_ns = self._clock.now_ns() + _PAUSE_NS
             return None
         if answer is not None:
+            self._learner.heard()
             self._asked = None
             self._ask_ns = self._clock.now_ns() + _PAUSE_NS
         return answer

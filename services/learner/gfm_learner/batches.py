@@ -6,6 +6,7 @@ from collections import deque
 from typing import final
 
 from gfm.core import Batch, Clock, RefusedError, UnreachableError
+from gfm.service.presence import Presence
 from gfm.transport import PendingReply, Transport
 from gfm_wire import NotReady, SampleRequest
 
@@ -40,6 +41,7 @@ class BatchSource:
         self._request = request
         self._prefetch = prefetch
         self._timeout_s = timeout_s
+        self._replay = Presence("replay", clock)
         self._pending: deque[PendingReply] = deque()
         self._resume_ns = clock.now_ns()
 
@@ -60,14 +62,17 @@ class BatchSource:
             answer = self._pending[0].poll()
         except UnreachableError as error:
             self.unanswered += 1
+            self._replay.lost(error)
             self._pause(f"waiting for replay: {error}")
             return None
         except RefusedError as error:
             self.refused += 1
+            self._replay.heard()
             self._pause(f"replay refused to give a batch: {error}")
             return None
         if answer is None:
             return None
+        self._replay.heard()
         if isinstance(answer, Batch):
             self._pending.popleft()
             self.note = ""

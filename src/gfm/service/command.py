@@ -9,6 +9,7 @@ import argparse
 import logging
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -18,7 +19,7 @@ from msgspec.structs import replace
 from gfm.core import BadInputError, Clock, GfmError, MonotonicClock
 from gfm.service.config import DEFAULT_ENDPOINT, LogLevel, ServiceConfig, read_config, unique_name
 from gfm.service.service import Service, run_service
-from gfm.service.signals import StopSignal
+from gfm.service.signals import StopRequested, StopSignal
 from gfm.transport import Transport, ZenohTransport
 
 _log = logging.getLogger(__name__)
@@ -102,11 +103,13 @@ def service_main(
         config = parse_config(parser, config_type, argv)
         start_logging(config.log_level)
         _log.info("settings: %s", msgspec.json.encode(config).decode())
-        with open_transport(config) as transport:
+        with open_transport(config) as transport, suppress(StopRequested):
             stopped = StopSignal()
             stopped.install()
+            _log.info("connected")
             clock = MonotonicClock()
-            service = build(config, transport, clock)
+            with stopped.at_once():
+                service = build(config, transport, clock)
             _log.info("running")
             run_service(service, transport, clock, stopped)
         _log.info("stopped")
