@@ -248,6 +248,22 @@ def test_what_the_model_does_not_say_is_assumed_and_said():
     ]
 
 
+def test_a_slide_needs_a_range_and_is_slow():
+    xml = """
+    <mujoco><worldbody><body><joint name="rail" type="slide" {}/><geom size="0.1"/></body>
+    </worldbody><actuator><position name="rail" joint="rail" {}/></actuator></mujoco>"""
+    unknown = mujoco.MjModel.from_xml_string(xml.format("", ""))
+    with pytest.raises(ConfigError, match="rail slides without a range; expected --range rail=LO"):
+        robot_limits({POSITION: unknown})
+    for known in (
+        xml.format('range="-1 1" limited="true"', ""),
+        xml.format("", 'ctrlrange="-1 1"'),
+    ):
+        limits = robot_limits({POSITION: mujoco.MjModel.from_xml_string(known)})
+        np.testing.assert_allclose(limits.speed, 0.1)
+        np.testing.assert_allclose(limits.upper, 0.94)
+
+
 def test_wishes_come_before_the_model():
     wishes = Wishes(
         ranges={"elbow": (-1.0, 0.5)}, speed={"": 0.4, "elbow": 0.2}, acceleration={"": 2.0}

@@ -17,8 +17,8 @@ from gfm.core.checks import Array
 #: Share of a velocity limit in the model that is used: drives follow badly at their limit, and a
 #: bridge, which allows half of it by default, should have nothing to change.
 SPEED_SHARE = 0.45
-#: Where a model has no velocity limit, rad/s (or m/s of a slide).
-DEFAULT_SPEED = 1.0
+#: Where a model has no velocity limit: of a hinge, rad/s, and of a slide, m/s.
+DEFAULT_SPEED, SLIDE_SPEED = 1.0, 0.1
 #: Full speed is reached in no less than this time, s, and with no more than this, rad/s^2.
 FULL_SPEED_S, MOST_ACCELERATION = 0.1, 10.0
 #: A hinge without a range is moved so far from the pose, rad.
@@ -180,13 +180,17 @@ def _model_range(
         joint, actuator = model.joint(name), model.actuator(name)
         if model.jnt_limited[joint.id]:
             found.append(model.jnt_range[joint.id])
-        elif model.jnt_type[joint.id] == mujoco.mjtJoint.mjJNT_SLIDE:
-            raise ConfigError(f"joint {name} slides without a range; expected --range {name}=LO:HI")
         if kind is CommandKind.POSITION and model.actuator_ctrllimited[actuator.id]:
             found.append(model.actuator_ctrlrange[actuator.id])
+    if not found and _slides(next(iter(models.values())), name):
+        raise ConfigError(f"joint {name} slides without a range; expected --range {name}=LO:HI")
     if not found:
         return None
     return float(max(one[0] for one in found)), float(min(one[1] for one in found))
+
+
+def _slides(model: mujoco.MjModel, name: str) -> bool:
+    return bool(model.jnt_type[model.joint(name).id] == mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def _speed(
@@ -195,7 +199,8 @@ def _speed(
     wishes: Wishes,
     notes: list[str],
 ) -> Array:
-    usual = np.full(len(names), DEFAULT_SPEED)
+    model = next(iter(models.values()))
+    usual = np.array([SLIDE_SPEED if _slides(model, one) else DEFAULT_SPEED for one in names])
     servo = models.get(CommandKind.VELOCITY)
     unknown = []
     for j, name in enumerate(names):
@@ -207,7 +212,7 @@ def _speed(
     if unknown:
         notes.append(
             f"no velocity limit in the model: {', '.join(unknown)}; motions take at most "
-            f"{DEFAULT_SPEED:g} rad/s (--max-velocity says otherwise)"
+            f"{DEFAULT_SPEED:g} rad/s, slides {SLIDE_SPEED:g} m/s (--max-velocity says otherwise)"
         )
     return _asked("velocity", names, wishes.speed, usual)
 
