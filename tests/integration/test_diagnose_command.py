@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -11,7 +12,14 @@ import pytest
 
 from gfm.cli import main
 from gfm.core import CommandKind, Trajectory
+from gfm.diagnosis.problem import cut, measure_noise
+from gfm.diagnosis.result import ModelPair, NamedEffect, ParameterEstimate
+from gfm.effects import EffectInstance, find_effect
 from gfm.recording.writer import write_recording
+from gfm.report.files import model_texts, write_texts
+from gfm.service.model_files import read_model
+from gfm.sim.plant import make_plant
+from gfm.sim.predict import predict
 
 EPOCH_NS = 1_700_000_000_000_000_000
 PENDULUM = """
@@ -90,6 +98,65 @@ def test_a_missing_effect_is_named_and_the_model_corrected(tmp_path, capsys):
     assert "Explained" in printed.out
     assert "measuring the nominal model" in printed.err
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+LOAD = EffectInstance(
+    effect=find_effect("load_dependent_friction"), joints=("a",), values={"coefficient": 0.25}
+)
+
+
+def files_of_a_robot_beyond_mjcf(folder: Path) -> tuple[list[str], str]:
+    """Returns what `files` returns; the robot's friction grows with its load.
+
+    Predicted by the library itself: this is about files, not about laws.
+    """
+    paths, model = files(folder, 0.0)
+    plant = make_plant(mujoco.MjSpec.from_file(model), ("a",), [LOAD])
+    for seed, path in enumerate(paths):
+        clean = recording(Path(path).stem, seed, 0.0)
+        noise = np.random.default_rng(seed).normal(0.0, 1e-4, clean.position.shape)
+        (whole,) = cut(clean, 0, measure_noise([clean]))
+        told = predict([plant], [replace(whole, initial_velocity=np.zeros(1))])[0][0]
+        write_recording(Path(path), replace(clean, position=told.position + noise))
+    return paths, model
+
+
+def test_what_stands_beside_the_model_is_no_gap(tmp_path, capsys):
+    paths, model = files_of_a_robot_beyond_mjcf(tmp_path)
+    estimate = ParameterEstimate(value=0.25, unit="1", ci95=None)
+    known = NamedEffect(
+        effect="load_dependent_friction",
+        joints=("a",),
+        parameters={"coefficient": estimate},
+        confidence=1.0,
+        native=False,
+    )
+    pair = ModelPair(xml=Path(model).read_text(), effects=(known,))
+    write_texts(tmp_path, model_texts("pendulum", pair))
+    out = tmp_path / "out"
+    argv = ["diagnose", *paths[:2], "--holdout", paths[2], "--model", model, "--out", str(out)]
+    assert main(argv) == 0
+    report = json.loads((out / "report.json").read_text())
+    assert (report["verdict"], report["effects"]) == ("no_gap", [])
+    read = [Path(file["path"]).name for file in report["provenance"]["files"]]
+    assert read[:2] == ["pendulum.xml", "pendulum.effects.json"]
+    assert read_model(out / "corrected.xml").effects == (LOAD,)
+    said = capsys.readouterr().err
+    assert "with pendulum.effects.json beside it: load_dependent_friction on a" in said
+
+
+@pytest.mark.slow
+def test_a_diagnosis_finds_no_gap_in_the_pair_that_another_one_wrote(tmp_path):
+    paths, nominal = files_of_a_robot_beyond_mjcf(tmp_path)
+    verdicts = []
+    for name in ("once", "twice"):
+        out = tmp_path / name
+        argv = ["diagnose", *paths[:2], "--holdout", paths[2], "--model", nominal]
+        assert main([*argv, "--out", str(out)]) == 0
+        report = json.loads((out / "report.json").read_text())
+        verdicts.append((report["verdict"], [e["effect"] for e in report["effects"]]))
+        nominal = str(out / "corrected.xml")
+    assert verdicts == [("explained", ["load_dependent_friction"]), ("no_gap", [])]
 
 
 def test_a_model_that_is_right_has_no_gap(tmp_path):
