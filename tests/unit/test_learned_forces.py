@@ -1,5 +1,7 @@
 """Fitted force models in files, and ensembles of them in episodes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -68,6 +70,18 @@ def write(arm_model, recording, tmp_path_factory):
         return path
 
     return write
+
+
+class Asked:
+    """A policy that counts how often it is asked."""
+
+    def __init__(self, policy, asked):
+        self._policy, self._asked = policy, asked
+        self.observation_size, self.action_size = policy.observation_size, policy.action_size
+
+    def mean_action(self, observation):
+        self._asked.append(observation)
+        return self._policy.mean_action(observation)
 
 
 def test_forces_act_in_episodes_as_they_do_in_open_loop_predictions(arm_model, recording, write):
@@ -149,10 +163,28 @@ def test_forces_that_do_not_go_with_the_model_are_refused(arm_model, write):
     with pytest.raises(ConfigError, match=r"acts on right_j3, right_j4; forces are allowed on"):
         Arm(problem, 1, np.random.default_rng(0), 1)
     slow = HybridModel(models=arm_model.models, control_period_s=0.03)
-    with pytest.raises(ConfigError, match=r"decides every 0\.05 s, expected every 0\.03 s"):
-        ArmProblem(model=slow, ensemble=(forces,))
-    with pytest.raises(ConfigError, match=r"expected a whole number of times within 0\.05 s"):
+    with pytest.raises(ConfigError, match=r"every 0\.03 s, expected a whole .* within 0\.05 s"):
         ArmProblem(model=slow)
+
+
+def test_forces_are_decided_as_often_as_they_were_fitted(write):
+    slow = read_forces(write("constant", bias=0.5))
+    fast = replace(slow, control_period_s=0.02)
+    assets = EnvironmentAssets(ensemble=(slow, fast))
+    problem = arm_problem("joint_tracking", EnvironmentSettings(), assets)
+    assert problem.model.control_period_s == pytest.approx(0.01)
+    assert problem.repeats == 5
+    for forces, every in ((slow, 5), (fast, 2)):
+        asked = []
+        policy = Asked(forces.policy, asked)
+        ensemble = ForceEnsemble([replace(forces, policy=policy)], problem.model, 1)
+        batch = HybridBatch(problem.model, 1)
+        ids, models, rest = np.array([0]), [problem.nominal], np.zeros((1, 7))
+        ensemble.reset(ids, models, READY[None], rest, np.random.default_rng(0))
+        for call in range(10):
+            got = ensemble.forces(batch.qpos, batch.qvel, rest)
+            assert got[0, 2] == 2.5
+            assert len(asked) == 1 + call // every
 
 
 def test_a_file_that_is_something_else_is_refused(tmp_path, write):

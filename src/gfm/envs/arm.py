@@ -5,7 +5,8 @@ Shape letters: N instances, n of them, J joints, A generalized forces.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import final
@@ -36,8 +37,8 @@ class ArmProblem:
     Attributes:
         model: Takes velocity commands.
         settings: Gain and disturbances.
-        ensemble: Generalized force models; each episode has one of them. The model is stepped as
-            often as they decide.
+        ensemble: Generalized force models; each episode has one of them. The model's own period is
+            the longest that fits into theirs and into the task's (see `common_period_s`).
     """
 
     model: HybridModel
@@ -45,17 +46,13 @@ class ArmProblem:
     ensemble: tuple[LearnedForces, ...] = ()
 
     def __post_init__(self) -> None:
-        for forces in self.ensemble:
-            if forces.control_period_s != self.model.control_period_s:
+        period_s = self.model.control_period_s
+        for decided_s in (CONTROL_PERIOD_S, *(one.control_period_s for one in self.ensemble)):
+            if abs(round(decided_s / period_s) * period_s - decided_s) > 1e-9:
                 raise ConfigError(
-                    f"a force model decides every {forces.control_period_s} s, expected every "
-                    f"{self.model.control_period_s} s as the others"
+                    f"the model is stepped every {period_s} s, expected a whole number of times "
+                    f"within {decided_s} s"
                 )
-        if abs(self.repeats * self.model.control_period_s - CONTROL_PERIOD_S) > 1e-9:
-            raise ConfigError(
-                f"force models decide every {self.model.control_period_s} s, expected a whole "
-                f"number of times within {CONTROL_PERIOD_S} s"
-            )
         if CommandKind.VELOCITY not in self.model.models:
             given = ", ".join(sorted(self.model.models))
             raise ConfigError(f"the control tasks need a velocity model, got one for {given}")
@@ -69,7 +66,7 @@ class ArmProblem:
 
     @property
     def repeats(self) -> int:
-        """Decisions about forces per control period."""
+        """Steps of the model per control period."""
         return round(CONTROL_PERIOD_S / self.model.control_period_s)
 
     @cached_property
@@ -86,6 +83,11 @@ class ArmProblem:
             return (self.nominal,)
         rng = np.random.default_rng(_VARIANTS_SEED)  # every actor draws from the same ones
         return randomised_models(self.nominal, settings.variants, settings.randomisation, rng)
+
+
+def common_period_s(periods_s: Sequence[float], timestep_s: float) -> float:
+    """Returns the longest time that fits into all periods, in whole time steps."""
+    return math.gcd(*(round(period_s / timestep_s) for period_s in periods_s)) * timestep_s
 
 
 @final

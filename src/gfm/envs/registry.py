@@ -12,7 +12,7 @@ import mujoco
 from gfm.core import CommandKind, ConfigError, Trajectory, UnknownNameError
 from gfm.effects import EffectInstance
 from gfm.envs import gfm_fit, joint_tracking, point_mass
-from gfm.envs.arm import CONTROL_PERIOD_S, ArmProblem
+from gfm.envs.arm import CONTROL_PERIOD_S, ArmProblem, common_period_s
 from gfm.envs.batched import BatchedEnvironment
 from gfm.envs.control_settings import ControlSettings
 from gfm.envs.fit_problem import FitProblem, make_fit_problem
@@ -137,12 +137,13 @@ def arm_problem(name: str, settings: EnvironmentSettings, assets: EnvironmentAss
     Raises:
         BadInputError: models and settings do not go together.
     """
-    periods = [forces.control_period_s for forces in assets.ensemble]
     models = assets.models or {CommandKind.VELOCITY: _nominal_cell(name).compile()}
+    timestep_s = float(next(iter(models.values())).opt.timestep)
+    periods_s = [CONTROL_PERIOD_S, *(one.control_period_s for one in assets.ensemble)]
     model = HybridModel(
         models=models,
         limits=force_limits(settings),
-        control_period_s=periods[0] if periods else CONTROL_PERIOD_S,
+        control_period_s=common_period_s(periods_s, timestep_s),
         forced_joints=settings.forced_joints,
         effects=assets.effects,
     )

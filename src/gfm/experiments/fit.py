@@ -28,11 +28,13 @@ from gfm.recording.weights_file import write_weights
 from gfm.report import TrainingCurve
 from gfm.rl.policy_numpy import GaussianPolicy
 from gfm.service.assets import load_assets
+from gfm.service.force_files import write_forces
 from gfm.sim.rollout import rollouts
 from gfm.transport import ask
 from gfm_wire import WeightsRequest
 
-WARM_START, BEST = "warm_start.npz", "gfm.npz"
+#: Policies; and the best one with all that is needed to use it elsewhere.
+WARM_START, BEST, FORCES = "warm_start.npz", "gfm.npz", "forces.npz"
 #: The learner's settings, for a policy that begins close to its goal: the critic, which has to tell
 #: small differences, goes first, and the policy follows it in small steps with a steady stddev.
 CRITIC_FIRST_STEPS = 1500
@@ -260,7 +262,7 @@ class ForceFit:
         return snapshot
 
     def finish(self) -> FittedForces:
-        """Returns the outcome, and writes the best policy."""
+        """Returns the outcome, and writes the best policy, alone and as a force model."""
         points = [(s.time_s, s.weights.version, s.error) for s in self._snapshots]
         fitted = FittedForces(
             problem=self._warm.problem,
@@ -273,6 +275,8 @@ class ForceFit:
             ),
         )
         write_weights(self._inputs.folder / BEST, fitted.kept)
+        problem = fitted.problem
+        write_forces(self._inputs.folder / FORCES, problem.model, problem.features, fitted.kept)
         return fitted
 
     def _error(self, weights: Weights) -> float:

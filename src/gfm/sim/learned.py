@@ -87,22 +87,27 @@ class LearnedForces:
 
 @final
 class ForceEnsemble:
-    """Several force models for N instances; each episode has one of them."""
+    """Several force models for N instances; each episode has one of them.
+
+    A force model decides as often as it did when it was fitted; in between its forces are held.
+    """
 
     def __init__(self, members: Sequence[LearnedForces], model: HybridModel, num_envs: int) -> None:
         """Prepares instances.
 
         Args:
-            members: At least one; all decide as often as `model` is stepped.
-            model: What the forces act on.
+            members: At least one.
+            model: What the forces act on; its period fits into those of all members.
             num_envs: N.
 
         Raises:
             BadInputError: a member does not go with the model.
         """
-        self._model = model
         self._members = [_Member(one, model, num_envs) for one in members]
+        self._every = [round(one.control_period_s / model.control_period_s) for one in members]
         self._member: NDArray[np.intp] = np.zeros(num_envs, np.intp)
+        self._held: Array = np.zeros((num_envs, len(model.force_limit)))
+        self._calls = 0
 
     def reset(
         self,
@@ -121,6 +126,7 @@ class ForceEnsemble:
             qvel: shape (n, nv).
             rng: Where chance comes from.
         """
+        self._held[ids] = 0.0
         self._member[ids] = rng.integers(len(self._members), size=len(ids))
         for number, member in enumerate(self._members):
             mine = np.flatnonzero(self._member[ids] == number)
@@ -128,19 +134,19 @@ class ForceEnsemble:
                 member.begin(ids[mine], [models[int(i)] for i in mine], qpos[mine], qvel[mine])
 
     def forces(self, qpos: Array, qvel: Array, command: Array) -> Array:
-        """Returns the forces now, N m and N, shape (N, A).
+        """Returns the forces until the model was stepped once, N m and N, shape (N, A).
 
         Args:
             qpos: shape (N, nq).
             qvel: shape (N, nv).
             command: In force from now on, of the model's joints, shape (N, J).
         """
-        forces = np.zeros((len(qpos), len(self._model.force_limit)))
         for number, member in enumerate(self._members):
             ids = np.flatnonzero(self._member == number)
-            if len(ids):
-                member.add(ids, qpos[ids], qvel[ids], command[ids], forces)
-        return forces
+            if len(ids) and self._calls % self._every[number] == 0:
+                member.decide(ids, qpos[ids], qvel[ids], command[ids], self._held)
+        self._calls += 1
+        return self._held.copy()
 
 
 @final
@@ -173,7 +179,7 @@ class _Member:
         self._observation[ids] = rows
         self._fresh[ids] = True
 
-    def add(
+    def decide(
         self, ids: NDArray[np.intp], qpos: Array, qvel: Array, command: Array, forces: Array
     ) -> None:
         """Writes the forces on the instances `ids` into `forces`, shape (N, A)."""
