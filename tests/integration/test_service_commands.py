@@ -72,6 +72,16 @@ def test_status_where_no_router_is_is_bad_input(monkeypatch):
         run_command("status", "--connect", absent)
 
 
+def test_up_refuses_a_damaged_model_before_it_starts_anything(monkeypatch, tmp_path):
+    monkeypatch.setattr("gfm.launch.commands.StopSignal.install", lambda _self: None)
+    (tmp_path / "arm.xml").write_text("<mujoco/>")
+    (tmp_path / "arm.effects.json").write_text("{")
+    model = f"velocity={tmp_path / 'arm.xml'}"
+    with pytest.raises(BadInputError, match=r"effects .*arm.effects.json: .* expected JSON"):
+        run_command("up", "--dir", str(tmp_path / "up"), "--model", model)
+    assert not (tmp_path / "up").exists()
+
+
 @pytest.mark.parametrize(
     ("argv", "message"),
     [

@@ -7,13 +7,22 @@ import json
 import logging
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from gfm.core import BadInputError, Clock, ConfigError, MonotonicClock, Status, UnreachableError
+from gfm.core import (
+    BadInputError,
+    Clock,
+    CommandKind,
+    ConfigError,
+    MonotonicClock,
+    Status,
+    UnreachableError,
+)
 from gfm.launch.router import RouterService
 from gfm.launch.spec import (
     SystemSpec,
@@ -94,12 +103,21 @@ def run_up(arguments: argparse.Namespace) -> int:
     stopped.install()
     directory = arguments.dir or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
     system = _system(arguments, directory)
+    _check_models(vars(arguments).get("environment.models", {}))
     with Supervisor(system, directory / "logs", clock=clock) as supervisor:
         supervisor.start(stopped)
         _log.info("running; logs in %s", directory / "logs")
         _log.info("ask it: gfm status --connect %s --run %s", arguments.listen, arguments.run_name)
         _watch(supervisor, clock, stopped)
     return 0
+
+
+def _check_models(paths: Mapping[CommandKind, str]) -> None:
+    """Refuses models that cannot be used before anything is started; says what is beside them."""
+    if paths:
+        from gfm.service.model_files import read_robot  # loads mujoco
+
+        read_robot(paths, partial(_log.info, "%s"))
 
 
 def _watch(supervisor: Supervisor, clock: Clock, stopped: StopSignal) -> None:

@@ -22,7 +22,7 @@ from gfm.envs.registry import (
 )
 from gfm.recording import read_recording
 from gfm.service.force_files import read_forces
-from gfm.service.model_files import ModelFile, read_model, shared_effects
+from gfm.service.model_files import ModelFile, read_robot, shared_effects
 from gfm.sim.plant import stepping_spec
 
 _log = logging.getLogger(__name__)
@@ -54,10 +54,7 @@ def load_assets(
     Raises:
         BadInputError: a file is missing or damaged, or files do not belong together.
     """
-    files = {kind: read_model(Path(path)) for kind, path in settings.models.items()}
-    for file in files.values():
-        if file.about:
-            _log.info("%s", file.about)
+    files = read_robot(settings.models, partial(_log.info, "%s"))
     return EnvironmentAssets(
         models={kind: _compiled(file, complete) for kind, file in files.items()},
         effects=shared_effects(files.values()),

@@ -14,7 +14,8 @@ def add_environment_flags(parser: argparse.ArgumentParser) -> None:
         dest="environment.models",
         action=_KindedPath,
         metavar="KIND=FILE",
-        help="MJCF for commands of KIND (position, velocity, effort); may be given once per kind",
+        help="MJCF for commands of KIND (position, velocity, effort), once per kind; of FILE.xml "
+        "FILE.effects.json beside it is read as part",
     )
     group.add_argument(
         "--recording",

@@ -6,13 +6,13 @@ finds the second and puts its effects in as well.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 
-from gfm.core import BadInputError, ConfigError
+from gfm.core import BadInputError, CommandKind, ConfigError
 from gfm.effects import EffectInstance
 from gfm.service.effects_file import read_effects
 
@@ -86,6 +86,26 @@ def _check_joints(
                     f"effects {beside}: {instance.effect.name} on joint {name!r}, which {path} "
                     f"does not have; expected one of {', '.join(there)}"
                 )
+
+
+def read_robot(
+    paths: Mapping[CommandKind, str], say: Callable[[str], object]
+) -> dict[CommandKind, ModelFile]:
+    """Returns one robot's models by kind of command.
+
+    Args:
+        paths: Of MJCF files.
+        say: Told what was found beside them, in lines.
+
+    Raises:
+        BadInputError: a file is missing or damaged, or the files are of different robots.
+    """
+    files = {kind: read_model(Path(path)) for kind, path in paths.items()}
+    shared_effects(files.values())
+    for file in files.values():
+        if file.about:
+            say(file.about)
+    return files
 
 
 def shared_effects(files: Iterable[ModelFile]) -> tuple[EffectInstance, ...]:
