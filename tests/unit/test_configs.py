@@ -1,0 +1,32 @@
+"""The experiments that ship: every table is one that its reader takes."""
+
+from pathlib import Path
+
+import pytest
+
+from gfm.envs.registry import episode_steps
+from gfm.experiments.train_config import TrainConfig
+from gfm.service import read_config
+from gfm_actor.config import ActorConfig
+from gfm_learner.config import LearnerConfig
+from gfm_replay.config import ReplayConfig
+
+CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.toml"))
+
+
+def test_there_is_one_for_every_control_task():
+    assert {"position_matching", "pose_matching", "joint_tracking"} <= {p.stem for p in CONFIGS}
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_every_service_takes_its_table(path):
+    experiment = read_config(TrainConfig, path, {})
+    learner = read_config(LearnerConfig, path, {"env": experiment.env}, "learner")
+    actor = read_config(ActorConfig, path, {"env": experiment.env}, "actor")
+    replay = read_config(ReplayConfig, path, {}, "replay")
+    assert episode_steps(experiment.env, learner.environment) % actor.sequence_length == 0
+    assert learner.learning.normaliser_steps == 0, "the tasks scale their observations themselves"
+    assert replay.max_samples_per_insert is not None
+    curriculum = learner.environment.control.curriculum
+    assert curriculum.gain(experiment.learner_steps) == 1.0
+    assert (len(curriculum.gains) - 1) * curriculum.stage_steps < experiment.learner_steps
