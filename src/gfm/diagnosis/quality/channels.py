@@ -25,8 +25,9 @@ LEAST_NOISE_RAD = 1e-7
 PLATEAU, FULLER = 0.01, 8.0
 #: How far from zero a plateau must be, in its thicknesses: joints rest.
 FROM_ZERO = 5.0
-#: What counts as the extreme, in percent: filters overshoot at the ends of a plateau.
-EXTREME = 98.0
+#: What counts as the extreme, in percent, and how far beyond it a signal may go, in thicknesses:
+#: filters overshoot at the ends of a plateau.
+EXTREME, OVERSHOOT = 98.0, 4.0
 #: How thick a plateau may be, as a share of the signal's whole span.
 WIDEST = 0.1
 #: Share of the demand's whole spread that it must still have where the signal is flat.
@@ -217,7 +218,12 @@ def _plateau(signal: Array, demand: Array, width: float) -> float | None:
         top, next_level = np.abs(depth) < width, (depth >= width) & (depth < 2.0 * width)
         full = top.mean() > PLATEAU and top.sum() > FULLER * max(next_level.sum(), 1)
         moving = np.abs(np.median(signal[top])) > FROM_ZERO * width
-        if full and moving and _spread(demand[top]) > DEMAND_GOES_ON * spread > 0.0:
+        if (
+            full
+            and moving
+            and -depth.min() < OVERSHOOT * width
+            and _spread(demand[top]) > DEMAND_GOES_ON * spread > 0.0
+        ):
             return float(np.median(signal[top]))
     return None
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gfm.core import Trajectory
-from gfm.core.checks import Array
 
 #: So many measurements in a row, a good part of them of a motion, that agree to the last digit: one
 #: joint with a coarse encoder repeats short stretches by chance, this long it does not.
@@ -58,14 +57,15 @@ def _fingerprints(numbers: NDArray[np.int64]) -> NDArray[np.uint64]:
 
 
 def shared_stamps(one: Trajectory, other: Trajectory) -> int:
-    """Returns how many measurements have the same stamp and, under motion, the same positions."""
+    """Returns how many measurements of a motion both recordings hold under the same stamps.
+
+    None where values at common stamps differ, or where both begin with the same stamp: clocks that
+    start with the recording say nothing of when it was.
+    """
     joints = [name for name in one.joint_names if name in other.joint_names]
     _, a, b = np.intersect1d(one.stamp_ns, other.stamp_ns, return_indices=True)
-    if not joints or not len(a):
+    if not joints or not len(a) or one.stamp_ns[0] == other.stamp_ns[0]:
         return 0
     first, second = _positions(one, joints)[a], _positions(other, joints)[b]
-    return int(_moving(first)[(first == second).all(axis=1)].sum())
-
-
-def _moving(rows: NDArray[np.int64]) -> Array:
-    return np.concatenate([[False], (np.diff(rows, axis=0) != 0).any(axis=1)])
+    same = (first == second).all(axis=1)
+    return int(same[1:][(np.diff(first, axis=0) != 0).any(axis=1)].sum()) if same.all() else 0

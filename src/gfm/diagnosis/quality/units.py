@@ -31,6 +31,8 @@ BESIDE_M = 0.01
 #: Kinetic energy, as a multiple of what could have been put in, that no error of a model's masses
 #: explains.
 MOST_ENERGY = 20.0
+#: Less kinetic energy than this is noise, J.
+LEAST_ENERGY_J = 1e-3
 
 
 def beyond_range(recording: Trajectory, plant: Plant) -> Objection | None:
@@ -157,10 +159,11 @@ def _velocity_ratios(recording: Trajectory) -> dict[str, float]:
 
 
 def surplus_energy(recording: Trajectory, plant: Plant) -> Objection | None:
-    """Objects to a motion with far more energy than drive and weight can have given it.
+    """Objects to a motion that gains far more energy than drive and weight can give it.
 
-    For known torques only: measured, or commanded. Positions in degrees have 3283 times the kinetic
-    energy and the work of 57 times the torque; stamps in other units show likewise.
+    For known torques only: measured, or commanded. Judged where the kinetic energy rises most:
+    in degrees it rises 3283 times as much, for 57 times the work; stamps in other units show
+    likewise.
     """
     commanded = recording.command_kind is CommandKind.EFFORT
     effort = held_command(recording) if commanded else recording.effort
@@ -170,13 +173,14 @@ def surplus_energy(recording: Trajectory, plant: Plant) -> Objection | None:
     kinetic, potential = _energies(plant, q, v)
     power = np.abs(effort * v).sum(axis=1)
     work = np.concatenate([[0.0], np.cumsum(power[:-1] * np.diff(recording.time_s))])
-    given = work + np.ptp(potential) + kinetic[0]
-    gained = float(np.max(kinetic / np.maximum(given, 1e-9)))
-    if gained < MOST_ENERGY or kinetic.max() < 1e-3:
+    top = int(np.argmax(kinetic - np.minimum.accumulate(kinetic)))
+    bottom = int(np.argmin(kinetic[: top + 1]))
+    risen, given = kinetic[top] - kinetic[bottom], work[top] - work[bottom] + np.ptp(potential)
+    if risen < max(MOST_ENERGY * given, LEAST_ENERGY_J):
         return None
     return Objection(
         where="positions, stamps and torques",
-        problem=f"the motion has {gained:.2g} times the energy that drives and weight gave it",
+        problem=f"motion gains {risen / given:.2g} times the energy that drives and weight give",
         expected="rad, seconds and N m (positions in degrees? scale them by 0.0174533)",
     )
 
