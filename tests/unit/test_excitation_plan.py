@@ -163,6 +163,20 @@ def test_only_motions_for_the_effects_that_are_asked_for_are_made():
     assert labels == ["sweep", "waypoints", "four_sines"]
 
 
+def test_what_even_the_motions_cannot_show_is_foreseen():
+    strong = plan_of(arm(actuators=servos(300.0, 300.0)), effects=("torque_saturation",))
+    spot = strong.blind_spots[0]
+    assert (spot.effect, spot.joints) == ("torque_saturation", ("shoulder", "elbow"))
+    assert "of 300 N m" in spot.why
+    narrow = Wishes(ranges={"shoulder": (-0.2, 0.2), "elbow": (-1.0, 1.0)})
+    plan = plan_of(arm(), wishes=narrow, effects=("cogging_torque",))
+    assert [(one.effect, one.joints) for one in plan.blind_spots] == [
+        ("cogging_torque", ("shoulder",))
+    ]
+    alone = Wishes(joints=("elbow",))
+    assert all("shoulder" not in one.joints for one in plan_of(arm(), wishes=alone).blind_spots)
+
+
 def test_links_without_geometry_are_pointed_out_first():
     model = arm()
     model.geom_contype[1:] = 0

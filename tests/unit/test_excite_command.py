@@ -92,6 +92,13 @@ def test_what_the_model_does_not_say_is_printed(written):
     assert "next:" not in printed
 
 
+def test_what_no_motion_would_show_is_printed_and_written(written):
+    out, plan, printed = written
+    assert [spot["effect"] for spot in plan["blind_spots"]] == ["torque_saturation"]
+    assert "not shown, even so: torque_saturation (joint): joint: took" in printed
+    assert "What even these motions would not show" in (out / "plan.html").read_text()
+
+
 def test_the_same_seed_makes_the_same_plan(written, tmp_path):
     out, plan, _ = written
     excited(tmp_path / "again")

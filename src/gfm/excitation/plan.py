@@ -19,6 +19,8 @@ import numpy as np
 
 from gfm.core import CommandKind, ConfigError
 from gfm.core.checks import Array
+from gfm.excitation.blind_spots import BlindSpot
+from gfm.excitation.foresight import unseen
 from gfm.excitation.limits import RobotLimits
 from gfm.excitation.motion import Motion, Purpose, Tracking, minimum_jerk
 from gfm.excitation.programme import FAMILIES, Family, families_for
@@ -116,6 +118,7 @@ class Plan:
         limits: Of the robot; motions begin and end at `start`, the room's middle.
         room: Ranges of all joints at once in which the robot can rest, touching nothing.
         motions: Training first.
+        blind_spots: What is asked for and these motions could not show, as far as one can foresee.
         notes: What to know before a robot moves, in words.
     """
 
@@ -123,6 +126,7 @@ class Plan:
     limits: RobotLimits
     room: Room
     motions: tuple[PlannedMotion, ...]
+    blind_spots: tuple[BlindSpot, ...]
     notes: tuple[str, ...]
 
     @property
@@ -159,7 +163,8 @@ def make_plan(
                 notes.append(planned)
             else:
                 motions.append(planned)
-    if not any(one.family.purpose is Purpose.TRAINING for one in motions):
+    training = [one for one in motions if one.family.purpose is Purpose.TRAINING]
+    if not training:
         raise ConfigError("; ".join(["no motion is possible", *notes]))
     if not check.sees_geometry:
         notes.insert(
@@ -172,6 +177,7 @@ def make_plan(
         limits=limits,
         room=room,
         motions=tuple(sorted(motions, key=lambda one: one.family.purpose is Purpose.HELDOUT)),
+        blind_spots=unseen([(m.motion, m.torque) for m in training], limits, request.effects),
         notes=(*notes, *limits.notes),
     )
 

@@ -29,6 +29,7 @@ from gfm.experiments.diagnose_command import check_folder
 from gfm.experiments.drive import Driven, drive
 from gfm.experiments.inputs import command_line, load_specs, provenance
 from gfm.report import PlanReport, write_plan
+from gfm.report.words import joints_title
 from gfm.transport import Transport, ZenohTransport
 
 #: Below this confidence, a named effect is an open question.
@@ -221,6 +222,9 @@ def print_plan(console: Console, report: PlanReport, models: Sequence[Path]) -> 
     console.print(table)
     for note in plan.notes:
         console.print(Text(f"note: {note}"), soft_wrap=True)
+    for spot in plan.blind_spots:
+        words = f"not shown, even so: {spot.effect} ({joints_title(spot.joints)}): {spot.why}"
+        console.print(Text(words), soft_wrap=True)
     if report.recordings:
         console.print(Text(f"next: {diagnose_words(plan, report, models)}"), soft_wrap=True)
 

@@ -87,6 +87,7 @@ def plan_json(report: PlanReport) -> dict[str, object]:
         "duration_s": plan.duration_s,
         "joints": limits,
         "motions": [_motion_json(report, one) for one in plan.motions],
+        "blind_spots": [vars(spot) for spot in plan.blind_spots],
         "notes": plan.notes,
         "provenance": report.provenance,
     }
