@@ -85,7 +85,7 @@ def swing() -> Callable[..., tuple[np.ndarray, Signals]]:
     """Returns a swing of the pendulum: times, and position, velocity, acceleration and torque."""
 
     def motion(
-        amplitude: float = 0.8, hz: float = 0.7, seconds: float = 10.0
+        amplitude: float = 0.8, hz: float = 0.7, seconds: float = 4.0
     ) -> tuple[np.ndarray, Signals]:
         t = np.arange(0.0, seconds, 0.01)
         w = 2.0 * np.pi * hz
