@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -192,3 +194,11 @@ def test_frequencies_are_those_of_sines():
     assert (first.command_hz, second.command_hz) == pytest.approx((0.25, 0.5), rel=0.05)
     assert (first.span, second.span) == pytest.approx((2.0, 0.6), rel=1e-3)
     assert first.beside_s == pytest.approx(20.0, rel=0.2)
+
+
+def test_a_very_short_recording_with_one_command_lacks_nearly_everything():
+    few = recording(both(sine(0.4), sine(0.5))[:10])
+    one_command = replace(few, command_stamp_ns=few.command_stamp_ns[:1], command=few.command[:1])
+    dark = spots(one_command)
+    assert {"coulomb_friction", "viscous_friction", "command_delay", "joint_spring"} <= set(dark)
+    assert "one command" in dark["command_delay"].why

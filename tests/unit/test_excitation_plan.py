@@ -326,5 +326,8 @@ def test_every_effect_of_the_library_that_joints_can_show_has_a_motion():
 
 
 def test_an_effect_that_no_motion_is_there_for_gets_all_of_them():
+    plan = plan_of(arm(), effects=("my_effect", "cogging_torque"))
+    assert len(plan.motions) == len(FAMILIES)
+    assert "no motion is there for my_effect: all of them are proposed" in plan.notes
     assert families_for(("my_effect",)) == FAMILIES
     assert families_for(()) == FAMILIES

@@ -23,7 +23,7 @@ from gfm.excitation.blind_spots import BlindSpot
 from gfm.excitation.foresight import unseen
 from gfm.excitation.limits import RobotLimits
 from gfm.excitation.motion import Motion, Purpose, Tracking, minimum_jerk
-from gfm.excitation.programme import FAMILIES, Family, families_for
+from gfm.excitation.programme import FAMILIES, Family, families_for, shown_by
 from gfm.excitation.room import Room, find_room, mask
 from gfm.excitation.safety import SafetyCheck
 from gfm.excitation.shapes import move_s, within
@@ -166,6 +166,9 @@ def make_plan(
     training = [one for one in motions if one.family.purpose is Purpose.TRAINING]
     if not training:
         raise ConfigError("; ".join(["no motion is possible", *notes]))
+    strange = [effect for effect in request.effects if not shown_by(effect)]
+    if strange:
+        notes.append(f"no motion is there for {', '.join(strange)}: all of them are proposed")
     if not check.sees_geometry:
         notes.insert(
             0,
