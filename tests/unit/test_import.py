@@ -15,6 +15,7 @@ from gfm.core import BadInputError, CommandKind, ConfigError, RecordingError
 from gfm.recording import commands, read_recording
 from gfm.recording.importing import imported
 from gfm.recording.mapping import Mapping, load_mapping
+from gfm.recording.reading_times import at_stamps
 
 SIMPLE = """
 format = "csv"
@@ -183,6 +184,7 @@ def test_refuses(tmp_path: Path, table: list[list[Any]], words: str) -> None:
         (('"effort"', '"torque"'), "torque"),
         (('name = "joint"', "name = 3"), "joints"),
         (('format = "csv"', "format = csv"), "line 2"),
+        (('name = "joint"', 'name = "joint"\nread_offset_s = 18'), "read_offset_s of joint is 18"),
     ],
 )
 def test_mappings_are_checked(tmp_path: Path, change: tuple[str, str], words: str) -> None:
@@ -238,3 +240,37 @@ def test_a_cut_recording_is_saved_without_a_mapping(tmp_path: Path) -> None:
 def test_tables_need_a_mapping(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no --mapping given"):
         run(csv_file(tmp_path / "a.csv", rows()), "--out", tmp_path / "out")
+
+
+def test_joints_read_after_their_stamp_are_put_back(tmp_path: Path) -> None:
+    """A row's stamp is when its cycle began; the joint was read 18 ms later."""
+    time_s = 0.02 * np.arange(100)
+    read = np.sin(4.0 * (time_s + 0.018))
+    body = [[1000 * t, q, 65536 - 1, 0.0] for t, q in zip(time_s, read, strict=True)]
+    path = csv_file(tmp_path / "run.csv", [["t", "ticks", "pwm", "tau"], *body])
+    text = SIMPLE.replace("scale = 0.5, offset = 1.0", "scale = 1.0").replace(
+        'name = "joint"', 'name = "joint"\nread_offset_s = 0.018'
+    )
+    (trajectory,) = imported([path], mapping(tmp_path, text))
+    found = trajectory.position[:, 0]
+    np.testing.assert_allclose(found[2:-1], np.sin(4.0 * time_s)[2:-1], atol=2e-4)
+    np.testing.assert_allclose(found, np.sin(4.0 * time_s), atol=5e-3)
+    assert np.abs(read - np.sin(4.0 * time_s)).max() > 0.07
+    assert trajectory.stamp_ns.tolist() == (20_000_000 * np.arange(100)).tolist()
+    assert trajectory.effort is not None
+    np.testing.assert_allclose(trajectory.effort, 1.0)
+
+
+@pytest.mark.parametrize("offset_s", [-0.013, 0.0, 0.004, 0.02])
+def test_a_straight_motion_is_put_back_exactly_at_uneven_stamps(offset_s: float) -> None:
+    steps_ns = np.random.default_rng(0).integers(8_000_000, 12_000_000, 50)
+    stamp_ns = np.cumsum(steps_ns)
+    line = 3.0 + 2.0 * (stamp_ns * 1e-9 + offset_s)
+    np.testing.assert_allclose(at_stamps(stamp_ns, line, offset_s), 3.0 + 2e-9 * stamp_ns)
+
+
+@pytest.mark.parametrize("scale", ["1e-9", "10.0"])
+def test_times_in_another_unit_are_refused(tmp_path: Path, scale: str) -> None:
+    path = csv_file(tmp_path / "run.csv", rows())
+    with pytest.raises(RecordingError, match=r"column t: rows are .* s apart; .*time.scale"):
+        list(imported([path], mapping(tmp_path, SIMPLE.replace("1e-3", scale))))
