@@ -7,12 +7,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from gfm.core import BadInputError, CommandKind, ConfigError, Trajectory
+from gfm.core import BadInputError, CommandKind, ConfigError, Trajectory, UnknownNameError
 from gfm.diagnosis.correction import corrected_model, model_pair
 from gfm.diagnosis.result import NamedEffect, ParameterEstimate
 from gfm.effects import EffectInstance, find_effect
+from gfm.envs.registry import EnvironmentSettings
 from gfm.experiments.inputs import load_nominal
+from gfm.experiments.run import nominal_arm
+from gfm.recording.writer import write_recording
 from gfm.report.files import model_texts, write_texts
+from gfm.service.assets import load_environment
 from gfm.service.model_files import read_model
 from gfm.sim.hybrid import HybridModel
 from gfm.sim.plant import make_plant, native_spec, stepping_spec
@@ -36,6 +40,7 @@ ARM = """
   </actuator>
 </mujoco>
 """
+VELOCITY_ARM = ARM.replace("<position", "<velocity").replace('kp="30"', "").replace('kp="15"', "")
 JOINTS = ("a", "b")
 
 
@@ -227,6 +232,62 @@ def test_a_robot_that_is_its_pair_needs_no_further_force(tmp_path):
     assert (pair < 0.2 * alone).all()
 
 
+def test_gfm_fit_runs_on_the_pair(tmp_path):
+    recording = recording_of([LOAD, OFFSET])
+    path = written(tmp_path, [LOAD, OFFSET])
+    write_recording(tmp_path / "run.mcap", recording)
+    (tmp_path / "alone.xml").write_text(path.read_text())
+    rewards = []
+    for file in (tmp_path / "alone.xml", path):
+        settings = EnvironmentSettings(
+            models={CommandKind.POSITION: str(file)},
+            recordings=(str(tmp_path / "run.mcap"),),
+            control_period_s=0.02,
+            horizon=20,
+            scale=(0.01, 0.01, 0.2, 0.2),
+        )
+        env = load_environment("gfm_fit", settings, num_envs=4, seed=0)
+        env.reset()
+        still = np.zeros((4, env.spec.action_size), np.float32)
+        rewards.append(np.mean([env.step(still).reward for _ in range(20)]))
+    assert rewards[1] > 0.97
+    assert rewards[0] < 0.9
+
+
+def test_the_arm_of_a_run_may_be_a_pair_for_both_of_its_modes(tmp_path):
+    published = nominal_arm(())
+    load = replace(LOAD, joints=("right_j2",))
+    for kind, spec in published.specs.items():
+        pair = corrected_model(spec, [named(load)])
+        write_texts(tmp_path, model_texts(f"corrected_{kind}", pair))
+    paths = sorted(tmp_path.glob("*.xml"))
+    arm = nominal_arm(paths)
+    assert (arm.effects, len(arm.about)) == ((load,), 2)
+    with pytest.raises(ConfigError, match="models for position commands; expected one for each"):
+        nominal_arm(paths[:1])
+    others = [written(tmp_path, []), tmp_path / "other.xml"]
+    others[1].write_text(VELOCITY_ARM)
+    with pytest.raises(UnknownNameError, match="unknown joint 'right_j0'; available: a, b"):
+        nominal_arm(others)
+
+
+def test_meshes_are_found_from_any_folder(tmp_path):
+    cell = tmp_path / "cell"
+    (cell / "assets").mkdir(parents=True)
+    corners = [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    (cell / "assets" / "box.obj").write_text(
+        "".join("v " + " ".join(str(0.1 * c) for c in corner) + "\n" for corner in corners)
+        + "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n"
+    )
+    mesh = '<asset><mesh name="box" file="box.obj"/></asset><worldbody>'
+    mesh += '<geom type="mesh" mesh="box" contype="0" conaffinity="0"/>'
+    text = ARM.replace('angle="radian"', 'angle="radian" meshdir="assets"')
+    (cell / "arm.xml").write_text(text.replace("<worldbody>", mesh))
+    spec = read_model(cell / "arm.xml").spec
+    path = written(tmp_path / "out", [DELAY], spec=spec)
+    assert mujoco.MjModel.from_xml_path(str(path)).nmesh == 1
+
+
 def test_the_mjcf_says_every_effect_with_amount_and_interval_in_a_comment(tmp_path):
     text = written(tmp_path, [STRIBECK, DELAY]).read_text()
     assert "command_delay on a, b: delay 0.0137 [0.01233, 0.01507] s -->" in text
@@ -283,8 +344,7 @@ def test_a_damaged_pair_is_refused_in_one_line(damage, words, tmp_path):
 def test_models_of_one_robot_have_the_same_beside_them(tmp_path):
     position = written(tmp_path, [LOAD])
     velocity = tmp_path / "velocity.xml"
-    velocity.write_text(ARM.replace("<position", "<velocity").replace('kp="30"', ""))
-    velocity.write_text(velocity.read_text().replace('kp="15"', ""))
+    velocity.write_text(VELOCITY_ARM)
     with pytest.raises(ConfigError, match="beside the first stand load_dependent_friction"):
         load_nominal([position, velocity])
     effects = json.loads((tmp_path / "corrected.effects.json").read_text())

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gfm.core import ShapeError
+from gfm.core import CommandKind, ShapeError
 from gfm.diagnosis.result import (
     ErrorSummary,
     EvidencePlot,
     JointError,
+    ModelPair,
     NamedEffect,
     ParameterEstimate,
     RecordingSummary,
@@ -285,6 +286,36 @@ def test_the_files_of_a_diagnosis_are_whole_and_alone(diagnosis_with, tmp_path):
     assert (folder / "corrected.xml").read_text() == "<mujoco/>"
     effects = json.loads((folder / "corrected.effects.json").read_text())
     assert effects["effects"][0]["effect"] == "cogging_torque"
+
+
+def twins(diagnosis):
+    """Returns corrected models of two kinds; beside the first stand effects."""
+    alone, pair = (ModelPair(xml="<mujoco/>", effects=e) for e in ((), diagnosis.effects[:1]))
+    return {CommandKind.POSITION: pair, CommandKind.VELOCITY: alone}
+
+
+def test_a_diagnosis_writes_a_model_for_every_kind_of_command(diagnosis_with, tmp_path):
+    plain = diagnosis_with(corrected_effects=())
+    (tmp_path / "corrected_velocity.effects.json").write_text("of an older diagnosis")
+    write_diagnosis(tmp_path, replace(plain, twins=twins(plain)))
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "corrected.xml",
+        "corrected_position.effects.json",
+        "corrected_position.xml",
+        "corrected_velocity.xml",
+        "report.html",
+        "report.json",
+    ]
+
+
+def test_a_run_writes_them_beside_the_nominal_ones(run_with, diagnosis_with, tmp_path):
+    plain = diagnosis_with()
+    write_run(tmp_path, run_with(diagnosis=replace(plain, twins=twins(plain))))
+    assert sorted(path.name for path in (tmp_path / "models").iterdir()) == [
+        "corrected_position.effects.json",
+        "corrected_position.xml",
+        "corrected_velocity.xml",
+    ]
 
 
 def test_no_effects_file_is_written_where_all_effects_are_native(
