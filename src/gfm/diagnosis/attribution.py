@@ -42,8 +42,14 @@ INEXACT = 0.001
 SUSPECT_JOINT = 0.02
 #: Joints that are suspected in any case.
 LEAST_SUSPECTS = 2
-#: Effects that are added at most.
-MOST_EFFECTS = 6
+#: Rounds that are played at most.
+MOST_ROUNDS = 6
+#: Share of the best first-order gain on its joint from which an effect found on another joint is
+#: looked for on this one, too.
+LIKELY = 0.3
+#: Mean squared residual of a joint, in units of the noise, from which on that is done, and the
+#: share of it that must be explained there.
+ALSO_FROM, ALSO_GAIN = 2.0, 0.2
 #: Gauss-Newton steps of a fit, and the relative gain below which it ends.
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
 #: The same where candidates are compared only.
@@ -128,9 +134,10 @@ def attribute(
     """Returns which of `candidates` the recordings support, in which amounts."""
     problem = problem.robust(())
     accepted = nothing(problem)
-    nominal, rounds = accepted.cost, []
+    nominal = accepted.cost
+    rounds: list[Round] = []
     enough = max(ADEQUATE, 1.0 + INEXACT * (nominal - 1.0))
-    while len(accepted.effects) < MOST_EFFECTS and accepted.cost > enough:
+    while len(rounds) < MOST_ROUNDS and accepted.cost > enough:
         here = suspected(problem, candidates, accepted)
         report(f"screening {len(here)} candidates (misfit {accepted.cost:.2f})")
         this = play_round(problem, here, scales, accepted, enough, report)
@@ -139,10 +146,62 @@ def attribute(
             break
         accepted = this.accepted
         problem = problem.robust(accepted.effects)
+        if accepted.cost > enough:
+            accepted = spread(problem, this.screened, accepted, report)
     if len(accepted.effects) > 1:
         report("looking for what became superfluous")
         accepted = without_superfluous(problem, accepted)
     return Attribution(nominal_cost=nominal, fit=accepted, rounds=tuple(rounds))
+
+
+def spread(
+    problem: Problem,
+    screened: Sequence[Screened],
+    accepted: Fit,
+    report: Callable[[str], None] = lambda _: None,
+) -> Fit:
+    """Returns the fit with its newest effect also on the other joints on which it explains enough.
+
+    Enough is a share of what is left on the joint itself: its misfit may be small beside others'.
+    """
+    newest = accepted.effects[-1]
+    left = problem.joint_costs(accepted.residual)
+    sisters = [
+        c.instance
+        for c in screened
+        if c.instance.effect.scope is Scope.JOINT
+        and c.instance.effect.name == newest.effect.name
+        and c.instance.key not in {e.key for e in accepted.effects}
+        and left[problem.joints.index(c.instance.joints[0])] > ALSO_FROM
+        and c.gain > LIKELY * _best_gain_on(c.instance.joints[0], screened)
+    ]
+    while sisters:
+        report(f"fitting {newest.effect.name.replace('_', ' ')} on {len(sisters)} more joints")
+        part = problem.subset(problem.sample(FITTING_S))
+        both = fit(part, (*accepted.effects, *sisters), tolerance=ROUGH)
+        found = both.effects[len(accepted.effects) :]
+        earned = [e for e in found if not at_bound(e) and _earns(part, both, e)]
+        if len(earned) == len(sisters):
+            return fit(problem, both.effects)
+        sisters = earned
+    return accepted
+
+
+def _best_gain_on(joint: str, screened: Sequence[Screened]) -> float:
+    return max(c.gain for c in screened if c.instance.joints == (joint,))
+
+
+def _earns(problem: Problem, fitted: Fit, instance: EffectInstance) -> bool:
+    """Returns whether an effect explains enough, to first order, of what is left on its joint."""
+    index = fitted.effects.index(instance)
+    own = np.array([i == index for i, _ in free_parameters(fitted.effects)])
+    others = _orthonormal(fitted.jacobian[:, ~own])
+    change = fitted.jacobian[:, own] @ _vector([instance])
+    change -= others @ (others.T @ change)
+    joint = problem.joints.index(instance.joints[0])
+    gained = problem.joint_costs(change)[joint]
+    left = problem.joint_costs(fitted.residual)[joint]
+    return bool(gained > ALSO_GAIN * (gained + left))
 
 
 def without_superfluous(problem: Problem, accepted: Fit) -> Fit:
@@ -441,9 +500,9 @@ def fit(
     if not effects:
         return nothing(problem)
     current, values = tuple(effects), _vector(effects)
-    bounds = _bounds(effects)
+    bounds, fast = _bounds(effects), coarse(problem)
     residual = problem.residuals([current])[0]
-    jacobian = _jacobian(problem, current, residual, known)
+    jacobian = _jacobian(fast, current, known)
     damping = 1e-3
     for _ in range(FIT_STEPS):
         trial = values + _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
@@ -453,7 +512,7 @@ def fit(
         damping *= 0.1 if gain > 0.0 else 30.0
         if gain > 0.0:
             current, values, residual = candidate, trial, tried
-            jacobian = _jacobian(problem, current, residual, known)
+            jacobian = _jacobian(fast, current, known)
         if 0.0 <= gain < tolerance or damping > MOST_DAMPING:
             break
     usual = tuple(replace(e, values=e.effect.canonical(e.values)) for e in current)
@@ -495,12 +554,7 @@ def _bounds(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
     return np.array([low for low, _ in both]), np.array([high for _, high in both])
 
 
-def _jacobian(
-    problem: Problem,
-    effects: tuple[EffectInstance, ...],
-    residual: Array,
-    known: Array | None,
-) -> Array:
+def _jacobian(problem: Problem, effects: tuple[EffectInstance, ...], known: Array | None) -> Array:
     """Returns the derivative of the residual by each free parameter, by forward differences."""
     values = _vector(effects)
     low, high = _bounds(effects)
@@ -508,7 +562,8 @@ def _jacobian(
     steps = np.where(values + sizes > high, -sizes, sizes)
     first = 0 if known is None else known.shape[1]
     moved = [_with_vector(effects, values + step) for step in np.diag(steps)[first:]]
-    rest = ((problem.residuals(moved) - residual) / steps[first:, None]).T
+    still, *rows = problem.residuals([effects, *moved])
+    rest = ((np.stack(rows) - still) / steps[first:, None]).T
     return np.asarray(rest if known is None else np.concatenate([known, rest], axis=1))
 
 

@@ -11,7 +11,16 @@ import numpy as np
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis import evidence
-from gfm.diagnosis.attribution import Attribution, Fit, attribute, describe, free_parameters
+from gfm.diagnosis.attribution import (
+    Attribution,
+    Fit,
+    Round,
+    attribute,
+    describe,
+    fit,
+    free_parameters,
+    price,
+)
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.correction import corrected_model
 from gfm.diagnosis.intervals import half_widths
@@ -87,9 +96,10 @@ def diagnose(
     """
     report("measuring the nominal model")
     problem = make_problem(specs, recordings, given=given)
-    held = make_problem(specs, holdout, problem.noise, given=given)
+    whole = make_problem(specs, recordings, problem.noise, given=given, whole=True)
+    held = make_problem(specs, holdout, problem.noise, given=given, whole=True)
     lack = _lacking(recordings)
-    found = _attribute(problem, recordings, report) if not lack else None
+    found = _attribute(problem, whole, recordings, report) if not lack else None
     instances = found.fit.effects if found else ()
     report("measuring the corrected model on held-out recordings")
     errors = HeldOut(
@@ -97,7 +107,7 @@ def diagnose(
     )
     if found and _closed(errors.summary) < LEAST_SHARE:
         instances, errors = (), HeldOut(problem=held, before=errors.before, after=errors.before)
-    named = _named(problem, found, instances, errors.summary) if found else ()
+    named = _named(whole, found, instances, errors.summary) if found else ()
     verdict = Verdict.INSUFFICIENT_DATA if lack else _verdict(errors.summary, named)
     corrected = {kind: corrected_model(spec, named, given) for kind, spec in specs.items()}
     first = corrected[recordings[0].command_kind]
@@ -111,7 +121,7 @@ def diagnose(
         joints=_joint_errors(errors),
         recordings=tuple(
             replace(row, warnings=doubts(findings, row.name))
-            for row in _inputs(problem, recordings, errors, holdout, instances)
+            for row in _inputs(whole, recordings, errors, holdout, instances)
         ),
         findings=findings,
         corrected_xml=first.xml,
@@ -138,14 +148,20 @@ def _lacking(recordings: Sequence[Trajectory]) -> str:
 
 
 def _attribute(
-    problem: Problem, recordings: Sequence[Trajectory], report: Callable[[str], None]
+    problem: Problem,
+    whole: Problem,
+    recordings: Sequence[Trajectory],
+    report: Callable[[str], None],
 ) -> Attribution:
+    """Returns what the recordings support: found in stretches, settled in whole recordings."""
     report("looking at torques")
     scales = joint_scales(problem, torque_views(problem, recordings))
     looked_for = [effect for effect in effect_library().values() if effect.twin is None]
     candidates = [place for effect in looked_for for place in places(effect, problem.joints)]
     found = attribute(problem, candidates, scales, report)
-    return replace(found, fit=fitly_named(found.fit, problem.specs))
+    report("settling amounts on whole recordings")
+    settled = fit(whole.robust(found.fit.effects), found.fit.effects)
+    return replace(found, fit=fitly_named(settled, problem.specs))
 
 
 def _closed(error: ErrorSummary) -> float:
@@ -172,11 +188,10 @@ def _named(
     """Returns the accepted effects with intervals, in the order in which they were found."""
     if not instances:
         return ()
-    fit = found.fit
+    fitted = found.fit
     adequate = error.after <= 1.5 * error.noise_floor
-    widths = half_widths(fit.jacobian, fit.residual, problem.slices())
+    widths = half_widths(fitted.jacobian, fitted.residual, problem.slices())
     by_place = dict(zip(free_parameters(instances), widths, strict=True))
-    accepted = [r for r in found.rounds if r.accepted is not None]
     named = []
     for i, instance in enumerate(instances):
         parameters = {}
@@ -189,7 +204,7 @@ def _named(
                 effect=instance.effect.name,
                 joints=instance.joints,
                 parameters=parameters,
-                confidence=_confidence(accepted[i].fits, accepted[i].before, error),
+                confidence=_confidence(_found_in(instance, found.rounds), error),
                 native=instance.effect.native,
             )
         )
@@ -197,19 +212,38 @@ def _named(
 
 
 def _margin(fits: Sequence[Fit], before: float) -> float:
-    """Returns how much less the runner-up explains than the best, as a share, 0..1."""
-    rivals = [f for f in fits if f.effects[-1].key != fits[0].effects[-1].key]
+    """Returns how much less the runner-up explains than the best, as a share, 0..1.
+
+    What explains as much with more parameters (a spring far from its rest, instead of a constant
+    torque) is no rival.
+    """
+    best = fits[0]
+    rivals = [
+        f for f in fits if f.effects[-1].key != best.effects[-1].key and price(f) <= price(best)
+    ]
     if not rivals:
         return 1.0
     return float(np.clip((rivals[0].cost - fits[0].cost) / max(before - fits[0].cost, 1e-9), 0, 1))
 
 
-def _confidence(fits: Sequence[Fit], before: float, error: ErrorSummary) -> float:
+def _found_in(instance: EffectInstance, rounds: Sequence[Round]) -> Round:
+    """Returns the round in which an effect was accepted, there or first on another joint."""
+    names = {instance.effect.name, *(twin.effect.name for twin, _ in twins([instance]))}
+    won = [
+        r for r in rounds if r.accepted is not None and r.fits[0].effects[-1].effect.name in names
+    ]
+    here = [r for r in won if r.fits[0].effects[-1].joints == instance.joints]
+    return (here or won)[0]
+
+
+def _confidence(this: Round, error: ErrorSummary) -> float:
     """Returns 0..1: high where the runner-up explains clearly less and little is left.
 
     Half where the runner-up explains as much; less where much of the gap stays unexplained.
     """
-    clear = np.interp(_margin(fits, before), [0.0, EQUAL, CLEAR, 1.0], [0.5, 0.6, 0.95, 0.99])
+    clear = np.interp(
+        _margin(this.fits, this.before), [0.0, EQUAL, CLEAR, 1.0], [0.5, 0.6, 0.95, 0.99]
+    )
     closed = np.clip(_closed(error), 0.0, 1.0)
     adequate = error.after <= 1.5 * error.noise_floor
     return round(float(clear * (1.0 if adequate else 0.4 + 0.6 * closed)), 3)
@@ -221,15 +255,15 @@ def _suspects(found: Attribution, instances: Sequence[EffectInstance]) -> tuple[
     best: dict[tuple[str, tuple[str, ...]], Suspect] = {}
     for this in found.rounds:
         winner = this.fits[0] if this.fits else None
-        for fit in this.fits:
-            instance = fit.effects[-1]
-            gain = 1.0 - fit.cost / this.before
+        for fitted in this.fits:
+            instance = fitted.effects[-1]
+            gain = 1.0 - fitted.cost / this.before
             if instance.key in taken or gain < 0.01 or instance.key in best:
                 continue
             best[instance.key] = Suspect(
                 effect=instance.effect.name,
                 joints=instance.joints,
-                reason=_reason(fit, winner, this.before, this.accepted is not None),
+                reason=_reason(fitted, winner, this.before, this.accepted is not None),
                 decided_by=instance.effect.shown_by,
                 gain=float(np.clip(gain, 0.0, 1.0)),
             )
@@ -257,11 +291,11 @@ def _gain_of(twin: EffectInstance, instance: EffectInstance, found: Attribution)
     return float(np.clip(max(gains, default=0.0), 0.0, 1.0))
 
 
-def _reason(fit: Fit, winner: Fit | None, before: float, accepted: bool) -> str:
-    share = 100.0 * (1.0 - fit.cost / before)
-    if winner is None or winner is fit or not accepted:
+def _reason(fitted: Fit, winner: Fit | None, before: float, accepted: bool) -> str:
+    share = 100.0 * (1.0 - fitted.cost / before)
+    if winner is None or winner is fitted or not accepted:
         return f"explains only {share:.1f} % of the squared residual"
-    gap = (fit.cost - winner.cost) / max(before - winner.cost, 1e-9)
+    gap = (fitted.cost - winner.cost) / max(before - winner.cost, 1e-9)
     rival = describe(winner.effects[-1])
     if gap < EQUAL:
         return f"equal to {rival}: both explain {share:.1f} % of the squared residual"

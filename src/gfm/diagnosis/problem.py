@@ -26,12 +26,13 @@ from gfm.diagnosis.signals import evenly, noise_std, smooth_states, starts_at_re
 from gfm.effects import EffectInstance
 from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.plant import check_joints, make_plant
-from gfm.sim.predict import Prediction, Segment, predict
+from gfm.sim.predict import HISTORY_S, Prediction, Segment, predict
 
-#: Length of a rollout by command kind: a servo keeps a whole recording on track, a torque does not.
+#: Length of a rollout by command kind: a servo keeps it on track, a torque does not. In longer ones
+#: errors add up, and fits end in the nearest of many valleys.
 WINDOW_S: Mapping[CommandKind, float] = {
-    CommandKind.POSITION: float("inf"),
-    CommandKind.VELOCITY: float("inf"),
+    CommandKind.POSITION: 2.0,
+    CommandKind.VELOCITY: 2.0,
     CommandKind.EFFORT: 0.5,
 }
 #: Steps in position and velocity with which the effect of the initial state is measured.
@@ -226,11 +227,18 @@ def make_problem(
     noise: Noise | None = None,
     *,
     given: Sequence[EffectInstance] = (),
+    whole: bool = False,
 ) -> Problem:
     """Returns the problem of explaining `recordings` by the models `specs`, with `given` in them.
 
     The models are integrated to fourth order whatever they say themselves: a first-order step of
     theirs would show as a delay.
+
+    Args:
+        specs: The nominal model by command kind.
+        recordings: What it should explain.
+        noise: Of the sensors; measured where it is not given.
+        whole: Whether what a servo keeps on track is rolled out from first to last.
 
     Raises:
         ConfigError: a recording's commands are of a kind for which there is no model, or its
@@ -247,7 +255,9 @@ def make_problem(
             spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     noise = noise or measure_noise(recordings)
     segments = tuple(
-        segment for i, recording in enumerate(recordings) for segment in cut(recording, i, noise)
+        segment
+        for i, recording in enumerate(recordings)
+        for segment in cut(recording, i, noise, _window_s(recording, whole=whole))
     )
     problem = Problem(
         specs=accurate,
@@ -317,13 +327,17 @@ def measure_noise(recordings: Sequence[Trajectory]) -> Noise:
     )
 
 
-def cut(recording: Trajectory, index: int, noise: Noise) -> list[Segment]:
+def _window_s(recording: Trajectory, *, whole: bool) -> float:
+    kind = recording.command_kind
+    return float("inf") if whole and kind is not CommandKind.EFFORT else WINDOW_S[kind]
+
+
+def cut(recording: Trajectory, index: int, noise: Noise, window_s: float) -> list[Segment]:
     """Returns the stretches of a recording that are rolled out, first to last.
 
     What rests at first begins with no speed at all: where nothing holds a joint (play in a gear,
     friction that is missing in the model), a speed made of noise would carry it away.
     """
-    window_s = WINDOW_S[recording.command_kind]
     time_s = recording.time_s
     position, velocity, _ = smooth_states(time_s, recording.position)
     count = max(int(time_s[-1] / window_s), 1)
@@ -355,7 +369,7 @@ def cut(recording: Trajectory, index: int, noise: Noise) -> list[Segment]:
 def _commands(recording: Trajectory, start_s: float, end_s: float) -> dict[str, Array]:
     """Returns the commands in force between two times, and those shortly before for delays."""
     time_s = recording.command_time_s
-    first = max(int(np.searchsorted(time_s, start_s - 0.6, side="right")) - 1, 0)
+    first = max(int(np.searchsorted(time_s, start_s - HISTORY_S, side="right")) - 1, 0)
     last = max(int(np.searchsorted(time_s, end_s, side="right")), first + 1)
     return {
         "command_time_s": time_s[first:last] - start_s,

@@ -32,7 +32,7 @@ class ActuatorGain(Effect):
     """The drive's torque is that of the model times a factor."""
 
     name = "actuator_gain"
-    parameters = (Parameter(name="scale", unit="1", lower=0.02, upper=50.0),)
+    parameters = (Parameter(name="scale", unit="1", lower=1e-3, upper=50.0),)
     shown_by = "known load: gravity or acceleration"
 
     @override

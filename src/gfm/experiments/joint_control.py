@@ -164,7 +164,7 @@ def make_test(
         BadInputError: models and recordings do not belong together.
     """
     started = tuple(from_first_command(replace(r, effort=None)) for r in recordings)
-    problem = make_problem(specs, started, noise, given=given)
+    problem = make_problem(specs, started, noise, given=given, whole=True)
     if len(problem.segments) != len(started):
         kinds = ", ".join(sorted({r.command_kind for r in recordings}))
         raise ConfigError(f"{kinds} commands: expected position or velocity commands of servos")

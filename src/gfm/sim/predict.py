@@ -30,6 +30,10 @@ CHUNK_BYTES = 200e6
 THREAD_DOF = 60
 
 
+#: How long before a segment commands are looked at: delays and lags remember them, s.
+HISTORY_S = 0.6
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Segment:
     """A stretch of one recording, to be predicted from its initial state.
@@ -206,10 +210,11 @@ def applied_commands(plant: Plant, segment: Segment, steps: int) -> Array:
     """Returns the mean command of every time step after delays and lags, shape (K, J).
 
     A command that changes within a time step counts by its share of it, so that predictions are
-    smooth in a delay.
+    smooth in a delay. What was commanded shortly before the segment counts, too: a lag remembers.
     """
     period_s = plant.model.opt.timestep
-    grid = period_s * np.arange(steps + 1)
+    before = round(HISTORY_S / period_s)
+    grid = period_s * np.arange(-before, steps + 1)
     columns = []
     for j, name in enumerate(plant.joints):
         here = [e for e in plant.effects if name in e.joints and not e.in_model]
@@ -218,7 +223,7 @@ def applied_commands(plant: Plant, segment: Segment, steps: int) -> Array:
             time_s = instance.effect.retime(time_s, instance.values)
         column = _held_means(grid, time_s, segment.command[:, j])
         lag_s = sum(e.effect.lag_s(e.values) for e in here)
-        columns.append(_lagged_means(column, lag_s, period_s))
+        columns.append(_lagged_means(column, lag_s, period_s)[before:])
     return np.stack(columns, axis=1)
 
 
