@@ -63,7 +63,9 @@ def test_trains_to_the_end_and_goes_on_where_it_stopped(tmp_path, capsys):
     log = (run / "logs" / "learner.log").read_text()
     assert "resumed" in log
     assert "at step 40" in log
-    assert '"seed":1000' in (run / "logs" / "actor-0.log").read_text()
+    actor = (run / "logs" / "actor-0.log").read_text()
+    assert '"seed":1000' in actor
+    assert "the run's environment" in actor
 
 
 def test_a_run_is_not_begun_twice_nor_resumed_with_another_experiment(tmp_path, capsys):

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gfm.core import CommandKind, ConfigError
+from gfm.core import CommandKind, ConfigError, ShapeError
 from gfm.envs.arm import CONTROL_PERIOD_S, Arm, ArmProblem
 from gfm.envs.control_settings import ControlSettings, Curriculum
 from gfm.envs.history import History
 from gfm.envs.joint_tracking import JointTracking, minimum_jerk
 from gfm.envs.matching import STATES, Matching
-from gfm.envs.matching_task import POSE_MATCHING, POSITION_MATCHING, behind
+from gfm.envs.matching_task import POSE_MATCHING, POSITION_MATCHING, behind, check_goals
 from gfm.envs.outcomes import Outcome, Outcomes
 from gfm.envs.registry import (
     EnvironmentAssets,
@@ -367,6 +367,18 @@ def test_models_that_cannot_serve_are_refused():
     assets = EnvironmentAssets(models={CommandKind.POSITION: model})
     with pytest.raises(ConfigError, match="need a velocity model, got one for position"):
         make_environment("joint_tracking", EnvironmentSettings(), num_envs=1, seed=0, assets=assets)
+
+
+def test_a_goal_outside_the_basket_is_refused_and_all_of_the_tasks_are_inside():
+    arm, goals = problem(), POSITION_MATCHING.radial_goals()[:2]
+    with pytest.raises(ShapeError, match=r"goals has shape \(2, 3\), expected \(1, 3\)"):
+        Matching(POSITION_MATCHING, arm, 1, goals=goals)
+    goals[1, 0] += 0.2
+    with pytest.raises(ConfigError, match=r"goal 1 is at x 0\.865 m, y 0\.047 m, expected a place"):
+        Matching(POSITION_MATCHING, arm, 2, goals=goals)
+    for task in (POSITION_MATCHING, POSE_MATCHING):
+        check_goals(task.radial_goals(), 10)
+        check_goals(task.random_goals(500, np.random.default_rng(0)), 500)
 
 
 def push(arm: ArmProblem, scene, goal, qpos):

@@ -36,7 +36,7 @@ def complete(config: ActorConfig, transport: Transport, clock: Clock) -> ActorCo
 def _environment(config: ActorConfig, transport: Transport, clock: Clock) -> EnvironmentSettings:
     answer = _ask(config, transport, clock)
     if answer is None:
-        _log.info("no learner told its environment within %.0f s: using defaults", config.wait_s)
+        _log.warning("no learner told its environment within %.0f s: using defaults", config.wait_s)
         return config.environment
     _log.info("the run's environment: %s", answer.settings)
     try:

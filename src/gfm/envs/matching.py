@@ -19,7 +19,13 @@ from gfm.envs.arm import Arm, ArmProblem
 from gfm.envs.batched import BatchedEnvironment, Transition
 from gfm.envs.episodes import Episodes
 from gfm.envs.history import History
-from gfm.envs.matching_task import MatchingTask, behind, object_outside, tip_outside
+from gfm.envs.matching_task import (
+    MatchingTask,
+    behind,
+    check_goals,
+    object_outside,
+    tip_outside,
+)
 from gfm.envs.outcomes import Outcome, Outcomes
 from gfm.sim.cell import END_EFFECTOR_SITE
 from gfm.sim.kinematics import SiteKinematics, body_axes, wrapped, yaw_of
@@ -88,8 +94,13 @@ class Matching(BatchedEnvironment):
             nthread: Threads of the physics.
             horizon: Steps of an episode; the task's by default.
             goals: One for each instance, always the same, shape (N, 3); random ones by default.
+
+        Raises:
+            ConfigError: the cell lacks what the task needs, or a goal is outside the basket.
         """
         _check_cell(arm, task)
+        if goals is not None:
+            check_goals(goals, num_envs)
         self.num_envs = num_envs
         self._task, self._problem = task, arm
         self._rng = np.random.default_rng(seed)

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gfm.core import ConfigError, ShapeError
 from gfm.core.checks import Array
 from gfm.sim import sawyer_numbers as numbers
 from gfm.sim.cell import EndEffector, FreeObject, object_rest_position
@@ -31,6 +32,8 @@ RADIAL_GOALS = 10
 _CENTRE = np.array(numbers.BASKET_XYZ)
 _PLACE_WEIGHT, _PLACE_LENGTH, _REACH_LENGTH_M = 0.75, 1.6, 0.06
 _BEHIND_M = 0.06
+#: From the basket's axis to where a wall leaves the floor, m.
+_FLOOR_M = numbers.BASKET_WALL_OFFSET - numbers.BASKET_WALL_HEIGHT / math.tan(numbers.BASKET_SLOPE)
 #: Lower and upper corner of where the tool's tip may be, and of where the object may be, relative
 #: to the centre of the basket's floor, m.
 _TIP_BOX = np.array([[-0.2, -0.2, -0.01], [0.2, 0.2, 0.25]])
@@ -137,6 +140,23 @@ def tip_outside(tip: Array) -> NDArray[np.bool_]:
 def object_outside(position: Array) -> NDArray[np.bool_]:
     """Returns where the object has left the basket, shape (N,), for positions (N, 3)."""
     return _outside(position, _OBJECT_BOX)
+
+
+def check_goals(goals: Array, count: int) -> None:
+    """Raises where goals are not of shape (count, 3), or one is not on the basket's floor.
+
+    The floor is what the walls, sloping outwards, leave free.
+    """
+    if goals.shape != (count, 3):
+        raise ShapeError("goals", goals.shape, f"({count}, 3)")
+    away = np.abs(goals[:, :2] - _CENTRE[:2]).max(axis=1)
+    outside = np.flatnonzero(~(away <= _FLOOR_M))
+    if len(outside):
+        x, y = goals[outside[0], :2]
+        raise ConfigError(
+            f"goal {outside[0]} is at x {x:.3f} m, y {y:.3f} m, expected a place on the basket's "
+            f"floor: within {_FLOOR_M:.3f} m of x {_CENTRE[0]:.3f} m, y {_CENTRE[1]:.3f} m"
+        )
 
 
 def _outside(position: Array, box: Array) -> NDArray[np.bool_]:

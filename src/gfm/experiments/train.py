@@ -27,6 +27,8 @@ _CHECK_NS, _ROW_NS = 200_000_000, 5_000_000_000
 _START, _LEARN = "start the services", "learn"
 #: Expected of a start, and of one learner step on two cores, s.
 _START_S, _STEP_S = 8.0, 0.03
+#: A training run may be one of several on a busy machine.
+_START_TIMEOUT_S = 300.0
 #: The seeds of different starts of one run lie so far apart.
 _LIFE_SEEDS = 1000
 
@@ -67,7 +69,9 @@ def train(
     try:
         with (
             RunProgress(phases, console=console, clock=clock) as progress,
-            Supervisor(system, folder.logs, clock=clock) as supervisor,
+            Supervisor(
+                system, folder.logs, start_timeout_s=_START_TIMEOUT_S, clock=clock
+            ) as supervisor,
         ):
             with progress.phase(_START):
                 supervisor.start(stopped)

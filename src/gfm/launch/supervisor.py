@@ -82,10 +82,18 @@ class Supervisor:
 
     def _start(self, processes: Sequence[ProcessSpec], stopped: Callable[[], bool]) -> None:
         self._log_dir.mkdir(parents=True, exist_ok=True)
+        # Actors ask the learner what they shall do, and give up asking after a while.
+        actors = [process for process in processes if process.role == "actor"]
+        others = [process for process in processes if process.role != "actor"]
+        for group in (others, actors):
+            if group and not stopped():
+                self._start_together(group, stopped)
+
+    def _start_together(self, group: Sequence[ProcessSpec], stopped: Callable[[], bool]) -> None:
         deadline_ns = self._clock.now_ns() + round(self._start_timeout_s * 1e9)
         children = [
             ChildProcess(process, self.spec.arguments(process), self._log_dir)
-            for process in in_order(processes, START_ORDER)
+            for process in in_order(group, START_ORDER)
         ]
         self._children += children
         for _ in self._readiness(children, deadline_ns):
