@@ -295,6 +295,27 @@ def test_the_mjcf_says_every_effect_with_amount_and_interval_in_a_comment(tmp_pa
     assert "(it cannot be said here: see the .effects.json beside)" in text
 
 
+def test_every_line_that_changed_stands_below_what_it_was(tmp_path):
+    lines = written(tmp_path, CASES["elasticity, cogging and payload"][0]).read_text().splitlines()
+    told = {line.strip(): lines[i - 1].strip() for i, line in enumerate(lines)}
+    joint = '<joint name="a" axis="0 1 0" armature="0.05" damping="0.1" frictionloss="0.05"/>'
+    was = next(line for line in lines if line.strip().startswith("<!-- nominal: <joint"))
+    assert sorted(was.split('"')[1::2]) == sorted(joint.split('"')[1::2])
+    assert told['<body name="payload" pos="0.1 0 0.05">'] == "<!-- added -->"
+    assert told["<actuator>"] != "<!-- added -->"
+    drive = next(line for line in told if line.startswith('<general name="a" '))
+    assert drive.split('joint="')[1].startswith("a_motor")
+    assert told[drive].startswith('<!-- nominal: <general name="a" joint="a"')
+
+
+def test_a_model_to_which_nothing_is_added_has_no_comment_but_the_integrators(tmp_path):
+    euler = mujoco.MjSpec.from_string(ARM.replace('integrator="RK4"', ""))
+    assert "<!--" not in written(tmp_path / "same", []).read_text()
+    text = written(tmp_path / "euler", [], spec=euler).read_text()
+    assert text.count("<!--") == 1
+    assert "<!-- added -->\n  <option integrator" in text
+
+
 def test_a_corrected_pair_is_corrected_again_without_losing_anything(tmp_path):
     once = read_model(written(tmp_path, [STRIBECK, LAG, OFFSET]))
     path = written(tmp_path / "twice", [LOAD, LAG], once.effects, once.spec)

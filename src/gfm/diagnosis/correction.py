@@ -7,6 +7,7 @@ from pathlib import Path
 
 import mujoco
 
+from gfm.diagnosis.annotated import annotated
 from gfm.diagnosis.result import ModelPair, NamedEffect, ParameterEstimate
 from gfm.effects import EffectInstance
 from gfm.sim.plant import compensations, misled_already, native_spec
@@ -29,7 +30,7 @@ def corrected_model(
     ]
     before = [_as_named(instance) for instance in given]
     return ModelPair(
-        xml=_corrected_xml(native_spec(spec, instances), _lines(named, new, before)),
+        xml=_corrected_xml(spec, native_spec(spec, instances), _lines(named, new, before)),
         effects=(*before, *new),
     )
 
@@ -54,14 +55,14 @@ def _as_named(instance: EffectInstance) -> NamedEffect:
     )
 
 
-def _corrected_xml(changed: mujoco.MjSpec, comments: Sequence[str]) -> str:
-    """Returns MJCF text with comments in front.
+def _corrected_xml(nominal: mujoco.MjSpec, changed: mujoco.MjSpec, comments: Sequence[str]) -> str:
+    """Returns MJCF text with comments in front, and at every line that changed.
 
     The integrator is part of the correction: amounts were fitted with the fourth-order one, and a
     first-order step would add an error of its own.
     """
     changed.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    head, body = _xml(changed).split("\n", 1)
+    head, body = annotated(_xml(nominal.copy()), _xml(changed)).split("\n", 1)
     return "\n".join([head, *(f"  <!-- {line} -->" for line in comments), body])
 
 
