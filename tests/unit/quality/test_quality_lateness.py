@@ -135,7 +135,7 @@ def test_a_drive_that_is_off_or_told_nothing_says_nothing(make, other):
     assert late.blocks.tolist() == [0]
 
 
-def test_two_blocks_are_too_few(make):
+def test_one_stretch_is_too_little(make):
     command = commanded(1)
-    short = make(T[:900], answer(command)[:900], command=command[:900])
+    short = make(T[:400], answer(command)[:400], command=command[:400])
     assert np.isnan(delays([short]).seconds).all()

@@ -32,12 +32,12 @@ from gfm.core.checks import Array
 from gfm.diagnosis.signals import SMOOTHING_S, evenly
 
 #: Length of the stretches whose lateness is measured one by one, s.
-BLOCK_S = 5.0
+BLOCK_S = 3.0
 #: Least and greatest lateness that is looked for, s. Effects come after their cause: what comes
 #: before shows stamps that are wrong.
 EARLIEST_S, LATEST_S = -0.1, 0.5
 #: Least number of blocks, and least correlation of speeds at the best shift, that say anything.
-LEAST_BLOCKS, ALIKE = 3, 0.8
+LEAST_BLOCKS, ALIKE = 2, 0.8
 #: Torques are compared by their fast changes (slow ones differ by more than time: a controller of
 #: the current, friction in its estimate), which leave more noise. Smoothed over, s; correlation.
 SHARP_S, SHARP_ALIKE = 0.01, 0.5
