@@ -42,8 +42,13 @@ check: $(VENV)/.installed  ## check format, lint, imports and types
 bench-effects: $(VENV)/.installed  ## see whether runs name what their robots hide (20 runs)
 	$(BIN)/python benchmarks/effects_10_seeds.py
 
-bench-diagnosis: $(VENV)/.installed  ## judge the diagnosis on robots whose truth is known (hours)
-	$(BIN)/python benchmarks/diagnosis.py
+# Peers need packages that nothing else here does: they stay out of the lock and the environment.
+build/peers: benchmarks/peers/requirements.txt $(VENV)/.installed
+	$(PIP) install --target $@ --no-deps --upgrade --requirement $<
+	touch $@
+
+bench-diagnosis: $(VENV)/.installed build/peers  ## judge the diagnosis where the truth is known (hours)
+	$(BIN)/python benchmarks/diagnosis.py --peers
 
 format: $(VENV)/.installed  ## format and repair what can be repaired
 	$(BIN)/ruff format .

@@ -17,7 +17,7 @@ import platform
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
@@ -27,12 +27,17 @@ from known_truth import page
 from known_truth.generate import generate
 from known_truth.plans import Plan, plans
 from known_truth.score import Score, score
+from peer import PEERS
 
 import gfm
 
 PAGE = Path(__file__).parents[1] / "docs" / "results" / "known_truth.md"
-#: A diagnosis that takes longer is broken off, s.
-LIMIT_S = 1800
+#: A diagnosis that takes longer is broken off, s; and a peer.
+LIMIT_S, PEER_LIMIT_S = 1800, 600
+PEER = Path(__file__).with_name("peer.py")
+PEER_PACKAGES = Path(__file__).parents[1] / "build" / "peers"
+#: Seven joints take peers that roll out with every parameter too long.
+PEER_SETUPS = ("pendulum_position", "planar_effort", "planar_position")
 
 
 def diagnose(name: str, folder: Path) -> None:
@@ -46,20 +51,52 @@ def diagnose(name: str, folder: Path) -> None:
     words = ["diagnose", *recordings, *models, "--out", str(out), "--holdout", *held_out]
     began = time.monotonic()
     out.parent.mkdir(parents=True, exist_ok=True)
-    with out.with_suffix(".log").open("w") as log:
-        done = subprocess.run(
-            [sys.executable, "-m", "gfm.cli", *words],
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            check=False,
-            timeout=LIMIT_S,
-            env=os.environ | {"OMP_NUM_THREADS": "1"},
-        )
-    if done.returncode:
-        print(f"{name}: gfm diagnose ended with status {done.returncode}, see {out}.log")
+    status = _run(["-m", "gfm.cli", *words], out.with_suffix(".log"), LIMIT_S, {})
+    if status:
+        print(f"{name}: gfm diagnose ended with status {status}, see {out}.log")
         return
     made = {"wall_s": time.monotonic() - began, "commit": commit()}
     (out / "made.json").write_text(json.dumps(made))
+
+
+def ask(peer: str, name: str, folder: Path) -> Score | None:
+    """Returns the score of what a peer says, asked unless it was; None where it has no answer.
+
+    It is not asked again either where it failed: its log lies beside.
+    """
+    out = folder / "peers" / peer / f"{name}.json"
+    log, made = out.with_suffix(".log"), out.with_suffix(".made")
+    if not log.exists():
+        out.parent.mkdir(parents=True, exist_ok=True)
+        case = str(folder / "cases" / name)
+        words = [str(PEER), "--peer", peer, "--case", case, "--out", str(out)]
+        began = time.monotonic()
+        _run(words, log, PEER_LIMIT_S, {"PYTHONPATH": str(PEER_PACKAGES)})
+        made.write_text(str(time.monotonic() - began))
+    if not out.exists():
+        return None
+    truth = json.loads((folder / "truth" / f"{name}.json").read_text())
+    report = json.loads(out.read_text())
+    # In a peer's favour: whatever physics cannot tell apart counts as right.
+    report["suspects"] = [effect | {"reason": "equal"} for effect in truth["effects"]]
+    return score(truth, report, float(made.read_text()))
+
+
+def _run(words: Sequence[str], log: Path, limit_s: float, more: dict[str, str]) -> int:
+    """Runs Python with one thread and returns its exit status; that of a kill if it takes long."""
+    with log.open("w") as out:
+        try:
+            return subprocess.run(
+                [sys.executable, *words],
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                check=False,
+                timeout=limit_s,
+                env=os.environ | {"OMP_NUM_THREADS": "1"} | more,
+            ).returncode
+        except subprocess.TimeoutExpired:
+            out.write(f"broken off after {limit_s:.0f} s\n")
+            return -9
 
 
 def scored(name: str, folder: Path) -> Score | None:
@@ -81,7 +118,7 @@ def chosen(arguments: argparse.Namespace) -> list[Plan]:
     return [matching[int(i * step)] for i in range(arguments.cases)]
 
 
-def document(scores: Sequence[Score], words: str) -> str:
+def document(scores: Sequence[Score], peers: Mapping[str, Sequence[Score]], words: str) -> str:
     """Returns the page with all tables."""
     wrong = [one for one in scores if page.is_wrong(one)]
     return f"""# Robots whose truth is known
@@ -104,6 +141,10 @@ the hidden one listed beside it as its equal. "Claimed": with a confidence above
 ## All of it
 
 {page.summary(scores)}
+
+## Beside others
+
+{page.beside(scores, peers)}
 
 ## By robot
 
@@ -130,6 +171,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of everything that is drawn")
     parser.add_argument("--cases", type=int, metavar="N", help="only so many, spread over all")
     parser.add_argument("--only", default="*", metavar="GLOB", help="only cases of that name")
+    parser.add_argument("--peers", action="store_true", help="ask peers about the same recordings")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="diagnoses side by side")
     parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE")
     arguments = parser.parse_args()
@@ -139,9 +181,16 @@ def main() -> None:
         for name in pool.map(lambda plan: _told(plan.name, arguments.out), cases):
             print(name, flush=True)
     scores = [one for plan in cases if (one := scored(plan.name, arguments.out))]
+    asked = [p for p in cases if arguments.peers and p.setup.name in PEER_SETUPS]
+    answers: dict[str, list[Score]] = {peer: [] for peer in PEERS}
+    for plan in asked:
+        for peer in PEERS:
+            one = ask(peer, plan.name, arguments.out)
+            answers[peer] += [] if one is None else [one]
+            print(f"{peer}: {plan.name}: {one.named if one else 'no answer'}", flush=True)
     words = f"python benchmarks/diagnosis.py --seed {arguments.seed}"
     arguments.page.parent.mkdir(parents=True, exist_ok=True)
-    arguments.page.write_text(document(scores, words), encoding="utf-8")
+    arguments.page.write_text(document(scores, answers, words), encoding="utf-8")
 
 
 def _told(name: str, folder: Path) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from statistics import median
 
 from known_truth.score import Score
@@ -110,6 +110,37 @@ def by_setup(scores: Sequence[Score]) -> str:
             else f"| {setup} | | | | | | | |"
         )
     return "\n".join(lines)
+
+
+def beside(scores: Sequence[Score], peers: Mapping[str, Sequence[Score]]) -> str:
+    """Returns one line per peer, and one of the diagnosis on the same cases.
+
+    Each is compared on the cases that it answered.
+    """
+    lines = [
+        "| | cases | one effect: right, on the right joint | two: both | none: nothing "
+        "| after / floor, median | time (s), median |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    asked = {one.name for answers in peers.values() for one in answers}
+    if not asked:
+        return "Not asked in this run (--peers)."
+    rows = {"gfm diagnose": [s for s in scores if s.name in asked], **peers}
+    lines += [_beside(name, answers) for name, answers in rows.items() if answers]
+    return "\n".join(lines)
+
+
+def _beside(name: str, answers: Sequence[Score]) -> str:
+    single, pair, none = (
+        [s for s in answers if s.category == c] for c in ("single", "pair", "none")
+    )
+    ratios = [s.after / s.floor for s in (*single, *pair)]
+    return (
+        f"| {name} | {len(answers)} | {share(single, lambda s: s.effect and s.joint)} "
+        f"| {share(pair, lambda s: s.complete)} | {share(none, lambda s: s.surplus == 0)} "
+        f"| {f'{median(ratios):.2f}' if ratios else '–'} "
+        f"| {median(s.wall_s for s in answers):.0f} |"
+    )
 
 
 def by_effect(scores: Sequence[Score]) -> str:
