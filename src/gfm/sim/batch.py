@@ -57,8 +57,7 @@ class HybridBatch:
         self._actuator = model.layout.actuator[self._driven]
         self._compensation = model.erring_compensation()
         laws = model.step_laws(num_envs)
-        self._levelled = None if laws is None else LevelledModels(laws, self._models)
-        self._sensordata: Array = self._batch.bind("sensordata")
+        self._levelled = None if laws is None else LevelledModels(self._batch, laws, self._models)
 
     def reset(
         self,
@@ -83,9 +82,7 @@ class HybridBatch:
         if self._levelled is None:
             self._batch.set_models(self._models)
         else:
-            for index, model in zip(ids, models, strict=True):
-                self._levelled.take(int(index), model)
-            self._levelled.hand_over(self._batch)
+            self._levelled.take(ids, models)
         self._batch.reset(ids, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         self.qpos[ids] = qpos
         self.qvel[ids] = qvel
@@ -172,7 +169,7 @@ class HybridBatch:
         failed = np.zeros(self.num_envs, bool)
         for k in range(driven.shape[1] if driven.ndim == 3 else self.model.substeps):
             self._ctrl[:, self._actuator] = driven if driven.ndim == 2 else driven[:, k]
-            levelled.write(self._batch, self.qvel, self._sensordata)
+            levelled.write()
             failed |= self._failing(self._batch.step)
             for name, record in records.items():
                 record[:, k] = getattr(self, name)
