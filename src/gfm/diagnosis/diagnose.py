@@ -111,7 +111,7 @@ def diagnose(
     verdict = Verdict.INSUFFICIENT_DATA if lack else _verdict(errors.summary, named)
     corrected = {kind: corrected_model(spec, named, given) for kind, spec in specs.items()}
     first = corrected[recordings[0].command_kind]
-    findings = all_findings(problem, recordings, holdout)
+    findings = all_findings(problem, recordings, holdout, instances)
     return Diagnosis(
         verdict=verdict,
         sentence=_sentence(verdict, named, errors.summary, lack),

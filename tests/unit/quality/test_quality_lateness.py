@@ -90,7 +90,7 @@ def test_delays_that_differ_without_order_are_the_joints_own(make):
     assert late.common_s == pytest.approx(0.03, abs=5e-4)
     np.testing.assert_allclose(late.own_s, own_s, atol=6e-4)
     told = timing_of([measured], [answer(command)])
-    own = [one.joint for one in told if one.what == "moves later than the model by"]
+    own = [one.joint for one in told if one.what == "moves later than predicted by"]
     assert own == ["b", "e"]
     assert not any(one.doubtful for one in told)
 
@@ -139,3 +139,12 @@ def test_one_stretch_is_too_little(make):
     command = commanded(1)
     short = make(T[:400], answer(command)[:400], command=command[:400])
     assert np.isnan(delays([short]).seconds).all()
+
+
+def test_what_a_correction_explains_is_no_longer_late(make):
+    command = commanded(1)
+    recording = make(T, answer(command, 0.02), command=command)
+    found = timing_of([recording], [answer(command)], [answer(command, 0.02)])
+    late_ms = {one.what: one.value for one in found}
+    assert late_ms["the joints move later than the model by"] == pytest.approx(20.0, abs=0.5)
+    assert late_ms["the joints move later than the corrected model by"] == pytest.approx(0, abs=0.5)

@@ -11,6 +11,7 @@ from gfm.diagnosis.quality import channels, efforts, stamps, units
 from gfm.diagnosis.quality.finding import Finding, Objection
 from gfm.diagnosis.quality.overlap import shared_share, shared_stamps
 from gfm.diagnosis.quality.timing import EVERYWHERE, predicted_positions, timing_of
+from gfm.effects import EffectInstance
 from gfm.sim.plant import Plant, make_plant
 
 #: Torques are judged on so many measurements at most: enough to know a sign by.
@@ -63,11 +64,20 @@ def findings_of(recording: Trajectory, plant: Plant) -> tuple[Finding, ...]:
 
 
 def all_findings(
-    problem: Problem, recordings: Sequence[Trajectory], holdout: Sequence[Trajectory]
+    problem: Problem,
+    recordings: Sequence[Trajectory],
+    holdout: Sequence[Trajectory],
+    effects: Sequence[EffectInstance] = (),
 ) -> tuple[Finding, ...]:
     """Returns the findings of a diagnosis: of each recording, and of what they say together.
 
     Lateness is measured on what the problem is made of; held-out recordings are only examined.
+
+    Args:
+        problem: Of `recordings`.
+        recordings: What effects are looked for in.
+        holdout: What errors are measured on.
+        effects: What corrects the model.
     """
     plants = {kind: make_plant(spec, problem.joints) for kind, spec in problem.specs.items()}
     each = [
@@ -75,8 +85,9 @@ def all_findings(
         for recording in (*recordings, *holdout)
         for finding in findings_of(recording, plants[recording.command_kind])
     ]
-    together = timing_of(recordings, predicted_positions(problem, recordings))
-    return (*each, *together)
+    nominal = predicted_positions(problem, recordings)
+    corrected = predicted_positions(problem, recordings, effects) if effects else None
+    return (*each, *timing_of(recordings, nominal, corrected))
 
 
 def doubts(findings: Iterable[Finding], recording: str = EVERYWHERE) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis.problem import Problem
 from gfm.diagnosis.quality.finding import Finding
 from gfm.diagnosis.quality.lateness import Delays, delays
+from gfm.effects import EffectInstance
 
 EVERYWHERE = "all recordings"
 #: What lies so many of its errors from zero, and as many seconds, is told.
@@ -19,18 +20,21 @@ ERRORS, LEAST_S = 3.0, 1e-3
 _LAG = "dead time and the lag of servo and load together: no delay as such"
 _TORQUE = "transport or stamping: nothing else lies between a commanded and a measured torque"
 _EARLY = "an effect before its cause: commands are stamped late, or by another clock"
-_ALIKE = "delays on both ways, an offset between clocks, slower servos: they look alike here"
+_ALIKE = "a delay either way, an offset of clocks, a slower servo, missing friction: all look alike"
 _OWN = "beyond what all joints share: this joint's own delay, or a lag that the model lacks"
 _IN_TURN = "joints read one after the other under one stamp: give read_offset_s in the mapping"
 
 
-def predicted_positions(problem: Problem, recordings: Sequence[Trajectory]) -> list[Array | None]:
-    """Returns the nominal positions at all measurements of each recording, rad, shape (T, J).
+def predicted_positions(
+    problem: Problem, recordings: Sequence[Trajectory], effects: Sequence[EffectInstance] = ()
+) -> list[Array | None]:
+    """Returns what a model predicts at the measurements of each recording, rad, shape (T, J).
 
     None where a recording was cut into stretches or the simulation broke off.
     """
     found: list[Array | None] = [None] * len(recordings)
-    for segment, prediction in zip(problem.segments, problem.predictions([()])[0], strict=True):
+    predictions = problem.predictions([effects])[0]
+    for segment, prediction in zip(problem.segments, predictions, strict=True):
         whole = len(segment.position) == len(recordings[segment.recording].position)
         if whole and not prediction.diverged:
             found[segment.recording] = prediction.position
@@ -38,15 +42,29 @@ def predicted_positions(problem: Problem, recordings: Sequence[Trajectory]) -> l
 
 
 def timing_of(
-    recordings: Sequence[Trajectory], predictions: Sequence[Array | None]
+    recordings: Sequence[Trajectory],
+    nominal: Sequence[Array | None],
+    corrected: Sequence[Array | None] | None = None,
 ) -> tuple[Finding, ...]:
-    """Returns what is to be said about lateness, over all recordings of a robot."""
+    """Returns what is to be said about lateness, over all recordings of a robot.
+
+    Args:
+        recordings: Of one robot.
+        nominal: What the nominal model predicts, see `predicted_positions`.
+        corrected: What the corrected one predicts; None where nothing was corrected. What is said
+            of single joints is said against the last of the two.
+    """
     found: list[Finding] = []
     for kind in CommandKind:
         of_kind = [r for r in recordings if r.command_kind is kind]
         if of_kind:
             found += _after_commands(delays(of_kind), kind)
-    return (*found, *_after_predictions(delays(recordings, predictions)))
+    late = delays(recordings, nominal)
+    found += _in_common(late, "the model")
+    if corrected is not None:
+        late = delays(recordings, corrected)
+        found += _in_common(late, "the corrected model")
+    return (*found, *_joint_by_joint(late))
 
 
 def _after_commands(late: Delays, kind: CommandKind) -> Iterator[Finding]:
@@ -57,34 +75,36 @@ def _after_commands(late: Delays, kind: CommandKind) -> Iterator[Finding]:
         yield _finding(late, int(j), what, _EARLY if early else meaning, doubtful=bool(early))
 
 
-def _after_predictions(late: Delays) -> Iterator[Finding]:
-    known = np.flatnonzero(np.isfinite(late.seconds))
-    if not len(known):
-        return
-    yield Finding(
-        recording=EVERYWHERE,
-        joint=None,
-        what="the joints move later than the model by",
-        value=1e3 * late.common_s,
-        unit="ms",
-        consequence=_ALIKE,
-        doubtful=False,
-        spread=1e3 * float(np.median(late.spread_s[known])),
-    )
-    per_joint_s = late.per_joint_s
-    if per_joint_s is not None:
+def _in_common(late: Delays, model: str) -> Iterator[Finding]:
+    known = np.isfinite(late.seconds)
+    if known.any():
+        yield Finding(
+            recording=EVERYWHERE,
+            joint=None,
+            what=f"the joints move later than {model} by",
+            value=1e3 * late.common_s,
+            unit="ms",
+            consequence=_ALIKE,
+            doubtful=False,
+            spread=1e3 * float(np.median(late.spread_s[known])),
+        )
+
+
+def _joint_by_joint(late: Delays) -> Iterator[Finding]:
+    if late.per_joint_s is not None:
         yield Finding(
             recording=EVERYWHERE,
             joint=None,
             what="lateness changes from joint to joint by",
-            value=1e3 * per_joint_s,
+            value=1e3 * late.per_joint_s,
             unit="ms",
             consequence=_IN_TURN,
         )
         return
-    for j in known:
+    for j in np.flatnonzero(np.isfinite(late.seconds)):
         if abs(late.own_s[j]) > max(ERRORS * late.error_s[j], LEAST_S):
-            yield _finding(late, int(j), "moves later than the model by", _OWN, doubtful=False)
+            what = "moves later than predicted by"
+            yield _finding(late, int(j), what, _OWN, doubtful=False)
 
 
 def _finding(late: Delays, joint: int, what: str, consequence: str, *, doubtful: bool) -> Finding:
