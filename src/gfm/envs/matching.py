@@ -21,7 +21,6 @@ from gfm.envs.episodes import Episodes
 from gfm.envs.history import History
 from gfm.envs.matching_task import (
     MatchingTask,
-    behind,
     check_goals,
     object_outside,
     tip_outside,
@@ -63,10 +62,10 @@ class Matching(BatchedEnvironment):
 
     The observation is the state now and the nine before (joint positions and velocities, tool tip,
     object position and axes) and where the goal is, seen from the basket and from the object, and
-    where the object and the place behind it are, seen from the tool. All but the goal follows from
-    the measurements; it is there because a policy of two layers would have to learn kinematics and
-    geometry first. Actions are joint velocities in units of
-    5 % of what is allowed, times the curriculum's gain.
+    where the object and the place to push it from are, seen from the tool. All but the goal follows
+    from the measurements; it is there because a policy of two layers would have to learn kinematics
+    and geometry first. Actions are joint velocities in units of 5 % of what is allowed, times the
+    curriculum's gain.
 
     An episode begins with the object at the basket's centre, within millimetres, and the arm above
     it. It terminates when the tool leaves its workspace or the object the basket, with reward 0.
@@ -205,14 +204,14 @@ class Matching(BatchedEnvironment):
 
     def _goal_features(self, scene: Scene) -> Array:
         """Returns scaled differences between goal, basket, object and tool, angles, (N, G)."""
-        goal, centre = self._goal, self._task.rest_position
+        task, goal, centre = self._task, self._goal, self._task.rest_position
         parts = [
             (goal[:, :2] - centre[:2]) / _PLACE_M,
             (goal[:, :2] - scene.position[:, :2]) / _GOAL_M,
             (scene.position - scene.tip) / _GOAL_M,
-            (behind(scene.position, goal) - scene.tip) / _GOAL_M,
+            (task.tool_place(scene.tip, scene.position, goal) - scene.tip) / _GOAL_M,
         ]
-        if self._task.tolerance_rad is not None:
+        if task.tolerance_rad is not None:
             left = wrapped(goal[:, 2] - yaw_of(scene.axes))
             angles = (np.cos(goal[:, 2]), np.sin(goal[:, 2]), np.cos(left), np.sin(left))
             parts.append(np.stack(angles, axis=1))

@@ -8,9 +8,10 @@ Success is the paper's test (Jeong et al. 2019, section IV-C). The reward is our
     0.75 exp(-D / 1.6) + 0.25 exp(-d / 0.06 m)
 
 D is the distance from the goal in units of the success test's tolerance (for a pose the norm of
-both parts). d is how far the tool is from the place behind the object from where it pushes towards
-the goal; within the tolerance it counts as none. It is between 0 and 1, slopes everywhere in the
-basket, and leaves most to what the task is about.
+both parts). d is how far the tool is from where it should be: against the object's far side, seen
+from the goal, and above the object as long as it has to get there. Within the tolerance it counts
+as none. The reward is between 0 and 1, slopes everywhere in the basket, and leaves most to what the
+task is about. Who only ever goes where d points pushes the object to the goal: a test does.
 """
 
 from __future__ import annotations
@@ -31,7 +32,12 @@ RADIAL_GOALS = 10
 
 _CENTRE = np.array(numbers.BASKET_XYZ)
 _PLACE_WEIGHT, _PLACE_LENGTH, _REACH_LENGTH_M = 0.75, 1.6, 0.06
-_BEHIND_M = 0.06
+#: The tool's place: so far clear of the object as long as the tool is above it, and so far beyond
+#: first contact once it is beside it, so that to go there is to push. While it has to get there, it
+#: is so high above the object's centre; it comes down over the last centimetres.
+_CLEAR_M, _PRESS_M, _LIFT_M, _DESCENT_M = 0.02, 0.02, 0.06, 0.01
+#: Heights of the tip above the object's centre at which the tool is beside the object, and above.
+_BESIDE_M, _ABOVE_M = 0.01, 0.04
 #: From the basket's axis to where a wall leaves the floor, m.
 _FLOOR_M = numbers.BASKET_WALL_OFFSET - numbers.BASKET_WALL_HEIGHT / math.tan(numbers.BASKET_SLOPE)
 #: Lower and upper corner of where the tool's tip may be, and of where the object may be, relative
@@ -51,6 +57,7 @@ class MatchingTask:
         free_object: What is pushed.
         tolerance_m: Success: how near to the goal.
         tolerance_rad: Success: how near to its yaw; None where that does not matter.
+        contact_m: Between the centres of tool and object where they touch along x, and along y.
         goal_radius_m: Of the radial goals, around the basket's centre.
         goal_yaw_rad: Largest yaw of a goal.
     """
@@ -61,6 +68,7 @@ class MatchingTask:
     free_object: FreeObject
     tolerance_m: float
     tolerance_rad: float | None
+    contact_m: tuple[float, float]
     goal_radius_m: float
     goal_yaw_rad: float = 0.0
 
@@ -116,20 +124,29 @@ class MatchingTask:
             goal: As of `distance`.
         """
         place = np.exp(-self.distance(position, axes, goal) / _PLACE_LENGTH)
-        away = np.linalg.norm(tip - behind(position, goal), axis=1)
+        away = np.linalg.norm(tip - self.tool_place(tip, position, goal), axis=1)
         away = np.where(self.reached(position, axes, goal), 0.0, away)
         return np.asarray(
             _PLACE_WEIGHT * place + (1.0 - _PLACE_WEIGHT) * np.exp(-away / _REACH_LENGTH_M)
         )
 
+    def tool_place(self, tip: Array, position: Array, goal: Array) -> Array:
+        """Returns where the tool should be, m, shape (N, 3); arguments as of `reward`."""
+        way = goal[:, :2] - position[:, :2]
+        way = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 0.01)
+        contact = self._contact(way)
+        offset = tip - position
+        above = np.clip((offset[:, 2] - _BESIDE_M) / (_ABOVE_M - _BESIDE_M), 0.0, 1.0)
+        back = -(offset[:, :2] * way).sum(axis=1)
+        short = contact + _DESCENT_M * above - _PRESS_M * (1.0 - above) - back
+        place = position.copy()
+        place[:, :2] -= way * (contact + _CLEAR_M * above - _PRESS_M * (1.0 - above))[:, None]
+        place[:, 2] += _LIFT_M * np.clip(short / _DESCENT_M, 0.0, 1.0)
+        return place
 
-def behind(position: Array, goal: Array) -> Array:
-    """Returns where to push the object from, m, shape (N, 3): beyond it, seen from the goal."""
-    way = goal[:, :2] - position[:, :2]
-    length = np.linalg.norm(way, axis=1, keepdims=True)
-    place = position.copy()
-    place[:, :2] -= _BEHIND_M * way / np.maximum(length, 0.01)
-    return place
+    def _contact(self, way: Array) -> Array:
+        """Returns about how far apart tool and object touch along directions (N, 2), m, (N,)."""
+        return np.asarray(1.0 / np.maximum(np.linalg.norm(way / self.contact_m, axis=1), 1.0))
 
 
 def tip_outside(tip: Array) -> NDArray[np.bool_]:
@@ -177,6 +194,7 @@ POSITION_MATCHING = MatchingTask(
     free_object="brick",
     tolerance_m=0.025,
     tolerance_rad=None,
+    contact_m=(0.055, 0.09),  # the plate face on, or edge on
     goal_radius_m=0.08,
 )
 POSE_MATCHING = MatchingTask(
@@ -186,6 +204,7 @@ POSE_MATCHING = MatchingTask(
     free_object="tee",
     tolerance_m=0.05,
     tolerance_rad=math.radians(20.0),
+    contact_m=(0.07, 0.07),
     goal_radius_m=0.06,
     goal_yaw_rad=math.radians(60.0),
 )
