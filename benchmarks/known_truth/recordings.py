@@ -10,7 +10,7 @@ import mcap_ros2.writer
 import numpy as np
 
 from known_truth.robots import Array
-from known_truth.simulation import STEP_S, Course, Run
+from known_truth.run import STEP_S, Course, Run
 
 _JOINT_STATE = """\
 std_msgs/Header header

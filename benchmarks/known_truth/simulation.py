@@ -13,72 +13,23 @@ Shape letters: B robots, J joints, N degrees of freedom (J, or J + 1), C command
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from known_truth import dynamics
-from known_truth.amounts import Amounts, Hidden, amounts
+from known_truth.amounts import amounts
+from known_truth.commands import Commands
 from known_truth.outside import SLIPPING, is_strange, outside
 from known_truth.robots import UPRIGHT, Array, Robot
+from known_truth.run import STEP_S, Course, Run
 
-#: Time step, s. All times of commands and measurements are multiples of it.
-STEP_S = 5e-4
 #: Time for which the first command is held before a recording begins, s.
 SETTLING_S = 1.0
 #: Sweeps over the joints with dry friction.
 _SWEEPS = 12
 #: Where a slipping load comes to lie, in multiples of where it was.
 _SLID = 0.3
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Run:
-    """One robot to be driven once.
-
-    Attributes:
-        robot: Its nominal numbers.
-        kind: Of its commands: position, velocity or effort.
-        hidden: What it has beyond the model.
-        start: Where it is held at first, rad, shape (J,).
-        first_command_step: When commands begin, in time steps from the recording's start.
-        command_every: Time steps between commands.
-        reference: What is wanted at each command: the commands themselves, or (with effort) the
-            positions that a controller is to follow, shape (C, J).
-        control: Of that controller: N m/rad and N m s/rad, each of shape (J,).
-        measured_at: Time steps of the measurements, increasing, shape (T,).
-    """
-
-    robot: Robot
-    kind: str
-    hidden: tuple[Hidden, ...]
-    start: Array
-    first_command_step: int
-    command_every: int
-    reference: Array
-    control: tuple[Array, Array]
-    measured_at: NDArray[np.intp]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Course:
-    """What a robot did, exactly.
-
-    Attributes:
-        position: As an ideal encoder reports it, rad, shape (T, J).
-        velocity: rad/s, shape (T, J).
-        servo: Torque of the servos, N m, shape (T, J).
-        effort: The same with gravity compensation: what drives report, N m, shape (T, J).
-        command: What was commanded, shape (C, J).
-    """
-
-    position: Array
-    velocity: Array
-    servo: Array
-    effort: Array
-    command: Array
 
 
 def simulate(runs: Sequence[Run], settling_s: float = SETTLING_S) -> list[Course]:
@@ -96,54 +47,6 @@ def simulate(runs: Sequence[Run], settling_s: float = SETTLING_S) -> list[Course
         robots.measure(step)
         robots.advance(step)
     return robots.courses()
-
-
-@final
-class _Commands:
-    """Commands as they reach the drives: delayed, mixed within a time step, lagged."""
-
-    def __init__(self, runs: Sequence[Run], hidden: Amounts) -> None:
-        self._first = np.array([[run.first_command_step] for run in runs])
-        self._every = np.array([[run.command_every] for run in runs])
-        self._last = np.array([[len(run.reference) - 1] for run in runs])
-        self._delay = hidden.delay / STEP_S
-        self.values = np.zeros((len(runs), int(self._last.max()) + 1, hidden.delay.shape[1]))
-        for i, run in enumerate(runs):
-            self.values[i, : len(run.reference)] = run.reference
-        self._rows, self._columns = np.ogrid[: len(runs), : hidden.delay.shape[1]]
-        self._lagged = hidden.lag > 0.0
-        lag = np.maximum(hidden.lag, 1e-12)
-        self._decay = np.where(self._lagged, np.exp(-STEP_S / lag), 0.0)
-        self._share = np.where(self._lagged, lag / STEP_S * (1.0 - self._decay), 0.0)
-        self._followed: Array | None = None
-
-    def due(self, step: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Returns the robots that are commanded at a step, and the numbers of their commands."""
-        number, rest = np.divmod(step - self._first, self._every)
-        rows = np.flatnonzero((rest == 0) & (number >= 0) & (number <= self._last))
-        return rows, number[rows, 0]
-
-    def just_before(self, step: int) -> Array:
-        """Returns what the drives follow until a step, shape (B, J)."""
-        place = (step - 1e-6 - self._first - self._delay) / self._every
-        held = self._at(np.floor(place))
-        return held if self._followed is None else np.where(self._lagged, self._followed, held)
-
-    def mean(self, step: int) -> Array:
-        """Returns the mean of what the drives follow during a step, shape (B, J); time passes."""
-        place = (step - self._first - self._delay) / self._every
-        ahead = place + 1.0 / self._every
-        before, after = np.floor(place + 1e-9), np.floor(ahead - 1e-9)
-        share = np.where(after > before, (ahead - after) * self._every, 0.0)
-        old = self._at(before)
-        target = old + share * (self._at(after) - old)
-        behind = np.zeros_like(target) if self._followed is None else self._followed - target
-        self._followed = target + behind * self._decay
-        return np.asarray(target + behind * self._share)
-
-    def _at(self, number: Array) -> Array:
-        index = np.clip(number.astype(np.intp), 0, self._last)
-        return np.asarray(self.values[self._rows, index, self._columns])
 
 
 @final
@@ -168,7 +71,7 @@ class _Robots:
         self._slips = self._carried(runs)
         self._set_drives(runs)
         self._set_sides(runs)
-        self._commands = _Commands(runs, self._has)
+        self._commands = Commands(runs, self._has)
         self._q = np.stack([self._on_motors(run.start) for run in runs])
         if self._dof > self._joints:
             rows = np.flatnonzero(self._apart)

@@ -12,7 +12,8 @@ from known_truth.amounts import Hidden
 from known_truth.mjcf import mjcf
 from known_truth.motion import MOTIONS
 from known_truth.robots import PENDULUM, PLANAR, SPATIAL, Array, Robot, varied
-from known_truth.simulation import STEP_S, Course, Run, simulate
+from known_truth.run import STEP_S, Course, Run
+from known_truth.simulation import simulate
 
 EVERY = 20
 

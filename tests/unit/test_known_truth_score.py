@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from known_truth import generate as generation
 from known_truth import page
+from known_truth.draft import LEAST_SIGNAL
 from known_truth.outside import SLIPPING, STRANGE
 from known_truth.plans import VOCABULARY, Plan, plans
 from known_truth.score import Score, relative_error, score
@@ -153,7 +155,7 @@ def test_the_vocabulary_is_that_of_the_library() -> None:
 def quick(name: str) -> Plan:
     """Returns a case of the suite with short recordings."""
     (plan,) = [p for p in plans() if p.name == name]
-    return generation.replace(plan, excitation="short")
+    return replace(plan, excitation="short")
 
 
 def test_a_case_is_what_a_user_would_have(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -174,7 +176,7 @@ def test_a_case_is_what_a_user_would_have(tmp_path: Path, monkeypatch: pytest.Mo
     (hidden,) = truth["effects"]
     assert hidden["effect"] == "coulomb_friction"
     assert hidden["joints"] == ["hinge"]
-    assert hidden["signal"] >= generation.LEAST_SIGNAL
+    assert hidden["signal"] >= LEAST_SIGNAL
     assert not list(case.glob("*.json"))
 
 
