@@ -159,6 +159,6 @@ def test_intervals_cover_the_truth_about_as_often_as_they_say():
         truth, noise = np.array([1.0, -2.0]), rng.standard_normal(600)
         measured = columns @ truth + noise
         fitted = np.linalg.lstsq(columns, measured, rcond=None)[0]
-        widths = half_widths(-columns, measured - columns @ fitted, [slice(0, 600)])
+        widths = half_widths(fitted, -columns, measured - columns @ fitted, [slice(0, 600)])
         covered.extend(np.abs(fitted - truth) < widths)
     assert 0.92 < np.mean(covered) < 0.98

@@ -190,8 +190,10 @@ def _named(
         return ()
     fitted = found.fit
     adequate = error.after <= 1.5 * error.noise_floor
-    widths = half_widths(fitted.jacobian, fitted.residual, problem.slices())
-    by_place = dict(zip(free_parameters(instances), widths, strict=True))
+    free = free_parameters(instances)
+    values = np.array([instances[i].values[name] for i, name in free])
+    widths = half_widths(values, fitted.jacobian, fitted.residual, problem.slices())
+    by_place = dict(zip(free, widths, strict=True))
     named = []
     for i, instance in enumerate(instances):
         parameters = {}

@@ -15,6 +15,9 @@ from gfm.core.checks import Array
 
 #: Blocks into which a residual is cut: within one, errors may depend on each other.
 BLOCKS = 60
+#: Standard deviation, as a share of the amount, below which no amount is known: laws are
+#: idealisations, and integrating them in time steps errs by this much.
+LAW_SHARE = 0.002
 
 
 def covariance(jacobian: Array, residual: Array, segments: Sequence[slice]) -> Array:
@@ -44,8 +47,18 @@ def _blocks(segment: slice, segments: Sequence[slice]) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(edges) if b > a]
 
 
-def half_widths(jacobian: Array, residual: Array, segments: Sequence[slice]) -> Array:
-    """Returns half the width of each parameter's 95 % interval, shape (P,)."""
-    deviations = np.sqrt(np.maximum(np.diag(covariance(jacobian, residual, segments)), 0.0))
+def half_widths(
+    values: Array, jacobian: Array, residual: Array, segments: Sequence[slice]
+) -> Array:
+    """Returns half the width of each parameter's 95 % interval, shape (P,).
+
+    Args:
+        values: The estimates, shape (P,).
+        jacobian: Derivative of the residual, shape (N, P).
+        residual: At the optimum, shape (N,).
+        segments: Stretches of the residual that are independent of each other.
+    """
+    variance = np.maximum(np.diag(covariance(jacobian, residual, segments)), 0.0)
+    deviations = np.sqrt(variance + (LAW_SHARE * values) ** 2)
     freedom = max(BLOCKS - jacobian.shape[1], 3)
     return np.asarray(stats.t.ppf(0.975, freedom) * deviations)
