@@ -25,7 +25,7 @@ from effects_10_seeds import commit
 
 import gfm
 from gfm.core.checks import Array
-from gfm.diagnosis.problem import Problem, make_problem
+from gfm.diagnosis.problem import WHOLE, Problem, make_problem
 from gfm.experiments.inputs import load_specs, read_recordings
 from gfm.service.effects_file import read_effects
 
@@ -134,7 +134,7 @@ def section(name: str, data: Path, out: Path) -> str:
 def written(name: str, rig: Rig, model: Path, report: Path, held: Sequence[Path], made: str) -> str:
     """Returns a set's part of the page."""
     specs, effects = load_specs([model]), read_effects(report)
-    problem = make_problem(specs, read_recordings(held), whole=True)
+    problem = make_problem(specs, read_recordings(held), windows_s=WHOLE)
     measured = replace(problem, state_basis=tuple(basis[:, :0] for basis in problem.state_basis))
     document = json.loads(report.read_text())
     error = document["error"]

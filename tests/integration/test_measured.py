@@ -11,7 +11,7 @@ import pytest
 
 from gfm.core import CommandKind, Trajectory
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.problem import make_problem
+from gfm.diagnosis.problem import WHOLE, make_problem
 from gfm.diagnosis.result import Diagnosis, Verdict
 
 pytestmark = pytest.mark.slow
@@ -31,7 +31,7 @@ def errors_after(
     specs: dict[CommandKind, mujoco.MjSpec], held: list[Trajectory], found: Diagnosis
 ) -> list[np.ndarray]:
     effects = [one.instance() for one in found.effects]
-    return make_problem(specs, held, whole=True).position_errors(effects)
+    return make_problem(specs, held, windows_s=WHOLE).position_errors(effects)
 
 
 def test_friction_but_not_stribeck_is_found_on_the_xl330(measured: Measured) -> None:

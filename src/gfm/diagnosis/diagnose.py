@@ -25,7 +25,7 @@ from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.correction import corrected_model
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.naming import fitly_named, twins
-from gfm.diagnosis.problem import Problem, make_problem
+from gfm.diagnosis.problem import LONG, WHOLE, Problem, make_problem
 from gfm.diagnosis.quality import all_findings, doubts
 from gfm.diagnosis.result import (
     Diagnosis,
@@ -48,6 +48,8 @@ EXPLAINED_SHARE = 0.99
 LEAST_SHARE = 0.05
 #: Less motion or time than this says nothing about dynamics.
 LEAST_MOTION_RAD, LEAST_TIME_S, LEAST_RATE_HZ = 0.01, 1.5, 10.0
+#: Recorded time in which effects are looked for (of an arm; of smaller robots more).
+LOOKED_AT_S = 72.0
 #: Two candidates are equal when the runner-up leaves so little more of what the best explains.
 EQUAL, CLEAR = 0.01, 0.10
 
@@ -96,10 +98,11 @@ def diagnose(
     """
     report("measuring the nominal model")
     problem = make_problem(specs, recordings, given=given)
-    whole = make_problem(specs, recordings, problem.noise, given=given, whole=True)
-    held = make_problem(specs, holdout, problem.noise, given=given, whole=True)
+    long = make_problem(specs, recordings, problem.noise, given=given, windows_s=LONG)
+    held = make_problem(specs, holdout, problem.noise, given=given, windows_s=WHOLE)
     lack = _lacking(recordings)
-    found = _attribute(problem, whole, recordings, report) if not lack else None
+    few, settling = (p.subset(p.sample(LOOKED_AT_S)) for p in (problem, long))
+    found = _attribute(few, settling, recordings, report) if not lack else None
     instances = found.fit.effects if found else ()
     report("measuring the corrected model on held-out recordings")
     errors = HeldOut(
@@ -107,7 +110,7 @@ def diagnose(
     )
     if found and _closed(errors.summary) < LEAST_SHARE:
         instances, errors = (), HeldOut(problem=held, before=errors.before, after=errors.before)
-    named = _named(whole, found, instances, errors.summary) if found else ()
+    named = _named(settling, found, instances, errors.summary) if found else ()
     verdict = Verdict.INSUFFICIENT_DATA if lack else _verdict(errors.summary, named)
     corrected = {kind: corrected_model(spec, named, given) for kind, spec in specs.items()}
     first = corrected[recordings[0].command_kind]
@@ -121,7 +124,7 @@ def diagnose(
         joints=_joint_errors(errors),
         recordings=tuple(
             replace(row, warnings=doubts(findings, row.name))
-            for row in _inputs(whole, recordings, errors, holdout, instances)
+            for row in _inputs(long, recordings, errors, holdout, instances)
         ),
         findings=findings,
         corrected_xml=first.xml,
@@ -149,18 +152,18 @@ def _lacking(recordings: Sequence[Trajectory]) -> str:
 
 def _attribute(
     problem: Problem,
-    whole: Problem,
+    long: Problem,
     recordings: Sequence[Trajectory],
     report: Callable[[str], None],
 ) -> Attribution:
-    """Returns what the recordings support: found in stretches, settled in whole recordings."""
+    """Returns what recordings support: found in short stretches, amounts settled in long ones."""
     report("looking at torques")
     scales = joint_scales(problem, torque_views(problem, recordings))
     looked_for = [effect for effect in effect_library().values() if effect.twin is None]
     candidates = [place for effect in looked_for for place in places(effect, problem.joints)]
     found = attribute(problem, candidates, scales, report)
-    report("settling amounts on whole recordings")
-    settled = fit(whole.robust(found.fit.effects), found.fit.effects)
+    report("settling amounts")
+    settled = fit(long.robust(found.fit.effects), found.fit.effects)
     return replace(found, fit=fitly_named(settled, problem.specs))
 
 

@@ -22,23 +22,43 @@ import numpy as np
 
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.signals import evenly, noise_std, smooth_states, starts_at_rest
+from gfm.diagnosis.signals import (
+    LEAST_NOISE,
+    evenly,
+    noise_std,
+    resolution,
+    smooth_states,
+    starts_at_rest,
+)
 from gfm.effects import EffectInstance
 from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.plant import check_joints, make_plant
 from gfm.sim.predict import HISTORY_S, Prediction, Segment, predict
 
-#: Length of a rollout by command kind: a servo keeps it on track, a torque does not. In longer ones
-#: errors add up, and fits end in the nearest of many valleys.
-WINDOW_S: Mapping[CommandKind, float] = {
+#: Length of the stretches in which effects are looked for. A servo keeps a rollout on track and a
+#: torque does not; in longer ones errors add up, and fits end in the nearest of many valleys.
+SHORT: Mapping[CommandKind, float] = {
     CommandKind.POSITION: 2.0,
     CommandKind.VELOCITY: 2.0,
     CommandKind.EFFORT: 0.5,
 }
+#: Length of those on which amounts are settled, and on which errors are told: what a servo keeps
+#: on track is told from first to last.
+LONG: Mapping[CommandKind, float] = {
+    **SHORT,
+    CommandKind.POSITION: 12.0,
+    CommandKind.VELOCITY: 12.0,
+}
+WHOLE: Mapping[CommandKind, float] = {
+    **SHORT,
+    CommandKind.POSITION: float("inf"),
+    CommandKind.VELOCITY: float("inf"),
+}
 #: Steps in position and velocity with which the effect of the initial state is measured.
 STATE_STEP = (1e-4, 1e-3)
-#: Joints of the arm to which durations of samples refer.
-ARM_JOINTS = 7
+#: Joints of the arm to which durations of samples refer, and how much longer they are at most for
+#: robots with fewer: those take less time to simulate.
+ARM_JOINTS, MOST_LONGER = 7, 2.0
 #: Places along a recording at which contacts are looked for.
 CONTACT_LOOKS = 300
 #: Largest residual that counts, in units of the noise: a simulation that runs away stays finite.
@@ -200,7 +220,7 @@ class Problem:
         Args:
             simulated_s: For an arm of seven joints; fewer joints take less time to simulate.
         """
-        simulated_s *= max(ARM_JOINTS / len(self.joints), 1.0)
+        simulated_s *= min(max(ARM_JOINTS / len(self.joints), 1.0), MOST_LONGER)
         by_recording = sorted(range(len(self.segments)), key=lambda i: self._turn(i))
         chosen, total_s = [], 0.0
         for i in by_recording:
@@ -227,7 +247,7 @@ def make_problem(
     noise: Noise | None = None,
     *,
     given: Sequence[EffectInstance] = (),
-    whole: bool = False,
+    windows_s: Mapping[CommandKind, float] = SHORT,
 ) -> Problem:
     """Returns the problem of explaining `recordings` by the models `specs`, with `given` in them.
 
@@ -238,7 +258,8 @@ def make_problem(
         specs: The nominal model by command kind.
         recordings: What it should explain.
         noise: Of the sensors; measured where it is not given.
-        whole: Whether what a servo keeps on track is rolled out from first to last.
+        given: Effects of the nominal model that `specs` cannot say.
+        windows_s: Length of a rollout by kind of command, s.
 
     Raises:
         ConfigError: a recording's commands are of a kind for which there is no model, or its
@@ -257,7 +278,7 @@ def make_problem(
     segments = tuple(
         segment
         for i, recording in enumerate(recordings)
-        for segment in cut(recording, i, noise, _window_s(recording, whole=whole))
+        for segment in cut(recording, i, noise, windows_s[recording.command_kind])
     )
     problem = Problem(
         specs=accurate,
@@ -318,18 +339,27 @@ def _check_recordings(
 
 
 def measure_noise(recordings: Sequence[Trajectory]) -> Noise:
-    """Returns the sensor noise: the median over the recordings."""
-    position = [noise_std(evenly(r.time_s, r.position)[1]) for r in recordings]
-    efforts = [noise_std(evenly(r.time_s, r.effort)[1]) for r in recordings if r.effort is not None]
+    """Returns the sensor noise over the recordings."""
+    efforts = [(r.time_s, r.effort) for r in recordings if r.effort is not None]
     return Noise(
-        position=np.median(position, axis=0),
-        effort=np.median(efforts, axis=0) if efforts else None,
+        position=_noise_of([(r.time_s, r.position) for r in recordings]),
+        effort=_noise_of(efforts) if efforts else None,
     )
 
 
-def _window_s(recording: Trajectory, *, whole: bool) -> float:
-    kind = recording.command_kind
-    return float("inf") if whole and kind is not CommandKind.EFFORT else WINDOW_S[kind]
+def _noise_of(signals: Sequence[tuple[Array, Array]]) -> Array:
+    """Returns the noise of a channel, shape (J,), from its recordings as times and values.
+
+    The median over those in which it changes at all; never less than what its rounding makes.
+    """
+    white = np.stack([noise_std(evenly(*signal)[1]) for signal in signals])
+    steps = np.stack([resolution(values) for _, values in signals])
+    moved = np.stack([np.ptp(values, axis=0) > 0.0 for _, values in signals])
+    columns = range(white.shape[1])
+    typical = [np.median(white[moved[:, j], j]) if moved[:, j].any() else 0.0 for j in columns]
+    rounded = [np.median(steps[moved[:, j], j]) if moved[:, j].any() else 0.0 for j in columns]
+    least = np.maximum(np.array(rounded) / np.sqrt(12.0), LEAST_NOISE)
+    return np.asarray(np.maximum(typical, least))
 
 
 def cut(recording: Trajectory, index: int, noise: Noise, window_s: float) -> list[Segment]:

@@ -14,6 +14,10 @@ from gfm.core.checks import Array
 
 #: Order of the differences in which only noise is left of a smooth signal.
 NOISE_ORDER = 4
+#: Noise of a channel that shows none.
+LEAST_NOISE = 1e-9
+#: How near to a whole number of steps changes of a rounded signal are, and how many of them.
+WHOLE_WITHIN, MOSTLY = 0.05, 0.9
 #: Span and order of the polynomials from which velocity and acceleration are taken.
 SMOOTHING_S, SMOOTHING_ORDER = 0.09, 3
 #: Time over which a joint has to rest, and speed that may be noise, in standard deviations.
@@ -33,20 +37,26 @@ def noise_std(signal: Array) -> Array:
     differences = np.diff(signal, n=NOISE_ORDER, axis=0)
     spread = np.median(np.abs(differences), axis=0) / 0.6745
     white = spread / np.sqrt(comb(2 * NOISE_ORDER, NOISE_ORDER))
-    return np.asarray(np.maximum(np.maximum(white, resolution(signal) / np.sqrt(12.0)), 1e-9))
+    return np.asarray(
+        np.maximum(np.maximum(white, resolution(signal) / np.sqrt(12.0)), LEAST_NOISE)
+    )
 
 
 def resolution(signal: Array) -> Array:
     """Returns the step to which each column is rounded; 0 where it is not, shape (J,).
 
-    Rounded signals repeat a few step sizes; others never do.
+    All changes of a rounded signal are whole multiples of its step; those of others never are.
     """
     steps = np.zeros(signal.shape[1])
     for j, column in enumerate(signal.T):
-        jumps = np.abs(np.diff(column))
-        sizes, counts = np.unique(np.round(jumps[jumps > 1e-12], 9), return_counts=True)
-        if len(sizes) and counts.max() > 0.05 * len(column):
-            steps[j] = sizes[counts > 0.01 * len(column)].min(initial=sizes[counts.argmax()])
+        jumps = np.round(np.abs(np.diff(column)), 9)
+        jumps = jumps[jumps > 0.0]
+        sizes, counts = np.unique(jumps, return_counts=True)
+        usual = sizes[counts >= max(0.01 * len(jumps), 2)]
+        if len(usual):
+            multiples = jumps / usual[0]
+            whole = np.abs(multiples - np.round(multiples)) < WHOLE_WITHIN
+            steps[j] = usual[0] if np.mean(whole) > MOSTLY else 0.0
     return steps
 
 

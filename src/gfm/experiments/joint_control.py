@@ -19,7 +19,7 @@ import numpy as np
 
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.problem import Noise, Problem, make_problem
+from gfm.diagnosis.problem import WHOLE, Noise, Problem, make_problem
 from gfm.effects import EffectInstance
 from gfm.report import Comparison, HeldOutRollout, ModelError, ModelKind
 from gfm.sim.features import Features
@@ -164,7 +164,7 @@ def make_test(
         BadInputError: models and recordings do not belong together.
     """
     started = tuple(from_first_command(replace(r, effort=None)) for r in recordings)
-    problem = make_problem(specs, started, noise, given=given, whole=True)
+    problem = make_problem(specs, started, noise, given=given, windows_s=WHOLE)
     if len(problem.segments) != len(started):
         kinds = ", ".join(sorted({r.command_kind for r in recordings}))
         raise ConfigError(f"{kinds} commands: expected position or velocity commands of servos")
