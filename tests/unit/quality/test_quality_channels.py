@@ -115,7 +115,7 @@ def test_rounding_is_told_where_noise_does_not_hide_it(make):
 def test_an_effort_cut_off_while_more_is_demanded_has_a_flat_top(make):
     demand = 8.0 * np.sin(3.0 * T)
     recording = make(T, WAVE, effort=np.clip(demand, -5.0, 5.0) + 1e-3 * NOISE[:, 0])
-    (told,) = channels.flat_topped(recording, demand[:, None])
+    (told,) = channels.cut_off_efforts(recording, recording.effort, demand[:, None])
     assert told.what == "effort has a flat top at"
     assert abs(told.value) == pytest.approx(5.0, abs=0.02)
 
@@ -129,7 +129,8 @@ def test_an_effort_cut_off_while_more_is_demanded_has_a_flat_top(make):
     ],
 )
 def test_an_effort_that_follows_its_demand_has_none(make, effort):
-    assert channels.flat_topped(make(T, WAVE, effort=effort), effort[:, None]) == []
+    recording = make(T, WAVE, effort=effort)
+    assert channels.cut_off_efforts(recording, recording.effort, effort[:, None]) == []
 
 
 def test_a_speed_limit_is_a_flat_top(make):
@@ -137,7 +138,7 @@ def test_a_speed_limit_is_a_flat_top(make):
     limited = [0.0]
     for told in command[1:]:
         limited.append(limited[-1] + np.clip(8.0 * (told - limited[-1]), -0.6, 0.6) * 0.01)
-    (told,) = channels.flat_topped(make(T, np.array(limited), command=command), command[:, None])
+    (told,) = channels.cut_off_speeds(make(T, np.array(limited), command=command))
     assert told.what == "speed has a flat top at"
     assert abs(told.value) == pytest.approx(0.6, rel=0.03)
 

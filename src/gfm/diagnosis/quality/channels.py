@@ -164,28 +164,31 @@ def _equal(command: Array, measured: Array, shift: int) -> float:
     return float((np.abs(rolled - measured[3:-3]) < EXACTLY)[changing].mean())
 
 
-def flat_topped(recording: Trajectory, drive: Array) -> list[Finding]:
-    """Finds speeds and efforts that stay at their extreme while what is demanded of them goes on.
+def cut_off_efforts(recording: Trajectory, effort: Array, drive: Array) -> list[Finding]:
+    """Finds efforts that stay at their extreme while the drive is asked for more.
 
-    A plateau alone is no saturation: joints rest, and dry friction makes plateaus of efforts. Where
-    the demand still varies by a good part of its spread, it is one.
+    A plateau alone is no saturation: dry friction makes plateaus. Where the demand still varies by
+    a good part of its spread, it is one.
 
     Args:
         recording: The recording.
-        drive: What the model's servo would do, N m, shape (T, J).
+        effort: Measured, N m, shape (T, J).
+        drive: What the model's actuators would do, N m, shape (T, J).
     """
-    found = []
-    if recording.effort is not None:
-        found += _flat_tops(recording, "effort has a flat top at", "N m", recording.effort, drive)
-    if recording.command_kind is not CommandKind.EFFORT:
-        _, speed, _ = smooth_states(recording.time_s, recording.position)
-        command, asked = held_command(recording), held_command(recording)
-        if recording.command_kind is CommandKind.POSITION:
-            _, asked, _ = smooth_states(recording.time_s, command)
-            command = command - recording.position
-        tops = _flat_tops(recording, "speed has a flat top at", "rad/s", speed, command)
-        found += [top for top in tops if _more_asked(asked, recording, top)]
-    return found
+    return _flat_tops(recording, "effort has a flat top at", "N m", effort, drive)
+
+
+def cut_off_speeds(recording: Trajectory) -> list[Finding]:
+    """Finds speeds that stay at their extreme while commands ask for more, and errors grow."""
+    if recording.command_kind is CommandKind.EFFORT:
+        return []
+    _, speed, _ = smooth_states(recording.time_s, recording.position)
+    command, asked = held_command(recording), held_command(recording)
+    if recording.command_kind is CommandKind.POSITION:
+        _, asked, _ = smooth_states(recording.time_s, command)
+        command = command - recording.position
+    tops = _flat_tops(recording, "speed has a flat top at", "rad/s", speed, command)
+    return [top for top in tops if _more_asked(asked, recording, top)]
 
 
 def _more_asked(asked: Array, recording: Trajectory, top: Finding) -> bool:

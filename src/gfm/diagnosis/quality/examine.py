@@ -47,7 +47,6 @@ def objection_to(recording: Trajectory, plant: Plant) -> Objection | None:
 
 def findings_of(recording: Trajectory, plant: Plant) -> tuple[Finding, ...]:
     """Returns what is doubtful, or good to know, about a recording."""
-    views = efforts.views_of(recording, plant)
     return (
         *stamps.jitter(recording),
         *stamps.gaps(recording),
@@ -55,12 +54,22 @@ def findings_of(recording: Trajectory, plant: Plant) -> tuple[Finding, ...]:
         *stamps.one_stamp_a_cycle(recording),
         *channels.still(recording),
         *channels.echoed(recording),
-        *channels.flat_topped(recording, views.drive),
+        *channels.cut_off_speeds(recording),
         *channels.at_range_limit(recording, plant),
         *units.odd_velocities(recording),
-        *efforts.doubtful_efforts(recording, views),
+        *_of_efforts(recording, plant),
         *channels.rounded(recording),
     )
+
+
+def _of_efforts(recording: Trajectory, plant: Plant) -> list[Finding]:
+    if recording.effort is None:
+        return []
+    views = efforts.views_of(recording, plant)
+    return [
+        *channels.cut_off_efforts(recording, recording.effort, views.drive),
+        *efforts.doubtful_efforts(recording, views),
+    ]
 
 
 def all_findings(
@@ -85,9 +94,29 @@ def all_findings(
         for recording in (*recordings, *holdout)
         for finding in findings_of(recording, plants[recording.command_kind])
     ]
+    unseen = [_unrecorded(name) for name in _driven(problem) if name not in problem.joints]
     nominal = predicted_positions(problem, recordings)
     corrected = predicted_positions(problem, recordings, effects) if effects else None
-    return (*each, *timing_of(recordings, nominal, corrected))
+    return (*unseen, *each, *timing_of(recordings, nominal, corrected))
+
+
+def _driven(problem: Problem) -> list[str]:
+    """Returns the joints that have an actuator of their name, in any of the models."""
+    specs = problem.specs.values()
+    joints = {joint.name for spec in specs for joint in spec.joints}
+    actuators = (actuator.name for spec in specs for actuator in spec.actuators)
+    return [name for name in dict.fromkeys(actuators) if name in joints]
+
+
+def _unrecorded(name: str) -> Finding:
+    return Finding(
+        recording=EVERYWHERE,
+        joint=name,
+        what="driven in the model, never recorded: its command is taken as",
+        value=0.0,
+        unit="",
+        consequence="fix the joint in the model where the robot held it",
+    )
 
 
 def doubts(findings: Iterable[Finding], recording: str = EVERYWHERE) -> tuple[str, ...]:

@@ -18,6 +18,8 @@ LEAST_RATE_HZ, MOST_RATE_HZ = 1.0, 10_000.0
 JITTER = 0.10
 #: A gap is so many typical periods long: four messages in a row were lost.
 GAP_PERIODS = 5.0
+#: So many measurements around a gap tell whether the motion went on without it.
+ACROSS = 12
 #: Share of the measurements under motion that repeat the one before.
 REPEATED = 0.05
 #: Steps of a motion are so many measurements apart at most, and so many must be seen.
@@ -72,19 +74,30 @@ def gaps(recording: Trajectory) -> list[Finding]:
 
 
 def _jumped(recording: Trajectory, i: int, period_s: float) -> bool:
-    """Returns whether the motion across gap `i` is that of one period."""
+    """Returns whether the motion across gap `i` is that of one period.
+
+    That is: where joints move, a cubic through the measurements around the gap, taken as evenly
+    spaced, fits as well as one does elsewhere.
+    """
     q, t = recording.position, recording.time_s
-    before, after = slice(max(i - 5, 0), i + 1), slice(i + 1, i + 7)
-    if len(t[before]) < 3 or len(t[after]) < 3:
+    start = i + 1 - ACROSS // 2
+    if start < 0 or start + ACROSS > len(q):
         return False
-    speed = 0.5 * (_slopes(t[before], q[before]) + _slopes(t[after], q[after]))
-    moved, gap_s = q[i + 1] - q[i], t[i + 1] - t[i]
-    scatter = 3.0 * noise_std(evenly(t, q)[1])
-    fast = np.abs(speed) * (gap_s - period_s) > 4.0 * scatter + 4.0 * np.abs(speed) * period_s
-    if not fast.any():
-        return False
-    missed = np.abs(moved - speed * period_s) < 0.25 * np.abs(speed) * gap_s
-    return bool(missed[fast].all())
+    before, after = slice(start, i + 1), slice(i + 1, start + ACROSS)
+    speed = np.abs(_slopes(t[before], q[before])) + np.abs(_slopes(t[after], q[after]))
+    noise = noise_std(evenly(t, q)[1])
+    fast = 0.5 * speed * (t[i + 1] - t[i] - period_s) > 20.0 * noise
+    even = np.lib.stride_tricks.sliding_window_view(q, ACROSS, axis=0)
+    elsewhere = np.percentile(_cubic_misfit(even[:: ACROSS // 2]), 75.0, axis=0)
+    across = _cubic_misfit(even[start][None])[0]
+    return bool(fast.any() and (across < 3.0 * (elsewhere + noise))[fast].all())
+
+
+def _cubic_misfit(windows: Array) -> Array:
+    """Returns what cubics leave of even stretches (W, J, ACROSS): root mean square, (W, J)."""
+    basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, ACROSS), 4))
+    rest = windows - windows @ basis @ basis.T
+    return np.asarray(np.sqrt(np.mean(rest**2, axis=-1)))
 
 
 def _slopes(time_s: Array, values: Array) -> Array:
