@@ -162,3 +162,10 @@ def test_intervals_cover_the_truth_about_as_often_as_they_say():
         widths = half_widths(fitted, -columns, measured - columns @ fitted, [slice(0, 600)])
         covered.extend(np.abs(fitted - truth) < widths)
     assert 0.92 < np.mean(covered) < 0.98
+
+
+def test_what_the_residual_does_not_depend_on_has_no_interval():
+    columns = np.random.default_rng(0).standard_normal((600, 2)) * np.array([1.0, 0.0])
+    seen, unseen = half_widths(np.ones(2), columns, np.ones(600), [slice(0, 600)])
+    assert np.isfinite(seen)
+    assert unseen == np.inf

@@ -267,3 +267,13 @@ def test_negative_friction_is_not_admissible():
 def test_an_unknown_effect_is_told_with_those_that_exist():
     with pytest.raises(UnknownNameError, match=r"unknown effect 'glue'; available: .*backlash"):
         find_effect("glue")
+
+
+def test_a_load_that_shows_by_its_moment_alone_is_looked_for_nearby():
+    payload = effect_library()["payload"]
+    (group,) = payload.probes(SCALES)
+    # Joints with parallel axes: no answer to the mass at the frame, a moment along -z.
+    told = payload.combine(group, [0.0, 0.0, 0.0, -20.0])
+    assert told["mass"] * told["com_z"] == pytest.approx(-20.0 * 0.05 * 0.1)
+    assert told["mass"] > 0.0
+    assert told["com_z"] == pytest.approx(-0.2)

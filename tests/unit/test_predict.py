@@ -113,3 +113,11 @@ def test_a_joint_that_is_not_there_is_told_with_those_that_are():
     spec = mujoco.MjSpec.from_string(PENDULUM.format(actuator=MOTOR, step=0.002))
     with pytest.raises(UnknownNameError, match="unknown joint 'elbow'; available: j"):
         make_plant(spec, ("elbow",))
+
+
+def test_a_lag_remembers_what_was_commanded_before_the_stretch():
+    lagged = plant(effects=(effect("actuator_lag", time_constant=0.1),))
+    before = segment([0.0, 1.0, 0.0], [-1.0, -0.3, 0.0])
+    shares = applied_commands(lagged, before, 3)
+    left = 1.0 - np.exp(-3.0)
+    assert shares[0, 0] == pytest.approx(left * np.exp(-0.01), rel=1e-3)

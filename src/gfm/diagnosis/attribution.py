@@ -414,8 +414,9 @@ def screen(
         columns = still[:, None] - np.stack(moved[row : row + len(group)], axis=1)
         row += len(group)
         found = _weigh(place, group, columns - basis @ (basis.T @ columns), residual)
-        # A fit cannot go from one value of a fixed parameter to another: each is a candidate.
-        variant = (place.key, *(group[0].values[name] for name in place.effect.fixed))
+        # A fit cannot go from one valley to another: each is a candidate.
+        apart = (*place.effect.fixed, *place.effect.valleys)
+        variant = (place.key, *(group[0].values[name] for name in apart))
         if found and (variant not in best or found.gain > best[variant].gain):
             best[variant] = found
     return sorted(best.values(), key=lambda s: -s.gain)

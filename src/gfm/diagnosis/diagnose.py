@@ -201,8 +201,9 @@ def _named(
     for i, instance in enumerate(instances):
         parameters = {}
         for p in instance.effect.parameters:
-            value, width = instance.values[p.name], by_place.get((i, p.name))
-            interval = None if width is None or not adequate else (value - width, value + width)
+            value, width = instance.values[p.name], float(by_place.get((i, p.name), np.inf))
+            told = adequate and np.isfinite(width)
+            interval = (value - width, value + width) if told else None
             parameters[p.name] = ParameterEstimate(value=value, unit=p.unit, ci95=interval)
         named.append(
             NamedEffect(

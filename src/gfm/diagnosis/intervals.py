@@ -18,6 +18,8 @@ BLOCKS = 60
 #: Standard deviation, as a share of the amount, below which no amount is known: laws are
 #: idealisations, and integrating them in time steps errs by this much.
 LAW_SHARE = 0.002
+#: Change of all residuals together, in units of the noise, that nobody sees.
+UNSEEN = 1e-3
 
 
 def covariance(jacobian: Array, residual: Array, segments: Sequence[slice]) -> Array:
@@ -52,6 +54,8 @@ def half_widths(
 ) -> Array:
     """Returns half the width of each parameter's 95 % interval, shape (P,).
 
+    Infinite where the residual does not depend on the parameter.
+
     Args:
         values: The estimates, shape (P,).
         jacobian: Derivative of the residual, shape (N, P).
@@ -60,5 +64,7 @@ def half_widths(
     """
     variance = np.maximum(np.diag(covariance(jacobian, residual, segments)), 0.0)
     deviations = np.sqrt(variance + (LAW_SHARE * values) ** 2)
+    unseen = np.linalg.norm(jacobian, axis=0) * np.maximum(np.abs(values), UNSEEN) < UNSEEN
+    deviations[unseen] = np.inf
     freedom = max(BLOCKS - jacobian.shape[1], 3)
     return np.asarray(stats.t.ppf(0.975, freedom) * deviations)

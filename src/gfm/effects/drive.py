@@ -113,6 +113,7 @@ class TorqueSaturation(Effect):
     """The drive's torque is limited."""
 
     name = "torque_saturation"
+    valleys = ("limit",)
     parameters = (Parameter(name="limit", unit="N m", lower=1e-3, upper=1e4),)
     shown_by = "the largest accelerations and loads"
 

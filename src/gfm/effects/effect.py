@@ -126,6 +126,8 @@ class Effect(ABC):
     shares_joints: ClassVar[bool] = False
     #: Parameters that a fit leaves as the search found them.
     fixed: ClassVar[tuple[str, ...]] = ()
+    #: Parameters in which a fit ends in the valley where it starts: every probe's is a start.
+    valleys: ClassVar[tuple[str, ...]] = ()
     #: The motion that shows it, in words.
     shown_by: ClassVar[str]
     #: Effects that look like it in many motions: they are always put beside it.

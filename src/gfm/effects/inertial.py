@@ -25,6 +25,8 @@ from gfm.effects.effect import (
 
 GRAVITY = 9.81
 UPRIGHT = (0.0, 0.0, -GRAVITY)
+#: How far from a link's frame a load is looked for at first at most, and where if nothing says.
+FARTHEST_M, USUAL_M = 0.5, 0.2
 
 
 @final
@@ -62,14 +64,15 @@ class Payload(Effect):
     @override
     def combine(self, group: ProbeGroup, amplitudes: Sequence[float]) -> dict[str, float] | None:
         masses = np.array([a * p["mass"] for a, p in zip(amplitudes, group, strict=True)])
-        mass = float(masses.sum())
+        axes = ("com_x", "com_y", "com_z")
+        moment = masses @ np.array([[p[axis] for axis in axes] for p in group])
+        mass, size = float(masses.sum()), float(np.linalg.norm(moment))
+        # Joints with parallel axes tell the moment only: what the mass is, the fit has to find.
+        if mass * FARTHEST_M < size:
+            mass = size / USUAL_M
         if mass <= 1e-4:
             return None
-        values = {"mass": mass}
-        for axis in ("com_x", "com_y", "com_z"):
-            centre = float(masses @ np.array([p[axis] for p in group])) / mass
-            values[axis] = float(np.clip(centre, -0.5, 0.5))
-        return values if self.admissible(values) else None
+        return {"mass": mass, **{a: float(m) / mass for a, m in zip(axes, moment, strict=True)}}
 
 
 @final
