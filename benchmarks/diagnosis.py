@@ -59,11 +59,8 @@ def diagnose(name: str, folder: Path) -> None:
     (out / "made.json").write_text(json.dumps(made))
 
 
-def ask(peer: str, name: str, folder: Path) -> Score | None:
-    """Returns the score of what a peer says, asked unless it was; None where it has no answer.
-
-    It is not asked again either where it failed: its log lies beside.
-    """
+def ask(peer: str, name: str, folder: Path) -> None:
+    """Asks a peer about a case, unless it was asked; where it fails its log lies beside."""
     out = folder / "peers" / peer / f"{name}.json"
     log, made = out.with_suffix(".log"), out.with_suffix(".made")
     if not log.exists():
@@ -73,7 +70,13 @@ def ask(peer: str, name: str, folder: Path) -> Score | None:
         began = time.monotonic()
         _run(words, log, PEER_LIMIT_S, {"PYTHONPATH": str(PEER_PACKAGES)})
         made.write_text(str(time.monotonic() - began))
-    if not out.exists():
+
+
+def peer_scored(peer: str, name: str, folder: Path) -> Score | None:
+    """Returns the score of what a peer says; None where it has no answer."""
+    out = folder / "peers" / peer / f"{name}.json"
+    made = out.with_suffix(".made")
+    if not (out.exists() and made.exists()):
         return None
     truth = json.loads((folder / "truth" / f"{name}.json").read_text())
     report = json.loads(out.read_text())
@@ -109,6 +112,12 @@ def scored(name: str, folder: Path) -> Score | None:
     return score(truth, json.loads(report.read_text()), json.loads(made.read_text())["wall_s"])
 
 
+def made_at(name: str, folder: Path) -> str:
+    """Returns the commit at which a case was diagnosed."""
+    made = json.loads((folder / "diagnoses" / name / "made.json").read_text())
+    return str(made["commit"])
+
+
 def chosen(arguments: argparse.Namespace) -> list[Plan]:
     """Returns the cases that are asked for: those of that name, and of these so many, spread."""
     matching = [p for p in plans(arguments.seed) if fnmatch.fnmatch(p.name, arguments.only)]
@@ -118,22 +127,28 @@ def chosen(arguments: argparse.Namespace) -> list[Plan]:
     return [matching[int(i * step)] for i in range(arguments.cases)]
 
 
-def document(scores: Sequence[Score], peers: Mapping[str, Sequence[Score]], words: str) -> str:
+def document(
+    scores: Sequence[Score],
+    planned: int,
+    peers: Mapping[str, Sequence[Score]],
+    words: str,
+    commits: Sequence[str],
+) -> str:
     """Returns the page with all tables."""
     wrong = [one for one in scores if page.is_wrong(one)]
     return f"""# Robots whose truth is known
 
-{len(scores)} cases on three robots (a servo pendulum, a planar arm of two joints, a spatial arm of
-seven), simulated apart from everything that judges them: own rigid-body dynamics, own integrator
-(implicit midpoint, 0.5 ms; dry friction as impulses), own encoders, noise and clocks. Every
-robot is drawn anew: lengths, masses, gains, motions, sizes of effects. Diagnosed by `gfm diagnose`,
-which is given recordings and nominal model only. Written by
+{len(scores)} of {planned} cases; the others were not run. Three robots (a servo pendulum, a
+planar arm of two joints, a spatial arm of seven) are simulated apart from everything that judges
+them: own rigid-body dynamics, own integrator (implicit midpoint, 0.5 ms; dry friction as impulses),
+own encoders, noise and clocks. Every robot is drawn anew: lengths, masses, gains, motions, sizes of
+effects. Diagnosed by `gfm diagnose`, which is given recordings and nominal model only. Written by
 
     {words}
 
 with gfm {gfm.__version__} at commit {commit()}, {time.strftime("%Y-%m-%d")}, Python
-{platform.python_version()}, MuJoCo {version("mujoco")}, {platform.machine()}. Two shared cores,
-busy with other jobs: times are upper bounds.
+{platform.python_version()}, MuJoCo {version("mujoco")}, {platform.machine()}. Diagnosed at commits
+{", ".join(commits)}. Two shared cores, busy with other jobs: times are upper bounds.
 
 A name is right if it is that of the hidden effect, or of one that physics cannot tell from it, with
 the hidden one listed beside it as its equal. "Claimed": with a confidence above 0.5.
@@ -173,24 +188,38 @@ def main() -> None:
     parser.add_argument("--only", default="*", metavar="GLOB", help="only cases of that name")
     parser.add_argument("--peers", action="store_true", help="ask peers about the same recordings")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="diagnoses side by side")
+    parser.add_argument(
+        "--score-only", action="store_true", help="run nothing: score what is there"
+    )
     parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE")
     arguments = parser.parse_args()
     cases = chosen(arguments)
-    generate(cases, arguments.out)
-    with ThreadPoolExecutor(arguments.jobs) as pool:
-        for name in pool.map(lambda plan: _told(plan.name, arguments.out), cases):
-            print(name, flush=True)
+    if not arguments.score_only:
+        generate(cases, arguments.out)
+        with ThreadPoolExecutor(arguments.jobs) as pool:
+            for name in pool.map(lambda plan: _told(plan.name, arguments.out), cases):
+                print(name, flush=True)
     scores = [one for plan in cases if (one := scored(plan.name, arguments.out))]
-    asked = [p for p in cases if arguments.peers and p.setup.name in PEER_SETUPS]
-    answers: dict[str, list[Score]] = {peer: [] for peer in PEERS}
-    for plan in asked:
-        for peer in PEERS:
-            one = ask(peer, plan.name, arguments.out)
-            answers[peer] += [] if one is None else [one]
-            print(f"{peer}: {plan.name}: {one.named if one else 'no answer'}", flush=True)
+    if arguments.peers and not arguments.score_only:
+        _ask_all(cases, arguments.out)
+    answers = {
+        peer: [s for plan in cases if (s := peer_scored(peer, plan.name, arguments.out))]
+        for peer in PEERS
+    }
+    commits = sorted({made_at(one.name, arguments.out) for one in scores})
     words = f"python benchmarks/diagnosis.py --seed {arguments.seed}"
     arguments.page.parent.mkdir(parents=True, exist_ok=True)
-    arguments.page.write_text(document(scores, answers, words), encoding="utf-8")
+    arguments.page.write_text(
+        document(scores, len(cases), answers, words, commits), encoding="utf-8"
+    )
+
+
+def _ask_all(cases: Sequence[Plan], folder: Path) -> None:
+    for plan in cases:
+        for peer in PEERS if plan.setup.name in PEER_SETUPS else ():
+            ask(peer, plan.name, folder)
+            one = peer_scored(peer, plan.name, folder)
+            print(f"{peer}: {plan.name}: {one.named if one else 'no answer'}", flush=True)
 
 
 def _told(name: str, folder: Path) -> str:

@@ -25,7 +25,6 @@ def summary(scores: Sequence[Score]) -> str:
     effects = [*kind["single"], *kind["pair"]]
     errors = [e for s in effects for e in s.errors]
     covered = [c for s in effects for c in s.covered]
-    ratios = [s.after / s.floor for s in effects]
     large = [s for s in scores if s.setup.startswith("spatial")]
     rows = [
         ("one effect: the right one first", "95 %", share(kind["single"], lambda s: s.effect)),
@@ -57,7 +56,7 @@ def summary(scores: Sequence[Score]) -> str:
         (
             "held-out error after / noise floor, one or two effects, median",
             "at most 1.1",
-            f"{median(ratios):.2f}" if ratios else "–",
+            _floors(effects),
         ),
         (
             "held-out error larger than before",
@@ -72,6 +71,11 @@ def summary(scores: Sequence[Score]) -> str:
     ]
     lines = ["| | wanted | found |", "|---|---|---|"]
     return "\n".join([*lines, *(f"| {a} | {b} | {c} |" for a, b, c in rows)])
+
+
+def _floors(scores: Sequence[Score]) -> str:
+    """Returns the median of held-out errors after the correction, in noise floors."""
+    return f"{median(s.after / s.floor for s in scores):.2f}" if scores else "–"
 
 
 def _percent(errors: Sequence[float]) -> str:
@@ -100,14 +104,11 @@ def by_setup(scores: Sequence[Score]) -> str:
         single, pair, none, outside = (
             [s for s in here if s.category == c] for c in ("single", "pair", "none", "outside")
         )
-        ratios = [s.after / s.floor for s in (*single, *pair)]
         lines.append(
             f"| {setup} | {share(single, lambda s: s.effect)} | {share(single, lambda s: s.joint)} "
             f"| {share(pair, lambda s: s.complete)} | {share(none, lambda s: s.surplus == 0)} "
-            f"| {share(outside, lambda s: s.claimed)} | {median(ratios):.2f} "
+            f"| {share(outside, lambda s: s.claimed)} | {_floors([*single, *pair])} "
             f"| {median(s.wall_s for s in here):.0f} |"
-            if ratios
-            else f"| {setup} | | | | | | | |"
         )
     return "\n".join(lines)
 
@@ -134,11 +135,10 @@ def _beside(name: str, answers: Sequence[Score]) -> str:
     single, pair, none = (
         [s for s in answers if s.category == c] for c in ("single", "pair", "none")
     )
-    ratios = [s.after / s.floor for s in (*single, *pair)]
     return (
         f"| {name} | {len(answers)} | {share(single, lambda s: s.effect and s.joint)} "
         f"| {share(pair, lambda s: s.complete)} | {share(none, lambda s: s.surplus == 0)} "
-        f"| {f'{median(ratios):.2f}' if ratios else '–'} "
+        f"| {_floors([*single, *pair])} "
         f"| {median(s.wall_s for s in answers):.0f} |"
     )
 
