@@ -131,7 +131,10 @@ class MatchingTask:
         )
 
     def tool_place(self, tip: Array, position: Array, goal: Array) -> Array:
-        """Returns where the tool should be, m, shape (N, 3); arguments as of `reward`."""
+        """Returns where the tool should be, m, shape (N, 3); arguments as of `reward`.
+
+        Within a centimetre of the goal it lets go: over the object.
+        """
         way = goal[:, :2] - position[:, :2]
         way = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 0.01)
         contact = self._contact(way)
