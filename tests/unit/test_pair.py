@@ -323,7 +323,9 @@ def test_a_corrected_pair_is_corrected_again_without_losing_anything(tmp_path):
     assert [e.key for e in twice.effects] == [STRIBECK.key, OFFSET.key, LOAD.key]
     assert [e.in_model for e in twice.effects] == [False, True, False]
     assert make_plant(twice.spec, JOINTS).effects[0].values["time_constant"] == pytest.approx(0.062)
-    assert "stribeck_friction on a: static_excess 0.6" in path.read_text()
+    text = path.read_text()
+    assert "<!-- As before: stribeck_friction on a: static_excess 0.6 N m" in text
+    assert text.count("Corrected by gfm") == 1
     again = model_pair(twice.spec, twice.effects)
     assert [e.effect for e in again.effects] == [e.effect.name for e in twice.effects]
 

@@ -13,6 +13,11 @@ from gfm.effects import EffectInstance
 from gfm.sim.plant import compensations, misled_already, native_spec
 from gfm.sim.step_laws import adds_friction
 
+#: Comments in front of a corrected model: around what was added, and before what it had.
+HEADLINE = "Corrected by gfm: what follows was added to the nominal model."
+FOOTLINE = "Fitted with the integrator set below; another one adds an error of its own."
+BEFORE = "As before:"
+
 
 def corrected_model(
     spec: mujoco.MjSpec, named: Sequence[NamedEffect], given: Sequence[EffectInstance] = ()
@@ -67,6 +72,8 @@ def _corrected_xml(nominal: mujoco.MjSpec, changed: mujoco.MjSpec, comments: Seq
 
 
 def _xml(spec: mujoco.MjSpec) -> str:
+    if spec.comment.strip().startswith((HEADLINE, BEFORE)):  # MuJoCo keeps a file's first comment
+        spec.comment = ""
     _make_findable(spec)
     spec.compile()
     return str(spec.to_xml())
@@ -84,15 +91,9 @@ def _make_findable(spec: mujoco.MjSpec) -> None:
 def _lines(
     named: Sequence[NamedEffect], beside: Sequence[NamedEffect], before: Sequence[NamedEffect]
 ) -> list[str]:
-    """Returns what was added, and what the model was given with, one line for each effect."""
-    if not (named or before):
-        return []
-    return [
-        "Corrected by gfm: what follows was added to the nominal model.",
-        *(_line(effect, beside) for effect in named),
-        *(f"{_line(effect, before)}, as before" for effect in before),
-        "Fitted with the integrator set below; another one adds an error of its own.",
-    ]
+    """Returns what was added, and what stood beside the model before, a line for each effect."""
+    added = [HEADLINE, *(_line(effect, beside) for effect in named), FOOTLINE] if named else []
+    return [*added, *(f"{BEFORE} {_line(effect, before)}" for effect in before)]
 
 
 def _line(effect: NamedEffect, beside: Sequence[NamedEffect]) -> str:
