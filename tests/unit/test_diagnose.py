@@ -1,5 +1,7 @@
 """From recordings to a verdict, on a pendulum that SciPy integrates: nothing of it is MuJoCo's."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -67,6 +69,43 @@ def verdict_on(**truth):
     runs = [recording(seed, **truth) for seed in range(3)]
     specs = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
     return diagnose(specs, runs[:2], runs[2:])
+
+
+def side_by_side(seed, first, second):
+    """Two pendulums that know nothing of each other, recorded as one robot."""
+    one, other = recording(seed, first), recording(seed + 50, second)
+    return replace(
+        one,
+        joint_names=("a", "b"),
+        position=np.hstack([one.position, other.position]),
+        command=np.hstack([one.command, other.command]),
+    )
+
+
+def told_of_two(first, second):
+    """What is found on two pendulums, and in how many rounds."""
+    spec = mujoco.MjSpec.from_string(MODEL.replace('"j"', '"a"'))
+    beside = mujoco.MjSpec.from_string(MODEL.replace('"j"', '"b"'))
+    spec.attach(beside, prefix="", frame=spec.worldbody.add_frame(pos=[0.0, 1.0, 0.0]))
+    runs = [side_by_side(seed, first, second) for seed in range(3)]
+    said = []
+    found = diagnose({CommandKind.POSITION: spec}, runs[:2], runs[2:], report=said.append)
+    amounts = {(e.effect, e.joints): e.parameters["torque"].value for e in found.effects}
+    return amounts, sum(text.startswith("screening") for text in said)
+
+
+def test_what_two_joints_lack_is_found_on_both_at_once():
+    amounts, rounds = told_of_two(lambda _q, _v: 0.3, lambda _q, _v: -0.2)
+    assert amounts == {
+        ("torque_offset", ("a",)): pytest.approx(0.3, rel=0.05),
+        ("torque_offset", ("b",)): pytest.approx(-0.2, rel=0.05),
+    }
+    assert rounds == 1
+
+
+def test_what_one_joint_lacks_is_not_blamed_on_its_sister():
+    amounts, _ = told_of_two(lambda _q, _v: 0.3, lambda _q, _v: 0.0)
+    assert list(amounts) == [("torque_offset", ("a",))]
 
 
 def test_nothing_is_named_where_nothing_is_missing():
