@@ -14,6 +14,7 @@ import fnmatch
 import json
 import os
 import platform
+import shlex
 import subprocess
 import sys
 import time
@@ -112,6 +113,16 @@ def scored(name: str, folder: Path) -> Score | None:
     return score(truth, json.loads(report.read_text()), json.loads(made.read_text())["wall_s"])
 
 
+def complete(count: int, planned: int) -> str:
+    """Returns how many cases there are, and what that means."""
+    if count == planned:
+        return f"All {planned} cases."
+    return (
+        f"INCOMPLETE: {count} of {planned} cases were run, and they are no random sample (see the "
+        "table by robot): the figures say nothing about the others."
+    )
+
+
 def made_at(name: str, folder: Path) -> str:
     """Returns the commit at which a case was diagnosed."""
     made = json.loads((folder / "diagnoses" / name / "made.json").read_text())
@@ -138,7 +149,7 @@ def document(
     wrong = [one for one in scores if page.is_wrong(one)]
     return f"""# Robots whose truth is known
 
-{len(scores)} of {planned} cases; the others were not run. Three robots (a servo pendulum, a
+{complete(len(scores), planned)} Three robots (a servo pendulum, a
 planar arm of two joints, a spatial arm of seven) are simulated apart from everything that judges
 them: own rigid-body dynamics, own integrator (implicit midpoint, 0.5 ms; dry friction as impulses),
 own encoders, noise and clocks. Every robot is drawn anew: lengths, masses, gains, motions, sizes of
@@ -149,6 +160,11 @@ effects. Diagnosed by `gfm diagnose`, which is given recordings and nominal mode
 with gfm {gfm.__version__} at commit {commit()}, {time.strftime("%Y-%m-%d")}, Python
 {platform.python_version()}, MuJoCo {version("mujoco")}, {platform.machine()}. Diagnosed at commits
 {", ".join(commits)}. Two shared cores, busy with other jobs: times are upper bounds.
+
+Sizes of effects are drawn again, and another joint is taken, until the motion changes by 5 to 2000
+times the sensor noise: what cannot be seen is not asked for (except where excitation is poor on
+purpose). Seed 0 was looked at while the diagnosis and the settings of the peers were worked on;
+other seeds were not.
 
 A name is right if it is that of the hidden effect, or of one that physics cannot tell from it, with
 the hidden one listed beside it as its equal. "Claimed": with a confidence above 0.5.
@@ -207,7 +223,7 @@ def main() -> None:
         for peer in PEERS
     }
     commits = sorted({made_at(one.name, arguments.out) for one in scores})
-    words = f"python benchmarks/diagnosis.py --seed {arguments.seed}"
+    words = shlex.join(["python", "benchmarks/diagnosis.py", *sys.argv[1:]])
     arguments.page.parent.mkdir(parents=True, exist_ok=True)
     arguments.page.write_text(
         document(scores, len(cases), answers, words, commits), encoding="utf-8"
