@@ -7,6 +7,9 @@ from statistics import median
 
 from known_truth.score import Score
 
+#: Held-out error after the correction, in noise floors, from which much is left.
+MOST_FLOORS = 1.5
+
 
 def share(scores: Sequence[Score], holds: Callable[[Score], bool]) -> str:
     """Returns how many of the cases something holds of."""
@@ -161,13 +164,14 @@ def by_effect(scores: Sequence[Score]) -> str:
 
 
 def is_wrong(one: Score) -> bool:
-    """Returns whether a case did not go as it should."""
+    """Returns whether a case did not go as it should: names, or much that is left unexplained."""
     worse = one.after > one.before
+    left = one.after > MOST_FLOORS * one.floor
     match one.category:
         case "single":
-            return worse or not (one.effect and one.joint and one.complete) or one.surplus > 0
+            return worse or left or not (one.effect and one.joint) or one.surplus > 0
         case "pair":
-            return worse or not one.complete or one.surplus > 0
+            return worse or left or not one.complete or one.surplus > 0
         case "none":
             return worse or one.surplus > 0
         case _:

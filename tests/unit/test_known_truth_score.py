@@ -47,9 +47,11 @@ def named(name: str, *joints: str, confidence: float = 0.9, **parameters: float)
     }
 
 
-def judged(hidden: list, found: list, suspects: tuple = (), category: str = "single") -> Score:
+def judged(
+    hidden: list, found: list, suspects: tuple = (), category: str = "single", after: float = 1.0
+) -> Score:
     truth = {"name": "case", "setup": "planar", "category": category, "effects": hidden}
-    error = {"before": 2.0, "after": 1.0, "noise_floor": 1.0}
+    error = {"before": 2.0, "after": after, "noise_floor": 1.0}
     report = {"effects": found, "suspects": list(suspects), "verdict": "explained", "error": error}
     return score(truth, report, 3.0)
 
@@ -66,6 +68,14 @@ def test_a_right_name_in_the_right_place_is_right() -> None:
     assert one.errors == (pytest.approx(0.05),)
     assert one.covered == (True,)
     assert not page.is_wrong(one)
+
+
+def test_a_right_name_that_leaves_much_unexplained_is_listed() -> None:
+    hidden, found = effect("backlash", "elbow", gap=0.1), named("backlash", "elbow", gap=0.2)
+    one = judged([hidden], [found], after=1.6)
+    assert one.complete
+    assert page.is_wrong(one)
+    assert not page.is_wrong(judged([hidden], [found], after=1.4))
 
 
 def test_a_right_name_in_the_wrong_place_is_not() -> None:
