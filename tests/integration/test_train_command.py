@@ -1,6 +1,7 @@
 """`gfm train`: services as processes, one folder, and going on where it stopped."""
 
 import json
+import signal
 import time
 
 import pytest
@@ -27,6 +28,15 @@ sequence_length = 8
 capacity_mib = 1
 min_size = 16
 """
+
+
+@pytest.fixture(autouse=True)
+def signals():
+    """The command takes signals over for the rest of its process, which here is pytest's."""
+    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in kept.items():
+        signal.signal(number, handler)
 
 
 def experiment(path, steps=40, discount=0.9, more=""):
