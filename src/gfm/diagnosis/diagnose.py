@@ -39,6 +39,7 @@ from gfm.diagnosis.result import (
     Verdict,
 )
 from gfm.effects import EffectInstance, effect_library
+from gfm.excitation.blind_spots import blind_spots
 
 #: Held-out RMSE, in units of the sensor noise, up to which a model counts as adequate.
 ADEQUATE_RATIO = 1.25
@@ -127,6 +128,7 @@ def diagnose(
             for row in _inputs(long, recordings, errors, holdout, instances)
         ),
         findings=findings,
+        blind_spots=blind_spots(recordings),
         corrected_xml=first.xml,
         corrected_effects=first.effects,
         twins=corrected if len(corrected) > 1 else {},

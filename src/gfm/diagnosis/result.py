@@ -13,6 +13,7 @@ from gfm.core import CommandKind
 from gfm.core.checks import Array
 from gfm.diagnosis.quality import Finding
 from gfm.effects import EffectInstance, find_effect
+from gfm.excitation.blind_spots import BlindSpot
 
 SCHEMA = "gfm.diagnosis/1"
 
@@ -194,6 +195,7 @@ class Diagnosis:
         joints: The same, joint by joint.
         recordings: What went in.
         findings: What is to be known of their quality.
+        blind_spots: Effects that the training recordings could not have shown.
         corrected_xml: The corrected model, MJCF text.
         corrected_effects: What it cannot say, see `ModelPair`.
         twins: The corrected models by kind of command, where there was more than one.
@@ -213,6 +215,7 @@ class Diagnosis:
     corrected_effects: tuple[NamedEffect, ...] = ()
     twins: Mapping[CommandKind, ModelPair] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
+    blind_spots: tuple[BlindSpot, ...] = ()
     plots: tuple[EvidencePlot, ...] = ()
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, object] = field(default_factory=dict)

@@ -61,6 +61,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, object]:
         ],
         "recordings": [_recording_json(recording) for recording in diagnosis.recordings],
         "input_quality": [dict(vars(finding)) for finding in diagnosis.findings],
+        "blind_spots": [dict(vars(spot)) for spot in diagnosis.blind_spots],
         "notes": diagnosis.notes,
         "provenance": diagnosis.provenance,
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gfm.diagnosis.quality import Finding, gathered
+from gfm.excitation.blind_spots import BlindSpot
 from gfm.report import diagnosis_html, diagnosis_json
 from gfm.report.words import finding_amount, some
 
@@ -85,3 +86,19 @@ def test_the_page_has_a_table_of_them_only_where_there_are_any(diagnosis_with):
     assert "Their quality" in page
     assert "&lt;b&gt;step&lt;/b&gt;" in page
     assert "Their quality" not in diagnosis_html(diagnosis_with(findings=()))
+
+
+def test_what_could_not_be_seen_is_told_with_the_motion_that_shows_it(diagnosis_with):
+    spot = BlindSpot(
+        effect="cogging_torque",
+        joints=("a",),
+        why="a covers 0.1 rad; expected a whole period",
+        motion="sweep: a slow way through the whole range",
+    )
+    told = diagnosis_with(blind_spots=(spot,))
+    (said,) = diagnosis_json(told)["blind_spots"]
+    assert (said["effect"], said["joints"]) == ("cogging_torque", ["a"])
+    page = diagnosis_html(told)
+    assert "could not have shown" in page
+    assert spot.motion in page
+    assert "could not have shown" not in diagnosis_html(diagnosis_with(blind_spots=()))
