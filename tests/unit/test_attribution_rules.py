@@ -5,6 +5,7 @@ import pytest
 
 from gfm.core import CommandKind
 from gfm.diagnosis.attribution import Fit, Screened, at_bound, price, shortlist, worth_it
+from gfm.diagnosis.diagnose import clearness
 from gfm.diagnosis.problem import Noise, Problem
 from gfm.diagnosis.signals import starts_at_rest
 from gfm.effects import EffectInstance, effect_library
@@ -112,3 +113,17 @@ def test_a_phase_is_told_within_half_a_turn():
     cogging = effect_library()["cogging_torque"]
     told = cogging.canonical({"amplitude": 1.0, "per_revolution": 24.0, "phase": -3.58})
     assert told["phase"] == pytest.approx(2.0 * np.pi - 3.58)
+
+
+def test_a_runner_up_counts_by_what_it_leaves_where_the_best_leaves_noise():
+    best = fitted(1.0, instance("command_delay", delay=0.01))
+    other = fitted(2.0, instance("actuator_lag", time_constant=0.01))
+    assert clearness([best, other], 2000.0, adequate=True) == pytest.approx(0.99)
+    assert clearness([best, other], 2000.0, adequate=False) < 0.6
+    assert clearness([best, fitted(1.0, *other.effects)], 2000.0, adequate=True) == 0.5
+
+
+def test_what_needs_more_parameters_is_no_rival():
+    best = fitted(1.0, instance("torque_offset", torque=0.1))
+    spring = fitted(1.0, instance("joint_spring", stiffness=0.1, rest_angle=9.0))
+    assert clearness([best, spring], 2000.0, adequate=True) == 0.99

@@ -53,6 +53,8 @@ LEAST_MOTION_RAD, LEAST_TIME_S, LEAST_RATE_HZ = 0.01, 1.5, 10.0
 LOOKED_AT_S = 72.0
 #: Two candidates are equal when the runner-up leaves so little more of what the best explains.
 EQUAL, CLEAR = 0.01, 0.10
+#: How sure one may be, by the ratio of the runner-up's cost to that of a best that leaves noise.
+WORSE = ((1.0, 1.02, 1.1, 1.5), (0.5, 0.6, 0.9, 0.99))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,19 +221,31 @@ def _named(
     return tuple(named)
 
 
-def _margin(fits: Sequence[Fit], before: float) -> float:
-    """Returns how much less the runner-up explains than the best, as a share, 0..1.
+def clearness(fits: Sequence[Fit], before: float, *, adequate: bool) -> float:
+    """Returns how clearly the first of `fits` is better than its runner-up, 0.5..0.99.
 
-    What explains as much with more parameters (a spring far from its rest, instead of a constant
-    torque) is no rival.
+    By the share of what was missing that only the best explains. Where what is left in the end is
+    noise, a runner-up that leaves more than the best is worse, however small that share is. What
+    explains as much with more parameters (a spring far from its rest, instead of a constant torque)
+    is no rival.
+
+    Args:
+        fits: The best first.
+        before: Cost without any of them.
+        adequate: Whether what is left in the end is noise.
     """
     best = fits[0]
-    rivals = [
-        f for f in fits if f.effects[-1].key != best.effects[-1].key and price(f) <= price(best)
+    costs = [
+        f.cost
+        for f in fits
+        if f.effects[-1].key != best.effects[-1].key and price(f) <= price(best)
     ]
-    if not rivals:
-        return 1.0
-    return float(np.clip((rivals[0].cost - fits[0].cost) / max(before - fits[0].cost, 1e-9), 0, 1))
+    if not costs:
+        return 0.99
+    share = (min(costs) - best.cost) / max(before - best.cost, 1e-9)
+    clear = float(np.interp(share, [0.0, EQUAL, CLEAR, 1.0], [0.5, 0.6, 0.95, 0.99]))
+    worse = float(np.interp(min(costs) / best.cost, *WORSE))
+    return max(clear, worse) if adequate else clear
 
 
 def _found_in(instance: EffectInstance, rounds: Sequence[Round]) -> Round:
@@ -249,11 +263,9 @@ def _confidence(this: Round, error: ErrorSummary) -> float:
 
     Half where the runner-up explains as much; less where much of the gap stays unexplained.
     """
-    clear = np.interp(
-        _margin(this.fits, this.before), [0.0, EQUAL, CLEAR, 1.0], [0.5, 0.6, 0.95, 0.99]
-    )
-    closed = np.clip(_closed(error), 0.0, 1.0)
     adequate = error.after <= 1.5 * error.noise_floor
+    clear = clearness(this.fits, this.before, adequate=adequate)
+    closed = np.clip(_closed(error), 0.0, 1.0)
     return round(float(clear * (1.0 if adequate else 0.4 + 0.6 * closed)), 3)
 
 
