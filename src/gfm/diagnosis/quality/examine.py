@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from gfm.core import Trajectory
 from gfm.diagnosis.problem import Problem
-from gfm.diagnosis.quality import channels, efforts, stamps, units
+from gfm.diagnosis.quality import channels, efforts, limits, stamps, units
 from gfm.diagnosis.quality.finding import Finding, Objection
 from gfm.diagnosis.quality.overlap import shared_share, shared_stamps
 from gfm.diagnosis.quality.timing import EVERYWHERE, predicted_positions, timing_of
@@ -54,8 +54,8 @@ def findings_of(recording: Trajectory, plant: Plant) -> tuple[Finding, ...]:
         *stamps.one_stamp_a_cycle(recording),
         *channels.still(recording),
         *channels.echoed(recording),
-        *channels.cut_off_speeds(recording),
-        *channels.at_range_limit(recording, plant),
+        *limits.cut_off_speeds(recording),
+        *limits.at_range_limit(recording, plant),
         *units.odd_velocities(recording),
         *_of_efforts(recording, plant),
         *channels.rounded(recording),
@@ -67,7 +67,7 @@ def _of_efforts(recording: Trajectory, plant: Plant) -> list[Finding]:
         return []
     views = efforts.views_of(recording, plant)
     return [
-        *channels.cut_off_efforts(recording, recording.effort, views.drive),
+        *limits.cut_off_efforts(recording, recording.effort, views.drive),
         *efforts.doubtful_efforts(recording, views),
     ]
 

@@ -102,6 +102,28 @@ def gathered(findings: Iterable[Finding]) -> tuple[FindingRow, ...]:
     return tuple(sorted(rows, key=lambda row: not row.doubtful))
 
 
+def joint_finding(
+    recording: Trajectory,
+    joint: int,
+    what: str,
+    value: float,
+    unit: str,
+    consequence: str,
+    *,
+    doubtful: bool = True,
+) -> Finding:
+    """Returns a finding about one joint, by its number in the recording."""
+    return Finding(
+        recording=recording.name,
+        joint=recording.joint_names[joint],
+        what=what,
+        value=float(value),
+        unit=unit,
+        consequence=consequence,
+        doubtful=doubtful,
+    )
+
+
 def held_command(recording: Trajectory) -> Array:
     """Returns the command in force at each measurement, the first one before it, shape (T, J)."""
     place = np.searchsorted(recording.command_stamp_ns, recording.stamp_ns, side="right") - 1
