@@ -112,9 +112,7 @@ def rounded(recording: Trajectory) -> list[Finding]:
     noise = noise_std(evenly(recording.time_s, recording.position)[1])
     what, advice = "encoder step", "no error below a third of it can be seen"
     return [
-        joint_finding(
-            recording, int(j), "encoder step", 1e3 * steps[j], "mrad", advice, doubtful=False
-        )
+        joint_finding(recording, int(j), what, 1e3 * steps[j], "mrad", advice, doubtful=False)
         for j in np.flatnonzero((steps > 0.0) & (steps > noise))
     ]
 
