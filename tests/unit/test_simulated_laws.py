@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.sim.sawyer import READY
+from gfm.sim.sawyer import READY, sawyer_spec
 from gfm_robot_bridge.simulated.arm import Arm
 from gfm_robot_bridge.simulated.coupling import Elastic, Play
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
@@ -196,6 +197,21 @@ def test_a_payload_weighs_on_the_arm_and_only_the_servo_feels_it() -> None:
     # The servo's torque is what its position error says, beside the compensation.
     nominal = settled()
     assert arm.drive()[1] - nominal.drive()[1] == pytest.approx(-800.0 * away[1], rel=0.02)
+
+
+def test_a_payload_pulls_where_its_centre_is_told_to_be() -> None:
+    mass, com = 1.5, np.array([0.05, 0.0, 0.1])
+    where = {"com_x": com[0], "com_y": com[1], "com_z": com[2]}
+    away = shift(effect("payload", 6, mass=mass, **where))
+    model = sawyer_spec(command=CommandKind.EFFORT).compile()
+    data = mujoco.MjData(model)
+    data.qpos[:7] = READY + away
+    mujoco.mj_forward(model, data)
+    link = model.body("right_l6").id
+    point = data.xpos[link] + data.xmat[link].reshape(3, 3) @ com
+    jacobian = np.zeros((3, model.nv))
+    mujoco.mj_jac(model, data, jacobian, None, point, link)
+    assert away[1] == pytest.approx(-9.81 * mass * jacobian[2, 1] / 800.0, rel=1e-3)
 
 
 def test_tilted_gravity_shows_on_the_vertical_joint() -> None:

@@ -164,6 +164,7 @@ def _mechanics(effects: Sequence[HiddenEffect]) -> mujoco.MjModel:
                 where = [values["com_x"], values["com_y"], values["com_z"]]
                 load = spec.body(_LAST_LINK).add_body(name="payload", pos=where)
                 load.mass, load.inertia, load.explicitinertial = values["mass"], [1e-9] * 3, True
+                load.ipos = [0.0] * 3  # without it the mass lies twice as far away
             case "gravity_direction":
                 spec.option.gravity = _gravity(values["tilt_x"], values["tilt_y"])
             case "armature":
