@@ -48,7 +48,7 @@ def test_an_interrupted_run_stops_its_services(tmp_path):
             assert process.poll() is None
             time.sleep(0.1)
         process.send_signal(signal.SIGINT)
-        assert process.communicate(timeout=30.0)[1] == "interrupted\n"
+        assert process.communicate(timeout=120.0)[1] == "interrupted\n"
     assert process.returncode == 130
     logs = {path.name: path.read_text() for path in (out / "logs").iterdir()}
     assert set(logs) == {"replay.log", "robot.log", "robot-bridge.log"}

@@ -15,6 +15,9 @@ from known_truth.robots import PENDULUM, PLANAR, SPATIAL, Array, Robot, varied
 from known_truth.run import STEP_S, Course, Run
 from known_truth.simulation import simulate
 
+# Simulating robots apart from everything else takes a minute.
+pytestmark = pytest.mark.slow
+
 EVERY = 20
 
 
