@@ -10,7 +10,7 @@ from threading import Event, Thread
 import pytest
 
 from gfm.core import BadInputError, ConfigError, RefusedError, Status, UnreachableError
-from gfm.transport import MemoryHub, MemoryTransport, PendingReply, Request, Server, Transport
+from gfm.transport import MemoryHub, MemoryTransport, PendingReply, Request, Server, Subscription, Transport
 from gfm.transport.zenoh import ZenohTransport
 from gfm_wire import Ack, Message, RecordDone, SampleRequest, StatusRequest
 
@@ -49,6 +49,17 @@ def eventually(poll: Callable[[], object | None]) -> object:
     while (value := poll()) is None:
         assert time.monotonic() < deadline_s, "nothing arrived"
     return value
+
+
+def broadcast(publisher: Transport, arrived: Subscription, message: Message) -> None:
+    """Publishes under `weights` until it arrives: on a busy machine a broadcast may be dropped."""
+
+    def again() -> bool | None:
+        publisher.publish("weights", message)
+        time.sleep(0.01)
+        return arrived.latest() == message or None
+
+    eventually(again)
 
 
 def received(server: Server) -> Request:
@@ -151,9 +162,9 @@ def test_an_answer_that_is_too_large_becomes_a_refusal(connect):
 def test_a_subscription_keeps_the_newest(connect):
     hub, publisher = connect(), connect()
     newest, barrier = hub.subscribe("weights", keep=1), hub.serve("barrier")
-    several = hub.subscribe("weights", keep=100)
+    several, arrived = hub.subscribe("weights", keep=100), hub.subscribe("weights", keep=100)
     for ticks in range(10):
-        publisher.publish("weights", RecordDone(path="", ticks=ticks))
+        broadcast(publisher, arrived, RecordDone(path="", ticks=ticks))
     pending = publisher.request("barrier", StatusRequest(), timeout_s=5.0)
     received(barrier).reply(Ack())
     answer(pending)
@@ -168,6 +179,7 @@ def test_published_bodies_that_are_refused_are_counted_and_skipped(connect):
     hub, publisher = connect(), connect()
     subscription = hub.subscribe("weights", keep=10)
     publisher.publish("weights", RecordDone(path="", ticks=-1))
+    eventually(lambda: subscription.take() or hub.rejected or None)
     publisher.publish("weights", RecordDone(path="", ticks=1))
     assert eventually(subscription.take) == RecordDone(path="", ticks=1)
     assert hub.rejected == {"range": 1}
