@@ -10,7 +10,15 @@ from threading import Event, Thread
 import pytest
 
 from gfm.core import BadInputError, ConfigError, RefusedError, Status, UnreachableError
-from gfm.transport import MemoryHub, MemoryTransport, PendingReply, Request, Server, Subscription, Transport
+from gfm.transport import (
+    MemoryHub,
+    MemoryTransport,
+    PendingReply,
+    Request,
+    Server,
+    Subscription,
+    Transport,
+)
 from gfm.transport.zenoh import ZenohTransport
 from gfm_wire import Ack, Message, RecordDone, SampleRequest, StatusRequest
 

@@ -8,10 +8,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind, ConfigError, Trajectory, UnknownNameError
+from gfm.diagnosis.attribution import Screened, fit, with_level
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.intervals import half_widths
+from gfm.diagnosis.problem import make_problem
 from gfm.diagnosis.result import Verdict
 from gfm.diagnosis.signals import noise_std, resolution, smooth_states
+from gfm.effects import EffectInstance, effect_library
 
 MASS, LENGTH, ROTOR, STIFFNESS, DAMPING = 0.5, 0.2, 0.02, 20.0, 1.0
 MODEL = f"""
@@ -130,6 +133,45 @@ def test_a_missing_torque_is_named_with_its_amount(name, parameter, amount, torq
     assert said.effects[0].parameters[parameter].value == pytest.approx(amount, rel=0.05)
     assert said.effects[0].confidence > 0.5
     assert said.error.after < 1.5 * said.error.noise_floor < said.error.before
+
+
+def beside_its_level(level, excess):
+    """What an excess of friction that was fitted alone becomes when its level is looked for."""
+
+    def friction(_q, v):
+        return -(level + excess * np.exp(-((v / 0.08) ** 2))) * np.tanh(v / 1e-3)
+
+    specs = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
+    problem = make_problem(specs, [recording(seed, torque=friction) for seed in range(2)])
+    stribeck, coulomb = (effect_library()[f"{law}_friction"] for law in ("stribeck", "coulomb"))
+    starts = [
+        EffectInstance(
+            effect=stribeck,
+            joints=("j",),
+            values={"static_excess": 0.2, "stribeck_velocity": speed},
+        )
+        for speed in (0.06, 0.6)
+    ]
+    dry = EffectInstance(effect=coulomb, joints=("j",), values={"torque": 0.2})
+    screened = [Screened(instance=one, gain=0.5) for one in (*starts, dry)]
+    alone = fit(problem, starts[-1:] if level else starts[:1])
+    found = with_level(problem, screened, alone).effects
+    return {name: value for e in found for name, value in e.values.items()}
+
+
+def test_an_excess_of_friction_is_told_from_the_level_above_which_it_comes():
+    assert beside_its_level(0.15, 0.35) == {
+        "torque": pytest.approx(0.15, rel=0.1),
+        "static_excess": pytest.approx(0.35, rel=0.1),
+        "stribeck_velocity": pytest.approx(0.08, rel=0.1),
+    }
+
+
+def test_no_level_is_made_up_for_an_excess_that_comes_alone():
+    assert beside_its_level(0.0, 0.35) == {
+        "static_excess": pytest.approx(0.35, rel=0.1),
+        "stribeck_velocity": pytest.approx(0.08, rel=0.1),
+    }
 
 
 def test_a_delay_is_named_and_the_corrected_model_has_it():

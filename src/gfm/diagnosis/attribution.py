@@ -144,14 +144,42 @@ def attribute(
         rounds.append(this)
         if this.accepted is None:
             break
-        accepted = this.accepted
-        problem = problem.robust(accepted.effects)
+        problem = problem.robust(this.accepted.effects)
+        accepted = with_level(problem, this.screened, this.accepted, report)
         if accepted.cost > enough:
             accepted = spread(problem, this.screened, accepted, report)
     if len(accepted.effects) > 1:
         report("looking for what became superfluous")
         accepted = without_superfluous(problem, accepted)
     return Attribution(nominal_cost=nominal, fit=accepted, rounds=tuple(rounds))
+
+
+def with_level(
+    problem: Problem,
+    screened: Sequence[Screened],
+    accepted: Fit,
+    report: Callable[[str], None] = lambda _: None,
+) -> Fit:
+    """Returns the fit with the level above which its newest effect comes, if that explains enough.
+
+    An excess that was fitted alone stands for both and has left the valley of the true one, so that
+    the level would explain little beside it: every start of the excess is tried again.
+    """
+    *before, newest = accepted.effects
+    at = (newest.effect.excess_of, newest.joints)
+    level = [c.instance for c in screened if c.instance.key == at]
+    if not level:
+        return accepted
+    report(f"fitting {describe(newest)} beside {describe(level[0])}")
+    part = problem.subset(problem.sample(FITTING_S))
+    starts = [c.instance for c in screened if c.instance.key == newest.key]
+    both = [fit(part, (*before, level[0], start), tolerance=ROUGH) for start in starts]
+    best = min(both, key=lambda f: f.cost)
+    alone = fit(part, accepted.effects, tolerance=ROUGH)
+    parameters = len(level[0].effect.parameters)
+    if best.cost < (1.0 - LEAST_GAIN * parameters) * alone.cost:
+        return fit(problem, best.effects)
+    return accepted
 
 
 def spread(

@@ -249,8 +249,12 @@ def clearness(fits: Sequence[Fit], before: float, *, adequate: bool) -> float:
 
 
 def _found_in(instance: EffectInstance, rounds: Sequence[Round]) -> Round:
-    """Returns the round in which an effect was accepted, there or first on another joint."""
+    """Returns the round in which an effect was accepted, there or first on another joint.
+
+    A level came with its excess.
+    """
     names = {instance.effect.name, *(twin.effect.name for twin, _ in twins([instance]))}
+    names |= {e.name for e in effect_library().values() if e.excess_of == instance.effect.name}
     won = [
         r for r in rounds if r.accepted is not None and r.fits[0].effects[-1].effect.name in names
     ]

@@ -128,6 +128,8 @@ class Effect(ABC):
     fixed: ClassVar[tuple[str, ...]] = ()
     #: Parameters in which a fit ends in the valley where it starts: every probe's is a start.
     valleys: ClassVar[tuple[str, ...]] = ()
+    #: The effect above whose level it comes: alone it would be fitted to stand for both.
+    excess_of: ClassVar[str | None] = None
     #: The motion that shows it, in words.
     shown_by: ClassVar[str]
     #: Effects that look like it in many motions: they are always put beside it.

@@ -105,6 +105,7 @@ class StribeckFriction(Effect):
     name = "stribeck_friction"
     costly = True
     valleys = ("stribeck_velocity",)
+    excess_of = "coulomb_friction"
     native = False
     parameters = (
         Parameter(name="static_excess", unit="N m", lower=0.0, upper=1e3),
