@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -24,22 +25,7 @@ from gfm.sim.predict import Segment, predict
 from gfm.sim.residual import residual_forces
 from gfm.sim.rollout import rollouts
 
-ARM = """
-<mujoco>
-  <compiler angle="radian"/>
-  <option timestep="0.002" integrator="RK4"/>
-  <worldbody><body gravcomp="1">
-    <joint name="a" axis="0 1 0" armature="0.05" damping="0.1" frictionloss="0.05"/>
-    <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="1"/>
-    <body pos="0.3 0 0" gravcomp="1">
-      <joint name="b" axis="0 1 0" armature="0.02" damping="0.05"/>
-      <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="0.5"/>
-    </body></body></worldbody>
-  <actuator>
-    <position name="a" joint="a" kp="30" kv="2"/><position name="b" joint="b" kp="15" kv="1"/>
-  </actuator>
-</mujoco>
-"""
+ARM = (Path(__file__).parents[1] / "data" / "compensated_arm.xml").read_text()
 VELOCITY_ARM = ARM.replace("<position", "<velocity").replace('kp="30"', "").replace('kp="15"', "")
 JOINTS = ("a", "b")
 

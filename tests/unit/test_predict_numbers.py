@@ -5,6 +5,8 @@ compensation had modules of their own (backlash after its motor side's microscop
 the axis). A diagnosis fits to such numbers: they must not move unseen.
 """
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
@@ -14,22 +16,7 @@ from gfm.effects import EffectInstance, find_effect
 from gfm.sim.plant import make_plant
 from gfm.sim.predict import Segment, predict
 
-ARM = """
-<mujoco>
-  <compiler angle="radian"/>
-  <option timestep="0.002" integrator="RK4"/>
-  <worldbody><body gravcomp="1">
-    <joint name="a" axis="0 1 0" armature="0.05" damping="0.1" frictionloss="0.05"/>
-    <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="1"/>
-    <body pos="0.3 0 0" gravcomp="1">
-      <joint name="b" axis="0 1 0" armature="0.02" damping="0.05"/>
-      <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="0.5"/>
-    </body></body></worldbody>
-  <actuator>
-    <position name="a" joint="a" kp="30" kv="2"/><position name="b" joint="b" kp="15" kv="1"/>
-  </actuator>
-</mujoco>
-"""
+ARM = (Path(__file__).parents[1] / "data" / "compensated_arm.xml").read_text()
 CASES = {
     "stribeck": [("stribeck_friction", "a", {"static_excess": 0.6, "stribeck_velocity": 0.15})],
     "load": [("load_dependent_friction", "b", {"coefficient": 0.3})],
