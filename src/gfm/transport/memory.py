@@ -154,13 +154,6 @@ class _MemorySubscription(Subscription):
                 continue
         return None
 
-    @override
-    def latest(self) -> Message | None:
-        newest = None
-        while (message := self.take()) is not None:
-            newest = message
-        return newest
-
 
 @final
 class _MemoryReply(PendingReply):

@@ -171,13 +171,6 @@ class _ZenohSubscription(Subscription):
                 continue
         return None
 
-    @override
-    def latest(self) -> Message | None:
-        newest = None
-        while (message := self.take()) is not None:
-            newest = message
-        return newest
-
 
 @final
 class _ZenohReply(PendingReply):
