@@ -100,12 +100,13 @@ def diagnose(
         BadInputError: recordings and models do not belong together.
     """
     report("measuring the nominal model")
-    problem = make_problem(specs, recordings, given=given)
-    long = make_problem(specs, recordings, problem.noise, given=given, windows_s=LONG)
+    problem = make_problem(specs, recordings, given=given, most_s=LOOKED_AT_S)
+    long = make_problem(
+        specs, recordings, problem.noise, given=given, windows_s=LONG, most_s=LOOKED_AT_S
+    )
     held = make_problem(specs, holdout, problem.noise, given=given, windows_s=WHOLE)
     lack = _lacking(recordings)
-    few, settling = (p.subset(p.sample(LOOKED_AT_S)) for p in (problem, long))
-    found = _attribute(few, settling, recordings, report) if not lack else None
+    found = _attribute(problem, long, recordings, report) if not lack else None
     instances = found.fit.effects if found else ()
     report("measuring the corrected model on held-out recordings")
     errors = HeldOut(
@@ -113,11 +114,11 @@ def diagnose(
     )
     if found and _closed(errors.summary) < LEAST_SHARE:
         instances, errors = (), HeldOut(problem=held, before=errors.before, after=errors.before)
-    named = _named(settling, found, instances, errors.summary) if found else ()
+    named = _named(long, found, instances, errors.summary) if found else ()
     verdict = Verdict.INSUFFICIENT_DATA if lack else _verdict(errors.summary, named)
     corrected = {kind: corrected_model(spec, named, given) for kind, spec in specs.items()}
     first = corrected[recordings[0].command_kind]
-    findings = all_findings(problem, recordings, holdout, instances)
+    findings = all_findings(long, recordings, holdout, instances)
     return Diagnosis(
         verdict=verdict,
         sentence=_sentence(verdict, named, errors.summary, lack),

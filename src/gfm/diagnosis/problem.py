@@ -12,6 +12,7 @@ Shape letters: T measurements of a segment, J joints, N numbers of all segments 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -211,23 +212,26 @@ class Problem:
         return replace(
             self,
             segments=tuple(self.segments[i] for i in keep),
-            state_basis=tuple(self.state_basis[i] for i in keep),
+            state_basis=tuple(self.state_basis[i] for i in keep) if self.state_basis else (),
         )
 
-    def sample(self, simulated_s: float) -> list[int]:
+    def sample(self, simulated_s: float, of_each: int = 0) -> list[int]:
         """Returns segments, spread over the recordings and kinds, of about so much time in all.
 
         Args:
             simulated_s: For an arm of seven joints; fewer joints take less time to simulate.
+            of_each: Segments of each recording that are taken in any case.
         """
         simulated_s *= min(max(ARM_JOINTS / len(self.joints), 1.0), MOST_LONGER)
         by_recording = sorted(range(len(self.segments)), key=lambda i: self._turn(i))
         chosen, total_s = [], 0.0
+        taken: Counter[int] = Counter()
         for i in by_recording:
-            if total_s >= simulated_s:
-                break
-            chosen.append(i)
-            total_s += float(self.segments[i].time_s[-1])
+            here = self.segments[i]
+            if total_s < simulated_s or taken[here.recording] < of_each:
+                chosen.append(i)
+                taken[here.recording] += 1
+                total_s += float(here.time_s[-1])
         return sorted(chosen)
 
     def _turn(self, index: int) -> tuple[int, int, int]:
@@ -248,6 +252,7 @@ def make_problem(
     *,
     given: Sequence[EffectInstance] = (),
     windows_s: Mapping[CommandKind, float] = SHORT,
+    most_s: float = float("inf"),
 ) -> Problem:
     """Returns the problem of explaining `recordings` by the models `specs`, with `given` in them.
 
@@ -260,6 +265,8 @@ def make_problem(
         noise: Of the sensors; measured where it is not given.
         given: Effects of the nominal model that `specs` cannot say.
         windows_s: Length of a rollout by kind of command, s.
+        most_s: Recorded time of the stretches that are kept, see `Problem.sample`; one of each
+            recording is kept in any case.
 
     Raises:
         ConfigError: a recording's commands are of a kind for which there is no model, or its
@@ -287,6 +294,7 @@ def make_problem(
         noise=noise,
         given=tuple(given),
     )
+    problem = problem.subset(problem.sample(most_s, of_each=1))
     return _with_state_basis(replace(problem, after_command=_efforts_follow_commands(problem)))
 
 

@@ -10,7 +10,7 @@ from gfm.diagnosis.problem import Problem
 from gfm.diagnosis.quality import channels, efforts, limits, stamps, units
 from gfm.diagnosis.quality.finding import Finding, Objection
 from gfm.diagnosis.quality.overlap import shared_share, shared_stamps
-from gfm.diagnosis.quality.timing import EVERYWHERE, predicted_positions, timing_of
+from gfm.diagnosis.quality.timing import EVERYWHERE, predicted_positions, stretches, timing_of
 from gfm.effects import EffectInstance
 from gfm.sim.plant import Plant, make_plant
 
@@ -83,7 +83,7 @@ def all_findings(
     Lateness is measured on what the problem is made of; held-out recordings are only examined.
 
     Args:
-        problem: Of `recordings`.
+        problem: Of `recordings`, in stretches as long as they can be.
         recordings: What effects are looked for in.
         holdout: What errors are measured on.
         effects: What corrects the model.
@@ -95,9 +95,9 @@ def all_findings(
         for finding in findings_of(recording, plants[recording.command_kind])
     ]
     unseen = [_unrecorded(name) for name in _driven(problem) if name not in problem.joints]
-    nominal = predicted_positions(problem, recordings)
-    corrected = predicted_positions(problem, recordings, effects) if effects else None
-    return (*unseen, *each, *timing_of(recordings, nominal, corrected))
+    nominal = predicted_positions(problem)
+    corrected = predicted_positions(problem, effects) if effects else None
+    return (*unseen, *each, *timing_of(recordings, nominal, corrected, stretches(problem)))
 
 
 def _driven(problem: Problem) -> list[str]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from gfm.core import CommandKind, Trajectory
-from gfm.core.checks import Array
+from gfm.core.checks import Array, Stamps
 from gfm.diagnosis.problem import Problem
 from gfm.diagnosis.quality.finding import Finding
 from gfm.diagnosis.quality.lateness import Delays, delays
@@ -25,26 +25,45 @@ _OWN = "beyond what all joints share: this joint's own delay, or a lag that the 
 _IN_TURN = "joints read one after the other under one stamp: give read_offset_s in the mapping"
 
 
-def predicted_positions(
-    problem: Problem, recordings: Sequence[Trajectory], effects: Sequence[EffectInstance] = ()
-) -> list[Array | None]:
-    """Returns what a model predicts at the measurements of each recording, rad, shape (T, J).
+def stretches(problem: Problem) -> list[Trajectory]:
+    """Returns what the problem is made of as recordings."""
+    return [
+        Trajectory(
+            name=f"stretch {i}",
+            joint_names=problem.joints,
+            stamp_ns=_stamps_ns(segment.time_s),
+            position=segment.position,
+            velocity=None,
+            effort=segment.effort,
+            command_kind=segment.kind,
+            command_stamp_ns=_stamps_ns(segment.command_time_s),
+            command=segment.command,
+            servo_gain=dict(zip(problem.joints, segment.servo_gain.tolist(), strict=True)),
+        )
+        for i, segment in enumerate(problem.segments)
+    ]
 
-    None where a recording was cut into stretches or the simulation broke off.
+
+def _stamps_ns(time_s: Array) -> Stamps:
+    return np.round(1e9 * time_s).astype(np.int64)
+
+
+def predicted_positions(
+    problem: Problem, effects: Sequence[EffectInstance] = ()
+) -> list[Array | None]:
+    """Returns what a model predicts for each of its stretches, rad, shape (T, J).
+
+    None where the simulation broke off.
     """
-    found: list[Array | None] = [None] * len(recordings)
     predictions = problem.predictions([effects])[0]
-    for segment, prediction in zip(problem.segments, predictions, strict=True):
-        whole = len(segment.position) == len(recordings[segment.recording].position)
-        if whole and not prediction.diverged:
-            found[segment.recording] = prediction.position
-    return found
+    return [None if one.diverged else one.position for one in predictions]
 
 
 def timing_of(
     recordings: Sequence[Trajectory],
     nominal: Sequence[Array | None],
     corrected: Sequence[Array | None] | None = None,
+    parts: Sequence[Trajectory] | None = None,
 ) -> tuple[Finding, ...]:
     """Returns what is to be said about lateness, over all recordings of a robot.
 
@@ -53,16 +72,18 @@ def timing_of(
         nominal: What the nominal model predicts, see `predicted_positions`.
         corrected: What the corrected one predicts; None where nothing was corrected. What is said
             of single joints is said against the last of the two.
+        parts: What is predicted; the recordings themselves where it is not given.
     """
+    parts = recordings if parts is None else parts
     found: list[Finding] = []
     for kind in CommandKind:
         of_kind = [r for r in recordings if r.command_kind is kind]
         if of_kind:
             found += _after_commands(delays(of_kind), kind)
-    late = delays(recordings, nominal)
+    late = delays(parts, nominal)
     found += _in_common(late, "the model")
     if corrected is not None:
-        late = delays(recordings, corrected)
+        late = delays(parts, corrected)
         found += _in_common(late, "the corrected model")
     return (*found, *_joint_by_joint(late))
 
