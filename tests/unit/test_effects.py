@@ -30,6 +30,11 @@ ARM = """
   </actuator>
 </mujoco>
 """
+OBJECT = """
+    <body name="block" pos="0 1 0.03"><freejoint/>
+      <geom type="box" size="0.05 0.04 0.03" mass="0.2" friction="0.4 0.005 0.0001"/></body>
+    <geom type="plane" size="3 3 0.1" friction="0.3 0.005 0.0001"/>
+  </worldbody>"""
 SCALES = Scales(
     torque_nm=2.0,
     excess_nm=0.5,
@@ -41,6 +46,7 @@ SCALES = Scales(
 )
 #: Fields of a model in which effects show.
 WRITTEN = (
+    *("geom_friction", "geom_priority", "geom_condim", "actuator_trnid", "actuator_gear"),
     *("body_mass", "body_inertia", "body_ipos", "body_pos", "qpos0", "qpos_spring"),
     *("jnt_stiffness", "dof_damping", "dof_dampingpoly", "dof_armature", "dof_frictionloss"),
     *("dof_solref", "dof_solimp", "tendon_damping", "tendon_stiffness", "tendon_range"),
@@ -190,7 +196,8 @@ def test_a_model_with_an_effect_is_the_same_after_it_was_written_and_read(effect
     joints = {Scope.JOINT: ("a",), Scope.LAST: ("b",), Scope.PAIR: ("a", "b")}
     values = effect.probes(SCALES)[0][0]
     there = joints.get(effect.scope, ("a", "b") if effect.shares_joints else ())
-    spec = native_spec(mujoco.MjSpec.from_string(ARM), [instance(effect.name, there, **values)])
+    xml = ARM.replace("</worldbody>", OBJECT) if effect.scope is Scope.OBJECT else ARM
+    spec = native_spec(mujoco.MjSpec.from_string(xml), [instance(effect.name, there, **values)])
     before = spec.compile()
     after = mujoco.MjModel.from_xml_string(spec.to_xml())
     for name in WRITTEN:

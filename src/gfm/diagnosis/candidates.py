@@ -48,6 +48,8 @@ def places(effect: Effect, joints: Sequence[str]) -> list[Place]:
         return [Place(effect=effect, joints=pair) for pair in combinations(joints, 2)]
     if effect.scope is Scope.LAST:
         return [Place(effect=effect, joints=(joints[-1],))]
+    if effect.scope is Scope.OBJECT:  # looked for in how the object moves, by `objects`
+        return []
     shared = tuple(joints) if effect.shares_joints else ()
     return [Place(effect=effect, joints=shared)]
 

@@ -11,7 +11,7 @@ from gfm.diagnosis.annotated import annotated
 from gfm.diagnosis.result import ModelPair, NamedEffect, ParameterEstimate
 from gfm.effects import EffectInstance
 from gfm.sim.plant import compensations, misled_already, native_spec
-from gfm.sim.step_laws import adds_friction
+from gfm.sim.step_laws import acts_at_every_step
 
 #: Comments in front of a corrected model: around what was added, and before what it had.
 HEADLINE = "Corrected by gfm: what follows was added to the nominal model."
@@ -30,7 +30,7 @@ def corrected_model(
         effect
         for effect, instance in zip(named, instances, strict=True)
         if not effect.native
-        or adds_friction(instance)
+        or acts_at_every_step(instance)
         or (compensated and compensations(compiled, [instance]))
     ]
     before = [_as_named(instance) for instance in given]

@@ -17,10 +17,12 @@ from gfm.effects import EffectInstance
 
 #: Points of a cloud at most.
 MOST_POINTS = 1500
-#: Effects whose law is a function of the joint's angle, and not of its velocity.
-OVER_ANGLE = ("joint_spring", "cogging_torque")
-#: Effects whose law is best seen against the drive torque.
-OVER_DRIVE = ("load_dependent_friction",)
+#: Labels of the signals over which laws are drawn.
+AXES = {
+    "velocity": "velocity [rad/s]",
+    "position": "position [rad]",
+    "drive": "drive torque [N m]",
+}
 
 
 def force_plot(
@@ -83,11 +85,8 @@ def _explained(
 
 
 def _axis(instance: EffectInstance, views: Sequence[TorqueView], joint: int) -> tuple[str, Array]:
-    if instance.effect.name in OVER_ANGLE:
-        return "position [rad]", np.concatenate([v.position[:, joint] for v in views])
-    if instance.effect.name in OVER_DRIVE:
-        return "drive torque [N m]", np.concatenate([v.drive[:, joint] for v in views])
-    return "velocity [rad/s]", np.concatenate([v.velocity[:, joint] for v in views])
+    signal = instance.effect.seen_over
+    return AXES[signal], np.concatenate([getattr(v, signal)[:, joint] for v in views])
 
 
 def error_plot(

@@ -162,6 +162,7 @@ class CoggingTorque(Effect):
     """A torque that repeats over the angle: magnets and slots, gear teeth."""
 
     name = "cogging_torque"
+    seen_over = "position"
     parameters = (
         Parameter(name="amplitude", unit="N m", lower=0.0, upper=1e3),
         Parameter(name="per_revolution", unit="1", lower=1.0, upper=400.0),

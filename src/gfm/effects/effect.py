@@ -6,6 +6,7 @@ An effect changes a model in one or more of these ways, and the simulation of a 
 * `apply` edits an MjSpec: everything that MuJoCo can express natively;
 * `retime` and `lag_s` transform what is commanded before the model sees it;
 * `extra_friction` is a level that MuJoCo cannot express and that is therefore set at every step;
+* `torque` is, where `stepwise` says so, put on the joint at every step, for the same reason;
 * `compensation` says how a controller that cancels gravity errs under it.
 
 Amounts are always *added* to what the model already has.
@@ -39,6 +40,7 @@ class Scope(StrEnum):
     PAIR = "pair"
     LAST = "last joint"
     ROBOT = "robot"
+    OBJECT = "object"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +78,7 @@ class Scales:
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """One joint's signals along a motion, shape (T,) each, for laws evaluated in closed form.
+    """One joint's signals, shape (T,) each: along a motion, or at one moment of many simulations.
 
     `drive` is the actuator's torque; `other_velocity` that of the second joint of a pair.
     """
@@ -118,6 +120,8 @@ class Effect(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     #: Whether plain MuJoCo expresses it.
     native: ClassVar[bool] = True
+    #: Whether `torque` is to be put on the joint at every step, for MuJoCo cannot express it.
+    stepwise: ClassVar[bool] = False
     #: Whether it stands between the motor (armature, friction, drive) and the link.
     separates_motor: ClassVar[bool] = False
     #: Whether simulating it takes so long that simpler explanations are tried first.
@@ -132,6 +136,8 @@ class Effect(ABC):
     excess_of: ClassVar[str | None] = None
     #: The motion that shows it, in words.
     shown_by: ClassVar[str]
+    #: Over which signal of `Motion` the report draws its law: velocity, position or drive.
+    seen_over: ClassVar[str] = "velocity"
     #: Effects that look like it in many motions: they are always put beside it.
     confused_with: ClassVar[tuple[str, ...]] = ()
     #: The effect whose law it is under another name, if there is one: only that is looked for.
@@ -150,17 +156,14 @@ class Effect(ABC):
         del values
         return 0.0
 
-    def extra_friction(
-        self, velocity: Array, drive: Array, values: Mapping[str, Array]
-    ) -> Array | None:
-        """Returns the dry friction to add at a velocity and drive torque, N m; None for none.
+    def extra_friction(self, motion: Motion, values: Mapping[str, Array]) -> Array | None:
+        """Returns the dry friction to add at this moment, N m, shape (N,); None for none.
 
         Args:
-            velocity: rad/s, shape (N,).
-            drive: N m, shape (N,).
+            motion: The joint in N simulations.
             values: Each parameter, shape (N,).
         """
-        del velocity, drive, values
+        del motion, values
         return None
 
     def compensation(
@@ -196,7 +199,8 @@ class Effect(ABC):
     def torque(self, motion: Motion, values: Values) -> Array | None:
         """Returns the generalized force on the (first) joint along a motion, shape (T,), N m.
 
-        None where the effect is not a force of position, velocity and drive.
+        None where the effect is not a force of position, velocity and drive. Of a `stepwise` effect
+        values may be arrays, shape (T,): one for each simulation.
         """
         del motion, values
         return None

@@ -35,6 +35,7 @@ class JointSpring(Effect):
     """A spring between a joint and its parent: cables, a balancer."""
 
     name = "joint_spring"
+    seen_over = "position"
     parameters = (
         Parameter(name="stiffness", unit="N m/rad", lower=0.0, upper=1e5),
         Parameter(name="rest_angle", unit="rad", lower=-20.0, upper=20.0),

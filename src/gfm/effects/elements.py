@@ -41,14 +41,18 @@ def add_constant_torque(spec: mujoco.MjSpec, name: str, torque: float) -> None:
 def add_cogging(
     spec: mujoco.MjSpec, joint: str, amplitude: float, periods: int, phase: float
 ) -> None:
-    """Adds a motor without windings or inputs to a joint: only its cogging torque acts.
+    """Adds a motor without windings or inputs to a joint: only its cogging torque acts."""
+    motor = add_passive_motor(spec, find_motor_side(spec, joint).name, f"{joint}_cogging")
+    motor.biasprm[0:3] = [amplitude, periods, phase]
+
+
+def add_passive_motor(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator:
+    """Adds a motor that takes no command and, so far, does nothing.
 
     Written field by field, as MuJoCo's reader does for `<dcmotor input="none" motorconst="0">`,
     because `MjsActuator.set_to_dcmotor` refuses a motor constant of zero.
     """
-    side = find_motor_side(spec, joint).name
-    name = free_name(spec.actuators, f"{joint}_cogging")
-    motor = spec.add_actuator(name=name, target=side)
+    motor = spec.add_actuator(name=free_name(spec.actuators, name), target=joint)
     motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
     motor.dyntype = mujoco.mjtDyn.mjDYN_DCMOTOR
     motor.gaintype = mujoco.mjtGain.mjGAIN_DCMOTOR
@@ -57,7 +61,7 @@ def add_cogging(
     motor.actearly = True
     motor.actlimited = mujoco.mjtLimited.mjLIMITED_FALSE
     motor.dynprm[0] = 0.0
-    motor.biasprm[0:3] = [amplitude, periods, phase]
+    return motor
 
 
 #: MjsActuator.ctrlspec of `input="none"`.

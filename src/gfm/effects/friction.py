@@ -124,10 +124,8 @@ class StribeckFriction(Effect):
         return [[{"static_excess": excess, "stribeck_velocity": speed}] for speed in speeds]
 
     @override
-    def extra_friction(
-        self, velocity: Array, drive: Array, values: Mapping[str, Array]
-    ) -> Array | None:
-        fade = np.exp(-((velocity / values["stribeck_velocity"]) ** 2))
+    def extra_friction(self, motion: Motion, values: Mapping[str, Array]) -> Array | None:
+        fade = np.exp(-((motion.velocity / values["stribeck_velocity"]) ** 2))
         return np.asarray(values["static_excess"] * fade)
 
     @override
@@ -170,6 +168,7 @@ class LoadDependentFriction(Effect):
     """Dry friction that grows with the torque of the drive. MuJoCo cannot express it."""
 
     name = "load_dependent_friction"
+    seen_over = "drive"
     costly = True
     parameters = (Parameter(name="coefficient", unit="1", lower=0.0, upper=0.9),)
     native = False
@@ -185,10 +184,8 @@ class LoadDependentFriction(Effect):
         return [[{"coefficient": min(max(share, 1e-3), 0.3)}]]
 
     @override
-    def extra_friction(
-        self, velocity: Array, drive: Array, values: Mapping[str, Array]
-    ) -> Array | None:
-        return np.asarray(values["coefficient"] * np.abs(drive))
+    def extra_friction(self, motion: Motion, values: Mapping[str, Array]) -> Array | None:
+        return np.asarray(values["coefficient"] * np.abs(motion.drive))
 
     @override
     def torque(self, motion: Motion, values: Values) -> Array | None:

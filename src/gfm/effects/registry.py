@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from functools import cache
-from importlib.metadata import entry_points
 
-from gfm.core.errors import ConfigError, UnknownNameError
+from gfm.core.errors import UnknownNameError
 from gfm.effects.drive import (
     ActuatorGain,
     ActuatorLag,
@@ -26,9 +25,9 @@ from gfm.effects.friction import (
     ViscousFriction,
 )
 from gfm.effects.inertial import Armature, GravityDirection, Payload
+from gfm.effects.objects import ObjectCom, ObjectDamping, ObjectFriction, ObjectMass
+from gfm.effects.plugins import offered_effects
 from gfm.effects.sensor import EncoderOffset
-
-ENTRY_POINT_GROUP = "gfm.effects"
 
 _OWN: tuple[type[Effect], ...] = (
     CoulombFriction,
@@ -51,6 +50,10 @@ _OWN: tuple[type[Effect], ...] = (
     Backlash,
     JointElasticity,
     EncoderOffset,
+    ObjectFriction,
+    ObjectMass,
+    ObjectCom,
+    ObjectDamping,
 )
 
 
@@ -59,15 +62,10 @@ def effect_library() -> dict[str, Effect]:
     """Returns every known effect by name.
 
     Raises:
-        ConfigError: two effects have the same name.
+        ConfigError: an effect that an installed package offers cannot be used.
     """
-    library: dict[str, Effect] = {}
-    offered = [point.load() for point in entry_points(group=ENTRY_POINT_GROUP)]
-    for kind in (*_OWN, *offered):
-        if kind.name in library:
-            raise ConfigError(f"two effects are called {kind.name!r}")
-        library[kind.name] = kind()
-    return library
+    library = {kind.name: kind() for kind in _OWN}
+    return library | offered_effects(library)
 
 
 def find_effect(name: str) -> Effect:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gfm.diagnosis.quality import FindingRow
 from gfm.diagnosis.result import EvidencePlot, NamedEffect, ParameterEstimate, Suspect, Verdict
+from gfm.effects import effect_library
 
 NOTHING = "–"
 NAMES_SHOWN = 4
@@ -198,8 +200,14 @@ def effect_title(name: str) -> str:
 
 
 def effect_law(name: str) -> str:
-    """Returns what the effect does, in a few words; empty for an effect that is not ours."""
-    return EFFECTS[name].law if name in EFFECTS else ""
+    """Returns what the effect does, in a few words.
+
+    Of an effect that another package offers: the first line of its docstring.
+    """
+    if name in EFFECTS:
+        return EFFECTS[name].law
+    offered = effect_library().get(name)
+    return (inspect.getdoc(offered) or "").partition("\n")[0] if offered else ""
 
 
 def joints_title(joints: Sequence[str]) -> str:

@@ -1,7 +1,7 @@
 """Many hybrid simulations, stepped natively: no Python per physics step.
 
-With one exception: an effect whose dry friction depends on the state (Stribeck, load) is evaluated
-in Python before every step, for all instances at once.
+With one exception: an effect whose dry friction depends on the state (Stribeck, load), or whose
+force MuJoCo cannot express, is evaluated in Python before every step, for all instances at once.
 
 Shape letters: N instances, n of them, J joints, A generalized forces, S integration steps per
 control period.
@@ -165,11 +165,11 @@ class HybridBatch:
     def _advance_levelled(
         self, levelled: LevelledModels, driven: Array, records: dict[str, Array]
     ) -> NDArray[np.bool_]:
-        """Does what `_advance` does, with levels of dry friction written before every step."""
-        failed = np.zeros(self.num_envs, bool)
+        """Does what `_advance` does, with friction and forces written before every step."""
+        failed, force = np.zeros(self.num_envs, bool), self._force.copy()
         for k in range(driven.shape[1] if driven.ndim == 3 else self.model.substeps):
             self._ctrl[:, self._actuator] = driven if driven.ndim == 2 else driven[:, k]
-            levelled.write()
+            levelled.write(force)
             failed |= self._failing(self._batch.step)
             for name, record in records.items():
                 record[:, k] = getattr(self, name)

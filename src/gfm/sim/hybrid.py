@@ -20,7 +20,7 @@ from gfm.effects import EffectInstance
 from gfm.sim.compensation import ErringCompensation
 from gfm.sim.layout import Indices, Layout, make_layout
 from gfm.sim.plant import compensations, drive_matrix, misled_already
-from gfm.sim.step_laws import StepLaws, adds_friction, step_laws
+from gfm.sim.step_laws import StepLaws, acts_at_every_step, step_laws
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,18 +118,19 @@ class HybridModel:
         return np.array(on_joints + (on_object if self.layout.has_object else []))
 
     def step_laws(self, count: int) -> StepLaws | None:
-        """Returns the dry friction to be evaluated at every step of so many simulations, if any.
+        """Returns the laws to be evaluated at every step of so many simulations, if any.
 
         Raises:
             UnknownNameError: an effect acts on a joint that is not measured.
         """
-        if not any(adds_friction(effect) for effect in self.effects):
+        if not any(acts_at_every_step(effect) for effect in self.effects):
             return None
         joints = self.layout.joint_names
         drive = drive_matrix(self.any_model, joints)
         if not drive.any():
             raise ConfigError("the models do not tell their drives' torques; see `stepping_spec`")
-        return step_laws([self.effects] * count, joints, self.layout.dof, drive)
+        places = (self.layout.qpos, self.layout.dof)
+        return step_laws([self.effects] * count, joints, places, drive)
 
     def erring_compensation(self) -> ErringCompensation | None:
         """Returns what the robot's gravity compensation does wrong under the effects, if any."""

@@ -1,4 +1,4 @@
-"""Models of many simulations whose dry friction is written before every step."""
+"""Models of many simulations whose dry friction and forces are written before every step."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mujoco import batch as mujoco_batch
 
 from gfm.core.checks import Array
 from gfm.sim.layout import Indices
-from gfm.sim.step_laws import StepLaws
+from gfm.sim.step_laws import Moment, StepLaws
 
 
 @final
@@ -28,8 +28,10 @@ class LevelledModels:
     ) -> None:
         self._batch = batch
         self._laws = laws
+        self._qpos: Array = batch.bind("qpos")
         self._qvel: Array = batch.bind("qvel")
         self._sensordata: Array = batch.bind("sensordata")
+        self._force: Array = batch.bind("qfrc_applied")
         self._origin = list(models)
         self._own = [copy.copy(model) for model in models]
         self._constant: Array = np.stack([model.dof_frictionloss for model in models])
@@ -43,9 +45,15 @@ class LevelledModels:
                 self._constant[index] = model.dof_frictionloss
         self._batch.set_models(self._own)
 
-    def write(self) -> None:
-        """Gives every simulation the levels of its coming step."""
-        levels = self._laws.levels(self._constant, self._qvel, self._sensordata)
+    def write(self, force: Array) -> None:
+        """Gives every simulation the levels and forces of its coming step.
+
+        Args:
+            force: What else acts, shape (N, nv).
+        """
+        now = Moment(qpos=self._qpos, qvel=self._qvel, sensordata=self._sensordata)
+        self._force[:] = force + self._laws.forces(now)
+        levels = self._laws.levels(self._constant, now)
         for model, level in zip(self._own, levels, strict=True):
             model.dof_frictionloss[:] = level
         self._batch.set_models(self._own)

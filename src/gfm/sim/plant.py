@@ -13,7 +13,7 @@ from gfm.core import ConfigError, UnknownNameError
 from gfm.effects import EffectInstance, find_effect
 from gfm.effects.drive import LAGS
 from gfm.effects.effect import MOTOR_SIDE, Compensation
-from gfm.sim.step_laws import adds_friction
+from gfm.sim.step_laws import acts_at_every_step
 
 #: Prefix of the sensors that a plant adds: the drive torque of each joint, and what to take off it.
 DRIVE_SENSOR = "gfm_drive_"
@@ -50,7 +50,7 @@ class Plant:
     @property
     def stepwise(self) -> tuple[EffectInstance, ...]:
         """The effects that have to be evaluated at every step."""
-        return tuple(e for e in self.effects if adds_friction(e))
+        return tuple(e for e in self.effects if acts_at_every_step(e))
 
     @property
     def compensations(self) -> tuple[Compensation, ...]:
@@ -244,7 +244,7 @@ def stepping_spec(spec: mujoco.MjSpec, effects: Sequence[EffectInstance]) -> muj
                 "recordings can be predicted with it, simulations cannot be stepped"
             )
         instance.effect.apply(changed, instance.joints, instance.values)
-    if any(adds_friction(e) for e in effects):
+    if any(acts_at_every_step(e) for e in effects):
         driven = {actuator.name for actuator in changed.actuators}
         _add_drive_sensors(changed, [j.name for j in changed.joints if j.name in driven])
     return changed

@@ -22,7 +22,7 @@ from gfm.core.checks import Array
 from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.compensation import CompensationError, compensation_error
 from gfm.sim.plant import Plant
-from gfm.sim.step_laws import step_laws
+from gfm.sim.step_laws import Moment, step_laws
 
 #: Memory that one call of the batched rollout may fill, bytes.
 CHUNK_BYTES = 200e6
@@ -302,7 +302,8 @@ def _step_by_step(jobs: list[_Job], threads: int) -> list[Prediction]:
     controls = np.stack([_controls(job, steps) for job in jobs], axis=1)
     forces = np.stack([_forces(job, steps) for job in jobs], axis=1)
     plant = jobs[0].plant
-    laws = step_laws([job.plant.effects for job in jobs], plant.joints, plant.dof, plant.drive)
+    places, own = (plant.qpos, plant.dof), [job.plant.effects for job in jobs]
+    laws = step_laws(own, plant.joints, places, plant.drive)
     constant = np.stack([job.model.dof_frictionloss for job in jobs])
     friction, applied = sims.expand("dof_frictionloss"), sims.bind("qfrc_applied")
     time_s, kept_qpos, kept_sensors = [], [], []
@@ -311,7 +312,9 @@ def _step_by_step(jobs: list[_Job], threads: int) -> list[Prediction]:
         for k in range(steps):
             ctrl[:], applied[:] = controls[k], forces[k]
             if laws is not None:
-                friction[:] = laws.levels(constant, qvel, sensordata)
+                now = Moment(qpos=qpos, qvel=qvel, sensordata=sensordata)
+                friction[:] = laws.levels(constant, now)
+                applied[:] += laws.forces(now)
             sims.step(nstep=1)
             time_s.append(np.array(clock).reshape(len(jobs)))
             kept_qpos.append(np.array(qpos))

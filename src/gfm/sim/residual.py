@@ -18,6 +18,7 @@ from gfm.core.checks import Array
 from gfm.sim.batch import initial_activation
 from gfm.sim.hybrid import HybridModel
 from gfm.sim.replay import Replay, make_replay
+from gfm.sim.step_laws import Moment
 
 _CONTINUOUS = int(mujoco.mjtIntegrator.mjINT_RK4)
 
@@ -63,8 +64,10 @@ def _step_forces(model: HybridModel, replay: Replay) -> list[Array]:
         mujoco.mj_forward(inverse, data)
         data.act += inverse.opt.timestep * data.act_dot
         if laws is not None:
-            levels = laws.levels(constant, data.qvel[None], data.sensordata[None])
-            inverse.dof_frictionloss[:] = levels[0]
+            state = (data.qpos[None], data.qvel[None], data.sensordata[None])
+            now = Moment(qpos=state[0], qvel=state[1], sensordata=state[2])
+            inverse.dof_frictionloss[:] = laws.levels(constant, now)[0]
+            known = known + laws.forces(now)[0]
         data.qacc[:] = a
         mujoco.mj_inverse(inverse, data)
         forces.append(data.qfrc_inverse - data.qfrc_actuator - known)

@@ -1,7 +1,8 @@
-"""Dry friction whose level depends on the state.
+"""Laws that MuJoCo cannot express: dry friction whose level depends on the state, and other forces.
 
 To MuJoCo the level is a constant of the joint. Whoever simulates (predictions of recordings, hybrid
-stepping, inverse dynamics along a recording) asks here what to write over it before every step.
+stepping, inverse dynamics along a recording) asks here what to write over it, and which forces to
+apply, before every step.
 
 Shape letters: N simulations, J joints, M sensor data.
 """
@@ -10,35 +11,53 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gfm.core import UnknownNameError
 from gfm.core.checks import Array
-from gfm.effects import Effect, EffectInstance
+from gfm.effects import Effect, EffectInstance, Motion, Values
 
 
-def adds_friction(instance: EffectInstance) -> bool:
-    """Returns whether an effect's dry friction has to be evaluated at every step."""
+def acts_at_every_step(instance: EffectInstance) -> bool:
+    """Returns whether an effect's friction or force has to be evaluated at every step."""
     still = np.zeros(1)
+    motion = Motion(position=still, velocity=still, drive=still, other_velocity=still)
     values = {name: np.array([value]) for name, value in instance.values.items()}
-    return instance.effect.extra_friction(still, still, values) is not None
+    effect = instance.effect
+    return effect.stepwise or effect.extra_friction(motion, values) is not None
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrictionLaw:
+class StepLaw:
     """One effect in every simulation.
 
     Attributes:
         effect: The law.
-        joint: Index of the joint that it acts on.
+        joints: Indices of the joints that it acts on: one, or two.
         values: Each parameter, shape (N,).
     """
 
     effect: Effect
-    joint: int
+    joints: tuple[int, ...]
     values: Mapping[str, Array]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Moment:
+    """Many simulations before a step.
+
+    Attributes:
+        qpos: shape (N, nq).
+        qvel: shape (N, nv).
+        sensordata: shape (N, M).
+    """
+
+    qpos: Array
+    qvel: Array
+    sensordata: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,35 +66,63 @@ class StepLaws:
 
     Attributes:
         laws: At least one.
+        qpos: Of the joints in qpos, shape (J,).
         dof: Of the joints in qvel, shape (J,).
         drive: From sensor data to the drive torque of each joint, shape (J, M).
     """
 
-    laws: tuple[FrictionLaw, ...]
+    laws: tuple[StepLaw, ...]
+    qpos: NDArray[np.intp]
     dof: NDArray[np.intp]
     drive: Array
 
-    def levels(self, constant: Array, qvel: Array, sensordata: Array) -> Array:
+    def levels(self, constant: Array, now: Moment) -> Array:
         """Returns the levels of dry friction for the coming step, N m, shape (N, nv).
 
         Args:
             constant: What the models have, N m, shape (N, nv).
-            qvel: rad/s, shape (N, nv).
-            sensordata: shape (N, M).
+            now: Before the step.
         """
-        drive = np.asarray(sensordata) @ self.drive.T
         level = constant.copy()
-        for law in self.laws:
-            dof = self.dof[law.joint]
-            extra = law.effect.extra_friction(qvel[:, dof], drive[:, law.joint], law.values)
-            level[:, dof] += 0.0 if extra is None else extra
+        for law, motion in zip(self.laws, self._motions(self.laws, now), strict=True):
+            extra = law.effect.extra_friction(motion, law.values)
+            level[:, self.dof[law.joints[0]]] += 0.0 if extra is None else extra
         return level
+
+    def forces(self, now: Moment) -> Array:
+        """Returns the generalized forces to be applied in the coming step, N m, shape (N, nv)."""
+        force = np.zeros_like(now.qvel)
+        laws = [law for law in self.laws if law.effect.stepwise]
+        for law, motion in zip(laws, self._motions(laws, now), strict=True):
+            # A stepwise law takes its amounts in all simulations at once.
+            torque = law.effect.torque(motion, cast("Values", law.values))
+            if torque is not None:
+                force[:, self.dof[law.joints[0]]] += torque
+                for other in law.joints[1:]:
+                    force[:, self.dof[other]] -= torque
+        return force
+
+    def _motions(self, laws: Sequence[StepLaw], now: Moment) -> list[Motion]:
+        """Returns what each law sees."""
+        if not laws:
+            return []
+        drive = np.asarray(now.sensordata) @ self.drive.T
+        velocity = now.qvel[:, self.dof]
+        return [
+            Motion(
+                position=now.qpos[:, self.qpos[law.joints[0]]],
+                velocity=velocity[:, law.joints[0]],
+                drive=drive[:, law.joints[0]],
+                other_velocity=velocity[:, law.joints[1]] if len(law.joints) == 2 else None,
+            )
+            for law in laws
+        ]
 
 
 def step_laws(
     effects: Sequence[Sequence[EffectInstance]],
     joints: Sequence[str],
-    dof: NDArray[np.intp],
+    places: tuple[NDArray[np.intp], NDArray[np.intp]],
     drive: Array,
 ) -> StepLaws | None:
     """Returns the laws among the effects of N simulations; None where there are none.
@@ -83,23 +130,24 @@ def step_laws(
     Args:
         effects: Of each simulation: the same ones in the same places and order, in other amounts.
         joints: Their names.
-        dof: Of the joints in qvel, shape (J,).
+        places: Of the joints in qpos and in qvel, shape (J,) each.
         drive: From sensor data to the drive torque of each joint, shape (J, M).
 
     Raises:
         UnknownNameError: an effect acts on a joint that is not one of `joints`.
     """
-    columns = zip(*([e for e in own if adds_friction(e)] for own in effects), strict=True)
+    columns = zip(*([e for e in own if acts_at_every_step(e)] for own in effects), strict=True)
     laws = tuple(_law(column, joints) for column in columns)
-    return StepLaws(laws=laws, dof=dof, drive=drive) if laws else None
+    return StepLaws(laws=laws, qpos=places[0], dof=places[1], drive=drive) if laws else None
 
 
-def _law(column: Sequence[EffectInstance], joints: Sequence[str]) -> FrictionLaw:
+def _law(column: Sequence[EffectInstance], joints: Sequence[str]) -> StepLaw:
     first = column[0]
-    if first.joints[0] not in joints:
-        raise UnknownNameError(f"joint of {first.effect.name}", first.joints[0], joints)
-    return FrictionLaw(
+    for name in first.joints:
+        if name not in joints:
+            raise UnknownNameError(f"joint of {first.effect.name}", name, joints)
+    return StepLaw(
         effect=first.effect,
-        joint=list(joints).index(first.joints[0]),
+        joints=tuple(list(joints).index(name) for name in first.joints),
         values={name: np.array([e.values[name] for e in column]) for name in first.values},
     )
