@@ -29,7 +29,7 @@ from gfm.effects.objects import ObjectCom, ObjectDamping, ObjectFriction, Object
 from gfm.effects.plugins import offered_effects
 from gfm.effects.sensor import EncoderOffset
 
-_OWN: tuple[type[Effect], ...] = (
+_KINDS: tuple[type[Effect], ...] = (
     CoulombFriction,
     ViscousFriction,
     QuadraticDrag,
@@ -55,6 +55,7 @@ _OWN: tuple[type[Effect], ...] = (
     ObjectCom,
     ObjectDamping,
 )
+_OWN = {kind.name: kind() for kind in _KINDS}
 
 
 @cache
@@ -64,8 +65,7 @@ def effect_library() -> dict[str, Effect]:
     Raises:
         ConfigError: an effect that an installed package offers cannot be used.
     """
-    library = {kind.name: kind() for kind in _OWN}
-    return library | offered_effects(library)
+    return _OWN | offered_effects(_OWN)
 
 
 def find_effect(name: str) -> Effect:
