@@ -91,6 +91,17 @@ def test_a_batch_tells_the_same_as_one_by_one():
             assert np.array_equal(together[i][k].position, alone.position)
 
 
+@pytest.mark.parametrize(
+    ("name", "amount"), [("command_delay", "delay"), ("actuator_lag", "time_constant")]
+)
+def test_none_of_an_effect_is_simulated_beside_some_of_it(name, amount):
+    plants = [plant(effects=(effect(name, **{amount: value}),)) for value in (0.0, 0.01)]
+    run = segment([0.5, -0.5], [0.0, 0.4])
+    (none,), _ = predict(plants, [run])
+    ((nominal,),) = predict([plant()], [run])
+    np.testing.assert_array_equal(none.position, nominal.position)
+
+
 def test_a_servo_gain_of_zero_is_no_drive_at_all():
     run = segment([1.0], [0.0], kind=CommandKind.POSITION, gain=0.0)
     assert predict([plant(SERVO)], [run])[0][0].position == pytest.approx(0.0)

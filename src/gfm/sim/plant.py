@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gfm.core import ConfigError, UnknownNameError
-from gfm.effects import EffectInstance, find_effect
+from gfm.effects import Effect, EffectInstance, find_effect
 from gfm.effects.drive import LAGS
 from gfm.effects.effect import MOTOR_SIDE, Compensation
 from gfm.sim.step_laws import acts_at_every_step
@@ -132,12 +132,13 @@ def in_order(effects: Sequence[EffectInstance]) -> list[EffectInstance]:
 
 
 def acts_on_command(instance: EffectInstance) -> bool:
-    """Returns whether an effect changes what is commanded rather than the model."""
-    if instance.in_model:
-        return False
-    effect, values = instance.effect, instance.values
-    now = np.zeros(1)
-    return effect.lag_s(values) != 0.0 or bool(effect.retime(now, values)[0] != 0.0)
+    """Returns whether an effect changes what is commanded rather than the model.
+
+    By its law, not its amount: a fit may reach none at all, and plants must stay alike.
+    """
+    law = type(instance.effect)
+    changes = law.lag_s is not Effect.lag_s or law.retime is not Effect.retime
+    return changes and not instance.in_model
 
 
 def check_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
