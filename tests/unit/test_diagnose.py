@@ -9,11 +9,13 @@ from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind, ConfigError, Trajectory, UnknownNameError
 from gfm.diagnosis.attribution import Screened, fit, with_level
+from gfm.diagnosis.candidates import joint_scales, torque_views
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.problem import make_problem
 from gfm.diagnosis.result import Verdict
 from gfm.diagnosis.signals import noise_std, resolution, smooth_states
+from gfm.diagnosis.usual import usually_missing
 from gfm.effects import EffectInstance, effect_library
 
 MASS, LENGTH, ROTOR, STIFFNESS, DAMPING = 0.5, 0.2, 0.02, 20.0, 1.0
@@ -38,7 +40,7 @@ def command(time_s, seed):
     return 0.25 * np.minimum(time_s, 1.0) * waves
 
 
-def recording(seed, torque=lambda _q, _v: 0.0, delay=0.0, duration=6.0):
+def recording(seed, torque=lambda _q, _v: 0.0, delay=0.0, duration=6.0, gain=1.0):
     period = 0.01
     stamps = np.arange(0.0, duration, period)
     told = command(stamps, seed)
@@ -46,7 +48,7 @@ def recording(seed, torque=lambda _q, _v: 0.0, delay=0.0, duration=6.0):
     def motion(time_s, state):
         index = int(np.floor((time_s - delay) / period + 1e-9))
         q, v = state
-        drive = STIFFNESS * (told[max(index, 0)] - q) - DAMPING * v
+        drive = gain * (STIFFNESS * (told[max(index, 0)] - q) - DAMPING * v)
         gravity = -MASS * 9.81 * LENGTH * np.sin(q)
         return [v, (drive + gravity + torque(q, v)) / (MASS * LENGTH**2 + ROTOR)]
 
@@ -171,6 +173,22 @@ def test_no_level_is_made_up_for_an_excess_that_comes_alone():
     assert beside_its_level(0.0, 0.35) == {
         "static_excess": pytest.approx(0.35, rel=0.1),
         "stribeck_velocity": pytest.approx(0.08, rel=0.1),
+    }
+
+
+def test_what_is_usually_wrong_is_found_together_and_nothing_beside_it():
+    def friction(_q, v):
+        return -0.2 * np.tanh(v / 1e-3)
+
+    runs = [recording(seed, torque=friction, delay=0.03, gain=0.15) for seed in range(2)]
+    specs = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
+    problem = make_problem(specs, runs)
+    scales = joint_scales(problem, torque_views(problem, runs))
+    found = usually_missing(problem.robust(()), scales)
+    assert {e.effect.name: next(iter(e.values.values())) for e in found.effects} == {
+        "command_delay": pytest.approx(0.03, rel=0.1),
+        "actuator_gain": pytest.approx(0.15, rel=0.05),
+        "coulomb_friction": pytest.approx(0.2, rel=0.05),
     }
 
 

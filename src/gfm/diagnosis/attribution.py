@@ -63,6 +63,9 @@ FOLDS, MOST_TESTED = 2, 3
 #: Cost at which a simpler effect is accepted before others are looked at, as a share of that
 #: without it.
 SUBSTANTIAL = 0.2
+#: Mean squared residual, in units of the noise, that is much, and the share of it from which on the
+#: best single effect explains little; share of that to which several together must come.
+MUCH, HOPELESS, FAR_LESS = 100.0, 0.5, 0.5
 #: Rough fits that are fitted to the end: so many in front, if they are this close to the best.
 POLISHED, CLOSE = 2, 1.5
 #: A parameter this close to its bound, as a share of the allowed range, has not been found.
@@ -108,12 +111,19 @@ class Round:
         screened: Candidates by first-order gain, best first.
         fits: The shortlist, fitted, best first; the new effect is the last of each fit's effects.
         accepted: The best of them fitted to all recordings, or None where it explains too little.
+        together: Whether the first fit has several new effects: none of them explains much alone.
     """
 
     before: float
     screened: tuple[Screened, ...]
     fits: tuple[Fit, ...]
     accepted: Fit | None
+    together: bool = False
+
+    @property
+    def new(self) -> tuple[EffectInstance, ...]:
+        """What the first fit has that others are compared with."""
+        return self.fits[0].effects if self.together else self.fits[0].effects[-1:]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,8 +140,17 @@ def attribute(
     candidates: Sequence[Place],
     scales: Sequence[Scales],
     report: Callable[[str], None] = lambda _: None,
+    at_once: Callable[[Problem], Fit] | None = None,
 ) -> Attribution:
-    """Returns which of `candidates` the recordings support, in which amounts."""
+    """Returns which of `candidates` the recordings support, in which amounts.
+
+    Args:
+        problem: What is to be explained.
+        candidates: What may explain it.
+        scales: Of every joint's signals.
+        report: Told what is happening, in words.
+        at_once: Fits several effects together, for where the best single one explains little.
+    """
     problem = problem.robust(())
     accepted = nothing(problem)
     nominal = accepted.cost
@@ -141,6 +160,8 @@ def attribute(
         here = suspected(problem, candidates, accepted)
         report(f"screening {len(here)} candidates (misfit {accepted.cost:.2f})")
         this = play_round(problem, here, scales, accepted, enough, report)
+        if at_once is not None and not rounds and hopeless(this):
+            this = _better(problem, this, at_once(problem))
         rounds.append(this)
         if this.accepted is None:
             break
@@ -152,6 +173,22 @@ def attribute(
         report("looking for what became superfluous")
         accepted = without_superfluous(problem, accepted)
     return Attribution(nominal_cost=nominal, fit=accepted, rounds=tuple(rounds))
+
+
+def hopeless(this: Round) -> bool:
+    """Returns whether much is missing of which the best single effect explains little."""
+    left = this.fits[0].cost if this.fits else this.before
+    return this.before > MUCH and left > HOPELESS * this.before
+
+
+def _better(problem: Problem, this: Round, other: Fit) -> Round:
+    """Returns the round with `other` accepted instead, if that leaves far less."""
+    best = () if this.accepted is None else this.accepted.effects
+    costs = np.mean(problem.residuals([best, other.effects]) ** 2, axis=1)
+    if not other.effects or costs[1] > FAR_LESS * costs[0]:
+        return this
+    accepted = fit(problem.robust(other.effects), other.effects)
+    return replace(this, fits=(other, *this.fits), accepted=accepted, together=True)
 
 
 def with_level(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -38,6 +39,7 @@ from gfm.diagnosis.result import (
     Suspect,
     Verdict,
 )
+from gfm.diagnosis.usual import usually_missing
 from gfm.effects import EffectInstance, effect_library
 from gfm.excitation.blind_spots import blind_spots
 
@@ -166,7 +168,8 @@ def _attribute(
     scales = joint_scales(problem, torque_views(problem, recordings))
     looked_for = [effect for effect in effect_library().values() if effect.twin is None]
     candidates = [place for effect in looked_for for place in places(effect, problem.joints)]
-    found = attribute(problem, candidates, scales, report)
+    at_once = partial(usually_missing, scales=scales, report=report)
+    found = attribute(problem, candidates, scales, report, at_once)
     report("settling amounts")
     settled = fit(long.robust(found.fit.effects), found.fit.effects)
     return replace(found, fit=fitly_named(settled, problem.specs))
@@ -256,22 +259,22 @@ def _found_in(instance: EffectInstance, rounds: Sequence[Round]) -> Round:
     """
     names = {instance.effect.name, *(twin.effect.name for twin, _ in twins([instance]))}
     names |= {e.name for e in effect_library().values() if e.excess_of == instance.effect.name}
-    won = [
-        r for r in rounds if r.accepted is not None and r.fits[0].effects[-1].effect.name in names
-    ]
-    here = [r for r in won if r.fits[0].effects[-1].joints == instance.joints]
-    return (here or won)[0]
+    won = [r for r in rounds if r.accepted is not None]
+    alike = [(r, e) for r in won for e in r.new if e.effect.name in names]
+    here = [r for r, e in alike if e.joints == instance.joints]
+    return (here or [r for r, _ in alike])[0]
 
 
 def _confidence(this: Round, error: ErrorSummary) -> float:
-    """Returns 0..1: high where the runner-up explains clearly less and little is left.
+    """Returns 0..1: high where the runner-up explains clearly less and only noise is left.
 
-    Half where the runner-up explains as much; less where much of the gap stays unexplained.
+    Half where the runner-up explains as much. Half at most where more than noise is left: what is
+    named may then stand for something that no known effect describes.
     """
     adequate = error.after <= 1.5 * error.noise_floor
     clear = clearness(this.fits, this.before, adequate=adequate)
     closed = np.clip(_closed(error), 0.0, 1.0)
-    return round(float(clear * (1.0 if adequate else 0.4 + 0.6 * closed)), 3)
+    return round(float(clear * (1.0 if adequate else 0.5 * closed)), 3)
 
 
 def _suspects(found: Attribution, instances: Sequence[EffectInstance]) -> tuple[Suspect, ...]:
@@ -279,7 +282,6 @@ def _suspects(found: Attribution, instances: Sequence[EffectInstance]) -> tuple[
     taken = {instance.key for instance in instances} | {t.key for t, _ in twins(instances)}
     best: dict[tuple[str, tuple[str, ...]], Suspect] = {}
     for this in found.rounds:
-        winner = this.fits[0] if this.fits else None
         for fitted in this.fits:
             instance = fitted.effects[-1]
             gain = 1.0 - fitted.cost / this.before
@@ -288,7 +290,7 @@ def _suspects(found: Attribution, instances: Sequence[EffectInstance]) -> tuple[
             best[instance.key] = Suspect(
                 effect=instance.effect.name,
                 joints=instance.joints,
-                reason=_reason(fitted, winner, this.before, this.accepted is not None),
+                reason=_reason(fitted, this),
                 decided_by=instance.effect.shown_by,
                 gain=float(np.clip(gain, 0.0, 1.0)),
             )
@@ -316,16 +318,17 @@ def _gain_of(twin: EffectInstance, instance: EffectInstance, found: Attribution)
     return float(np.clip(max(gains, default=0.0), 0.0, 1.0))
 
 
-def _reason(fitted: Fit, winner: Fit | None, before: float, accepted: bool) -> str:
-    share = 100.0 * (1.0 - fitted.cost / before)
-    if winner is None or winner is fitted or not accepted:
+def _reason(fitted: Fit, this: Round) -> str:
+    winner, share = this.fits[0], 100.0 * (1.0 - fitted.cost / this.before)
+    if winner is fitted or this.accepted is None:
         return f"explains only {share:.1f} % of the squared residual"
-    gap = (fitted.cost - winner.cost) / max(before - winner.cost, 1e-9)
-    rival = describe(winner.effects[-1])
+    gap = (fitted.cost - winner.cost) / max(this.before - winner.cost, 1e-9)
+    rival = "several effects together" if this.together else describe(winner.effects[-1])
+    explains = "explain" if this.together else "explains"
     if gap < EQUAL:
         return f"equal to {rival}: both explain {share:.1f} % of the squared residual"
-    best = 100.0 * (1.0 - winner.cost / before)
-    return f"explains {share:.1f} % of the squared residual; {rival} explains {best:.1f} %"
+    best = 100.0 * (1.0 - winner.cost / this.before)
+    return f"explains {share:.1f} % of the squared residual; {rival} {explains} {best:.1f} %"
 
 
 def _sentence(

@@ -1,0 +1,139 @@
+"""What most models of real robots get wrong at once: gains, friction, inertia, a delay.
+
+Where everything is a little wrong, no single effect explains much, and the one that explains most
+may be none of those that are missing. Then what is usually wrong is fitted on all joints together,
+from the best of a coarse grid, and what does not earn its place is taken out again.
+
+Shape letters: G values of a grid, J joints, N numbers of a residual, P parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gfm.core.checks import Array
+from gfm.diagnosis.attribution import FITTING_S, LEAST_GAIN, ROUGH, Fit, fit, free_parameters
+from gfm.diagnosis.problem import Problem
+from gfm.effects import EffectInstance, Scales, Scope, find_effect
+
+#: Times that the grid is gone through, and fits with what is left after taking out.
+PASSES, FITS = 2, 3
+#: Shares of a typical size at which amounts are tried.
+SHARES = (0.0, 0.1, 0.3, 1.0, 3.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Usual:
+    """An effect that a model may lack on any joint.
+
+    Attributes:
+        name: Of the effect, which has one parameter.
+        none: Its value without the effect.
+        grid: Values to begin with, for a joint with these scales.
+    """
+
+    name: str
+    none: float
+    grid: Callable[[Scales], Sequence[float]]
+
+
+USUAL = (
+    Usual(name="command_delay", none=0.0, grid=lambda _: (0.0, 0.01, 0.02, 0.04, 0.08)),
+    Usual(name="actuator_gain", none=1.0, grid=lambda _: (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)),
+    Usual(name="coulomb_friction", none=0.0, grid=lambda s: [x * s.torque_nm for x in SHARES]),
+    Usual(
+        name="viscous_friction",
+        none=0.0,
+        grid=lambda s: [x * s.torque_nm / s.velocity_rad_s for x in SHARES],
+    ),
+    Usual(name="armature", none=0.0, grid=lambda s: [x * s.inertia for x in SHARES]),
+)
+
+
+def usually_missing(
+    problem: Problem, scales: Sequence[Scales], report: Callable[[str], None] = lambda _: None
+) -> Fit:
+    """Returns what is usually missing, fitted on all joints, without what explains too little."""
+    part = problem.subset(problem.sample(FITTING_S))
+    report("looking for what is usually wrong on all joints")
+    effects = list(_from_grid(part, scales))
+    for _ in range(FITS):
+        report(f"fitting {len(effects)} usual effects together")
+        fitted = fit(part.robust(effects), effects, tolerance=ROUGH)
+        effects = earning(part, fitted)
+        if len(effects) == len(fitted.effects):
+            break
+    return fit(part, effects, tolerance=ROUGH)
+
+
+def _from_grid(problem: Problem, scales: Sequence[Scales]) -> tuple[EffectInstance, ...]:
+    """Returns every usual effect on every joint, with the best of its grid.
+
+    All joints are tried side by side: each takes what leaves least on itself.
+    """
+    chosen = {usual.name: np.full(len(problem.joints), usual.none) for usual in USUAL}
+    for _ in range(PASSES):
+        for usual in USUAL:
+            grid = np.array([usual.grid(one) for one in scales]).T
+            sets = [_instances(problem, {**chosen, usual.name: row}) for row in grid]
+            costs = np.stack([problem.joint_costs(r) for r in problem.residuals(sets)])
+            if find_effect(usual.name).scope is not Scope.JOINT:
+                costs[:] = costs.mean(axis=1, keepdims=True)
+            best = costs.argmin(axis=0)
+            chosen[usual.name] = grid[best, np.arange(len(scales))]
+    return _instances(problem, chosen)
+
+
+def _instances(problem: Problem, values: dict[str, Array]) -> tuple[EffectInstance, ...]:
+    found = []
+    for name, amounts in values.items():
+        effect = find_effect(name)
+        places = [problem.joints]
+        if effect.scope is Scope.JOINT:
+            places = [(joint,) for joint in problem.joints]
+        found += [
+            EffectInstance(
+                effect=effect, joints=place, values={effect.parameters[0].name: float(amount)}
+            )
+            for place, amount in zip(places, amounts, strict=False)
+        ]
+    return tuple(found)
+
+
+def earning(problem: Problem, fitted: Fit) -> list[EffectInstance]:
+    """Returns the effects of a fit without those that explain too little, to first order.
+
+    One after the other, that first which explains least of what is left on its own joint; the
+    others take over what they can.
+    """
+    none = {usual.name: usual.none for usual in USUAL}
+    left = problem.joint_costs(fitted.residual)
+    effects, jacobian = list(fitted.effects), fitted.jacobian
+    excess = np.array(
+        [effects[i].values[p] - none[effects[i].effect.name] for i, p in free_parameters(effects)]
+    )
+    while effects:
+        inverse = np.linalg.pinv(jacobian.T @ jacobian)
+        moves = -inverse * (excess / np.diag(inverse))
+        shares = [
+            _share(problem, effects[k], jacobian @ moves[:, k], left) for k in range(len(effects))
+        ]
+        least = int(np.argmin(shares))
+        if shares[least] >= LEAST_GAIN:
+            break
+        excess = np.delete(excess + moves[:, least], least)
+        jacobian = np.delete(jacobian, least, axis=1)
+        del effects[least]
+    return effects
+
+
+def _share(problem: Problem, instance: EffectInstance, change: Array, left: Array) -> float:
+    """Returns the cost of going without an effect, as a share of what is left where it acts.
+
+    Of several joints that which needs it most counts.
+    """
+    shares = problem.joint_costs(change) / left
+    return float(max(shares[problem.joints.index(name)] for name in instance.joints))
