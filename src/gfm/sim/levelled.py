@@ -12,16 +12,12 @@ from mujoco import batch as mujoco_batch
 
 from gfm.core.checks import Array
 from gfm.sim.layout import Indices
-from gfm.sim.step_laws import Moment, StepLaws
+from gfm.sim.step_laws import StepLaws, middle_of_step
 
 
 @final
 class LevelledModels:
-    """A copy of the model for each simulation of a batch: its levels of dry friction are its own.
-
-    Sensor data are those of the last step's beginning: of the drives' torques the levels come one
-    step late.
-    """
+    """A copy of the model for each simulation of a batch, with its own levels of dry friction."""
 
     def __init__(
         self, batch: mujoco_batch.Batch, laws: StepLaws, models: Sequence[mujoco.MjModel]
@@ -30,6 +26,7 @@ class LevelledModels:
         self._laws = laws
         self._qpos: Array = batch.bind("qpos")
         self._qvel: Array = batch.bind("qvel")
+        self._qacc: Array = batch.bind("qacc")
         self._sensordata: Array = batch.bind("sensordata")
         self._force: Array = batch.bind("qfrc_applied")
         self._origin = list(models)
@@ -51,7 +48,10 @@ class LevelledModels:
         Args:
             force: What else acts, shape (N, nv).
         """
-        now = Moment(qpos=self._qpos, qvel=self._qvel, sensordata=self._sensordata)
+        self._batch.forward()  # the drives' torques under this step's commands
+        now = middle_of_step(
+            self._origin[0].opt.timestep, self._qpos, self._qvel, self._qacc, self._sensordata
+        )
         self._force[:] = force + self._laws.forces(now)
         levels = self._laws.levels(self._constant, now)
         for model, level in zip(self._own, levels, strict=True):

@@ -22,7 +22,7 @@ from gfm.core.checks import Array
 from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.compensation import CompensationError, compensation_error
 from gfm.sim.plant import Plant
-from gfm.sim.step_laws import Moment, step_laws
+from gfm.sim.step_laws import middle_of_step, step_laws
 
 #: Memory that one call of the batched rollout may fill, bytes.
 CHUNK_BYTES = 200e6
@@ -306,13 +306,15 @@ def _step_by_step(jobs: list[_Job], threads: int) -> list[Prediction]:
     laws = step_laws(own, plant.joints, places, plant.drive)
     constant = np.stack([job.model.dof_frictionloss for job in jobs])
     friction, applied = sims.expand("dof_frictionloss"), sims.bind("qfrc_applied")
+    qacc, step_s = sims.bind("qacc"), jobs[0].model.opt.timestep
     time_s, kept_qpos, kept_sensors = [], [], []
     clock, sensordata, ctrl = sims.bind("time"), sims.bind("sensordata"), sims.bind("ctrl")
     with _quiet():
         for k in range(steps):
             ctrl[:], applied[:] = controls[k], forces[k]
             if laws is not None:
-                now = Moment(qpos=qpos, qvel=qvel, sensordata=sensordata)
+                sims.forward()  # the drives' torques under this step's commands
+                now = middle_of_step(step_s, qpos, qvel, qacc, sensordata)
                 friction[:] = laws.levels(constant, now)
                 applied[:] += laws.forces(now)
             sims.step(nstep=1)

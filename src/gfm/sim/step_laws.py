@@ -47,7 +47,7 @@ class StepLaw:
 
 @dataclass(frozen=True, kw_only=True)
 class Moment:
-    """Many simulations before a step.
+    """Many simulations in the middle of a step.
 
     Attributes:
         qpos: shape (N, nq).
@@ -58,6 +58,24 @@ class Moment:
     qpos: Array
     qvel: Array
     sensordata: Array
+
+
+def middle_of_step(
+    step_s: float, qpos: Array, qvel: Array, qacc: Array, sensordata: Array
+) -> Moment:
+    """Returns simulations with their speeds half a step on.
+
+    What holds for a whole step is taken from its middle: from its beginning, friction that changes
+    with speed comes late, and looks like another.
+
+    Args:
+        step_s: Time step, s.
+        qpos: shape (N, nq).
+        qvel: shape (N, nv).
+        qacc: shape (N, nv).
+        sensordata: Under the commands of the step, shape (N, M).
+    """
+    return Moment(qpos=qpos, qvel=qvel + 0.5 * step_s * qacc, sensordata=sensordata)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,7 +99,7 @@ class StepLaws:
 
         Args:
             constant: What the models have, N m, shape (N, nv).
-            now: Before the step.
+            now: In the middle of the step.
         """
         level = constant.copy()
         for law, motion in zip(self.laws, self._motions(self.laws, now), strict=True):
