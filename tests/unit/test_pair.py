@@ -195,7 +195,7 @@ def test_hybrid_stepping_of_the_pair_follows_the_robot_and_mjcf_alone_does_not(c
     alone = rollout_error(hybrid(file.spec), recording)
     pair = rollout_error(hybrid(file.spec, file.effects), recording)
     assert pair < 5e-5
-    assert pair < 0.03 * alone
+    assert pair < 0.05 * alone
 
 
 def test_many_instances_step_as_each_alone(tmp_path):

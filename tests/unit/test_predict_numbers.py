@@ -2,8 +2,8 @@
 
 The figures were made by `figures` below with mujoco 4.0.0, before step laws and gravity
 compensation had modules of their own (backlash after its motor side's microscopic mass was put on
-the axis; friction that changes within a step after it was taken from the step's middle). A diagnosis
-fits to such numbers: they must not move unseen.
+the axis; friction that changes with the state after it was taken from the middle of a step). A
+diagnosis fits to such numbers: they must not move unseen.
 """
 
 from pathlib import Path
