@@ -23,6 +23,7 @@ from gfm.diagnosis.attribution import (
     price,
 )
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
+from gfm.diagnosis.chain import evidence_chain
 from gfm.diagnosis.correction import corrected_model
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.naming import fitly_named, twins
@@ -137,6 +138,7 @@ def diagnose(
         corrected_xml=first.xml,
         corrected_effects=first.effects,
         twins=corrected if len(corrected) > 1 else {},
+        chain=evidence_chain(held, holdout, found, instances, (errors.before, errors.after)),
         plots=_plots(problem, recordings, instances, errors),
         notes=(*notes, *doubts(findings), *_notes(verdict, outside=bool(first.effects))),
         provenance=dict(provenance or {}),

@@ -17,6 +17,7 @@ from gfm.diagnosis.result import (
     Suspect,
 )
 from gfm.report import words
+from gfm.report.chain_document import chain_json
 from gfm.report.figures import (
     Picture,
     evidence_picture,
@@ -62,6 +63,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, object]:
         "recordings": [_recording_json(recording) for recording in diagnosis.recordings],
         "input_quality": [dict(vars(finding)) for finding in diagnosis.findings],
         "blind_spots": [dict(vars(spot)) for spot in diagnosis.blind_spots],
+        "evidence": chain_json(diagnosis.chain),
         "notes": diagnosis.notes,
         "provenance": diagnosis.provenance,
     }

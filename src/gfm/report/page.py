@@ -10,7 +10,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from gfm.diagnosis.quality import gathered
-from gfm.report import words
+from gfm.report import chain_document, words
 from gfm.report.figures import Picture
 
 
@@ -41,6 +41,15 @@ def _environment() -> Environment:
         "gathered": gathered,
         "finding_amount": words.finding_amount,
         "some": words.some,
+        "adequacy_sentence": chain_document.adequacy_sentence,
+        "agreement": chain_document.agreement_words,
+        "amounts_sentence": chain_document.amounts_sentence,
+        "delays_found": chain_document.delays_found,
+        "doubts_found": chain_document.doubts_found,
+        "energy_sentence": chain_document.energy_sentence,
+        "hundredths": chain_document.hundredths,
+        "goes_with": chain_document.goes_with,
+        "stopping_sentence": chain_document.stopping_sentence,
     }
     environment.globals |= {"times": words.times, "quantity": words.quantity}
     return environment

@@ -4,6 +4,13 @@ import numpy as np
 import pytest
 
 from gfm.core import Status
+from gfm.diagnosis.chain import EvidenceChain
+from gfm.diagnosis.chain.adequacy import JointAdequacy, Residual
+from gfm.diagnosis.chain.confusable import Alternative, ConfusableSet
+from gfm.diagnosis.chain.domains import Agreement, TwoDomains
+from gfm.diagnosis.chain.energy import Dissipation, EnergyBalance
+from gfm.diagnosis.chain.localisation import JointRegions
+from gfm.diagnosis.chain.stopping import RoundRow, Stopping
 from gfm.diagnosis.result import (
     Diagnosis,
     ErrorSummary,
@@ -94,6 +101,83 @@ def cogging_plot(rng, samples=3000):
     )
 
 
+def make_residual(ratio, slow, goes_with=None):
+    correlations = {"position": 0.1, "sign_of_velocity": -0.97}
+    return Residual(
+        ratio=ratio,
+        slow=slow,
+        white=slow <= 0.1,
+        correlations=correlations,
+        goes_with=goes_with,
+    )
+
+
+def make_chain(joints=JOINTS, name="coulomb_friction", where=("right_j1",), rival=None):
+    before, after = make_residual(73.6, 1.0, "sign_of_velocity"), make_residual(1.1, 0.04)
+    thirds = {"speed": (0.7, 0.2, 0.1), "position": (0.3, 0.4, 0.3), "drive": (0.2, 0.3, 0.5)}
+    says = Agreement.OTHER_EFFECT if rival else Agreement.AGREES
+    named = TwoDomains(
+        effect=name,
+        joints=where,
+        named=True,
+        rollout_share=0.93,
+        torque_share=0.89,
+        amount=1.02,
+        agreement=says,
+        rival=rival,
+    )
+    other = TwoDomains(
+        effect="viscous_friction",
+        joints=where,
+        named=False,
+        rollout_share=None,
+        torque_share=0.03,
+        amount=None,
+    )
+    return EvidenceChain(
+        adequacy=tuple(JointAdequacy(joint=j, before=before, after=after) for j in joints),
+        regions=tuple(
+            JointRegions(joint=j, misfit_share=0.5, misfit_share_after=0.0, energy=thirds)
+            for j in joints
+        ),
+        domains=(named, other),
+        stopping=Stopping(
+            rounds=(
+                RoundRow(before=900.0, best=name, explained=0.93, needed=0.03, accepted=True),
+                RoundRow(before=1.3, best="", explained=0.0, needed=0.0, accepted=False),
+            ),
+            left=1.3,
+            enough=1.15,
+            reason="no candidate could be fitted",
+        ),
+        energy=EnergyBalance(
+            drive_w=0.5,
+            through_w=8.0,
+            stored_w=0.01,
+            dissipated_w=0.07,
+            missing_w=0.42,
+            named=(Dissipation(effect=name, joints=where, power_w=0.4, only_takes=True),),
+            unexplained_w=0.02,
+        ),
+        confusable=(
+            ConfusableSet(
+                effect=name,
+                joints=where,
+                alternatives=(
+                    Alternative(
+                        effect="joint_spring",
+                        joints=where,
+                        lost=0.0,
+                        told_by="slow motion over the whole range",
+                        more_parameters=1,
+                    ),
+                ),
+                shown_by="reversals",
+            ),
+        ),
+    )
+
+
 def make_diagnosis(**changes):
     rng = np.random.default_rng(0)
     before = (0.004, 0.081, 0.012, 0.019, 0.003, 0.0021, 0.0016)
@@ -148,6 +232,7 @@ def make_diagnosis(**changes):
         ),
         "corrected_xml": "<mujoco/>",
         "corrected_effects": (cogging(),),
+        "chain": make_chain(),
         "plots": (friction_plot(rng), cogging_plot(rng)),
         "notes": (
             "right_j6 never turned faster than 0.05 rad/s: friction there cannot be told.",
@@ -279,3 +364,9 @@ def diagnosis_with():
 def run_with():
     """Makes a run's report, with other values for the fields that are named."""
     return make_run
+
+
+@pytest.fixture
+def chain_with():
+    """Makes an evidence chain, with other names."""
+    return make_chain

@@ -44,6 +44,7 @@ EMPTY = {
     "notes": (),
     "provenance": {},
     "corrected_effects": (),
+    "chain": None,
 }
 
 
@@ -172,7 +173,7 @@ def test_pages_load_nothing_from_anywhere(run_with, diagnosis_with):
         assert "modeBarButtons:" in own
 
 
-def test_hostile_names_stay_text(diagnosis_with, run_with):
+def test_hostile_names_stay_text(diagnosis_with, run_with, chain_with):
     effect = NamedEffect(
         effect=HOSTILE,
         joints=(HOSTILE,),
@@ -205,6 +206,7 @@ def test_hostile_names_stay_text(diagnosis_with, run_with):
         suspects=(Suspect(effect=HOSTILE, joints=(), reason=HOSTILE, decided_by=HOSTILE),),
         joints=(JointError(joint=HOSTILE, before=2.0, after=1.0, noise_floor=1.0),),
         recordings=(recording,),
+        chain=chain_with((HOSTILE,), HOSTILE, (HOSTILE,), HOSTILE),
         plots=(plot,),
         notes=(HOSTILE,),
         provenance={HOSTILE: {HOSTILE: HOSTILE}},

@@ -1,0 +1,111 @@
+"""Why the search for effects ended where it ended, and how often such a search finds too much."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scipy.stats import beta
+
+from gfm.diagnosis.attribution import (
+    ADEQUATE,
+    INEXACT,
+    LEAST_GAIN,
+    MOST_ROUNDS,
+    Attribution,
+    Round,
+    at_bound,
+    describe,
+    price,
+)
+
+#: Simulated robots without any hidden effect that were diagnosed (3 in docs/results/known_truth.md,
+#: 10 in docs/results/run_random_effects.md), and those of them on which anything was named.
+CLEAN_ROBOTS, FALSE_ALARMS = 13, 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoundRow:
+    """One round of the search.
+
+    Attributes:
+        before: Mean squared residual that was left, in units of the noise.
+        best: The candidate that explains most, in words; empty where none was fitted.
+        explained: Share of what was left that it explains.
+        needed: Share that it has to explain, for all its parameters.
+        accepted: Whether it was.
+    """
+
+    before: float
+    best: str
+    explained: float
+    needed: float
+    accepted: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stopping:
+    """How the search went and ended.
+
+    Attributes:
+        rounds: First to last.
+        left: Mean squared residual in the end, in units of the noise.
+        enough: That at which it ends: nothing is left to explain.
+        reason: Why it ended, in words.
+        clean_robots: Robots without a hidden effect that were diagnosed to see how often it errs.
+        false_alarms: Those of them on which anything was named.
+    """
+
+    rounds: tuple[RoundRow, ...]
+    left: float
+    enough: float
+    reason: str
+    clean_robots: int = CLEAN_ROBOTS
+    false_alarms: int = FALSE_ALARMS
+
+    @property
+    def at_most(self) -> float:
+        """Largest rate of false alarms that the clean robots leave possible (95 %, exact)."""
+        return largest_rate(self.false_alarms, self.clean_robots)
+
+
+def largest_rate(errors: int, cases: int) -> float:
+    """Returns the upper end of the one-sided 95 % interval of a rate (Clopper and Pearson 1934)."""
+    return 1.0 if errors >= cases else float(beta.ppf(0.95, errors + 1, cases - errors))
+
+
+def stopping(found: Attribution) -> Stopping:
+    """Returns how a search went and why it ended."""
+    enough = max(ADEQUATE, 1.0 + INEXACT * (found.nominal_cost - 1.0))
+    rows = tuple(_row(this) for this in found.rounds)
+    return Stopping(rounds=rows, left=found.fit.cost, enough=enough, reason=_reason(found, enough))
+
+
+def _row(this: Round) -> RoundRow:
+    if not this.fits:
+        return RoundRow(before=this.before, best="", explained=0.0, needed=0.0, accepted=False)
+    best = this.fits[0]
+    return RoundRow(
+        before=this.before,
+        best=describe(best.effects[-1]),
+        explained=1.0 - best.cost / this.before,
+        needed=price(best),
+        accepted=this.accepted is not None,
+    )
+
+
+def _reason(found: Attribution, enough: float) -> str:
+    if not found.rounds:
+        return "the nominal model leaves no more than noise: nothing was looked for"
+    last = found.rounds[-1]
+    if last.accepted is not None:
+        if len(found.rounds) == MOST_ROUNDS:
+            return f"{MOST_ROUNDS} rounds were played, the most there are"
+        return f"what is left is noise, or as little as the laws are inexact (at most {enough:.3g})"
+    if not last.fits:
+        return "no candidate could be fitted, or none held for recordings it was not fitted to"
+    if at_bound(last.fits[0].effects[-1]):
+        return f"{describe(last.fits[0].effects[-1])} explains most, but its amount has no end"
+    return (
+        "no candidate explains enough of what is left, which is "
+        f"{100.0 * LEAST_GAIN:.0f} % for each of its parameters"
+    )

@@ -1,0 +1,264 @@
+"""Held-out recordings seen as torques: the evidence that no rollout is needed for.
+
+Along the measured motion the model's inverse dynamics say which torque was needed and its own drive
+law which torque was there; the rest is missing. What an effect would add to it is its law where it
+has one in closed form, and else the change that it makes to what is missing when it is put into the
+model. Both are averaged over short blocks: that takes the noise of differentiated positions off,
+and, being linear, leaves the relation between them as it is.
+
+Shape letters: T measurements of a recording, B blocks of all recordings, J joints.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from gfm.core import CommandKind, Trajectory
+from gfm.core.checks import Array
+from gfm.diagnosis.candidates import TorqueView
+from gfm.diagnosis.quality.finding import held_command
+from gfm.diagnosis.signals import smooth_states
+from gfm.effects import EffectInstance
+from gfm.sim.compensation import compensation_error
+from gfm.sim.plant import Plant, make_plant
+from gfm.sim.predict import Segment, applied_commands
+
+#: Length of a block, s: short beside a motion, long beside the noise of accelerations.
+BLOCK_S = 0.1
+#: Measurements that are looked at, of all recordings together: more take time and say the same.
+MOST_SAMPLES = 6000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signals:
+    """Block means of everything that a missing torque may go with, shape (B, J) each."""
+
+    position: Array
+    velocity: Array
+    sign_of_velocity: Array
+    drive: Array
+    command_change: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueDomain:
+    """Recordings as torques under one nominal model.
+
+    Attributes:
+        specs: The model by kind of command.
+        joints: The measured joints.
+        given: Effects of the model that its specs cannot say.
+        recordings: What is looked at of them.
+        views: Each of them as torques under the nominal model, drives as the model has them.
+    """
+
+    specs: Mapping[CommandKind, mujoco.MjSpec]
+    joints: tuple[str, ...]
+    given: tuple[EffectInstance, ...]
+    recordings: tuple[Trajectory, ...]
+    views: tuple[TorqueView, ...]
+
+    def missing(self, effects: Sequence[EffectInstance] = ()) -> Array:
+        """Returns the torque that the model with `effects` lacks, block means, N m, (B, J)."""
+        others = self.in_model(effects)
+        views = self.views_with(others)
+        left = self._blocks([view.missing for view in views])
+        for instance in effects:
+            if (law := self.law(instance)) is not None:
+                left -= self._blocks(law)
+        return left
+
+    def response(self, instance: EffectInstance) -> Array:
+        """Returns the torque that an effect adds along the motion, block means, N m, (B, J).
+
+        Zero for a motor apart from its link: no inverse dynamics of the measured joints has it.
+        """
+        law = self.law(instance)
+        if law is not None:
+            return self._blocks(law)
+        if instance.effect.separates_motor:
+            return np.zeros_like(self.missing())
+        with_it = self._blocks([view.missing for view in self.views_with([instance])])
+        return self.missing() - with_it
+
+    def signals(self) -> Signals:
+        """Returns the motion, what drives it and how commands change."""
+        changes = [_command_change(recording) for recording in self.recordings]
+        velocities = [view.velocity for view in self.views]
+        return Signals(
+            position=self._blocks([view.position for view in self.views]),
+            velocity=self._blocks(velocities),
+            sign_of_velocity=self._blocks([np.sign(velocity) for velocity in velocities]),
+            drive=self._blocks([view.drive for view in self.views]),
+            command_change=self._blocks(changes),
+        )
+
+    def touched(self, instance: EffectInstance) -> list[int]:
+        """Returns the numbers of the joints on which an effect acts: all, for one of the robot."""
+        return [self.joints.index(name) for name in instance.joints] or list(
+            range(len(self.joints))
+        )
+
+    def in_model(self, effects: Sequence[EffectInstance]) -> list[EffectInstance]:
+        """Returns those of `effects` that inverse dynamics have to be told of: without a law."""
+        return [e for e in effects if self.law(e) is None and not e.effect.separates_motor]
+
+    def plants(self, effects: Sequence[EffectInstance]) -> dict[CommandKind, Plant]:
+        """Returns the model with `effects` in it by kind of command."""
+        return _plants(self.specs, self.joints, (*self.given, *effects), self.recordings)
+
+    def views_with(self, effects: Sequence[EffectInstance]) -> tuple[TorqueView, ...]:
+        """Returns the recordings as torques under the model with `effects` in it."""
+        if not effects:
+            return self.views
+        return _views(self.specs, self.joints, (*self.given, *effects), self.recordings)
+
+    def law(self, instance: EffectInstance) -> list[Array] | None:
+        """Returns an effect's law in closed form along the motions, shape (T, J) each, if any."""
+        if not instance.joints or len(instance.joints) > 2:
+            return None
+        places = [self.joints.index(name) for name in instance.joints]
+        rows = []
+        for view in self.views:
+            motion = view.motion(places[0], places[1] if len(places) == 2 else None)
+            torque = instance.effect.torque(motion, instance.values)
+            if torque is None:
+                return None
+            row = np.zeros_like(view.missing)
+            row[:, places[0]] = torque
+            if len(places) == 2:
+                row[:, places[1]] = -torque
+            rows.append(row)
+        return rows
+
+    def _blocks(self, rows: Sequence[Array]) -> Array:
+        return np.concatenate(
+            [_means(row, r) for row, r in zip(rows, self.recordings, strict=True)]
+        )
+
+
+def torque_domain(
+    specs: Mapping[CommandKind, mujoco.MjSpec],
+    recordings: Sequence[Trajectory],
+    given: Sequence[EffectInstance] = (),
+) -> TorqueDomain:
+    """Returns recordings as torques under the model `specs`, beside which `given` stands."""
+    joints = recordings[0].joint_names
+    share = MOST_SAMPLES // len(recordings)
+    looked_at = tuple(_beginning(recording, share) for recording in recordings)
+    return TorqueDomain(
+        specs=specs,
+        joints=joints,
+        given=tuple(given),
+        recordings=looked_at,
+        views=_views(specs, joints, given, looked_at),
+    )
+
+
+def _views(
+    specs: Mapping[CommandKind, mujoco.MjSpec],
+    joints: Sequence[str],
+    effects: Sequence[EffectInstance],
+    recordings: Sequence[Trajectory],
+) -> tuple[TorqueView, ...]:
+    plants = _plants(specs, joints, effects, recordings)
+    return tuple(_view(plants[recording.command_kind], recording) for recording in recordings)
+
+
+def _plants(
+    specs: Mapping[CommandKind, mujoco.MjSpec],
+    joints: Sequence[str],
+    effects: Sequence[EffectInstance],
+    recordings: Sequence[Trajectory],
+) -> dict[CommandKind, Plant]:
+    kinds = {recording.command_kind for recording in recordings}
+    return {kind: make_plant(specs[kind], joints, effects) for kind in kinds}
+
+
+def _view(plant: Plant, recording: Trajectory) -> TorqueView:
+    """Returns a recording as torques, what a gravity compensation does wrong included."""
+    q, v, a = smooth_states(recording.time_s, recording.position)
+    command = _commands(plant, recording)
+    model, data = _with_servo_gain(plant, recording), mujoco.MjData(plant.model)
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    needed, drive = np.empty_like(q), np.empty_like(q)
+    for i in range(len(q)):
+        data.qpos[plant.qpos], data.qvel[plant.dof], data.qacc[plant.dof] = q[i], v[i], a[i]
+        data.ctrl[plant.actuator] = command[i]
+        mujoco.mj_inverse(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        needed[i], drive[i] = data.qfrc_inverse[plant.dof], data.qfrc_actuator[plant.dof]
+    wrong = compensation_error(plant, q)
+    force = 0.0 if wrong is None else wrong.force[:, plant.dof]
+    return TorqueView(position=q, velocity=v, drive=drive + force, missing=needed - drive - force)
+
+
+def _commands(plant: Plant, recording: Trajectory) -> Array:
+    """Returns the mean command around each measurement, over the time between two, shape (T, J).
+
+    Measurements and commands are in step with each other: the command at a measurement would always
+    be the beginning, or the end, of a step in which a servo's torque falls as the joint follows.
+    """
+    period_s = plant.model.opt.timestep
+    half_s = 0.5 * float(np.median(np.diff(recording.time_s)))
+    steps = int((recording.duration_s + half_s) / period_s) + 2
+    whole = Segment(
+        time_s=recording.time_s,
+        position=recording.position,
+        effort=None,
+        kind=recording.command_kind,
+        command_time_s=recording.command_time_s,
+        command=recording.command,
+        initial_position=recording.position[0],
+        initial_velocity=np.zeros(len(recording.joint_names)),
+        servo_gain=np.ones(len(recording.joint_names)),
+    )
+    applied = applied_commands(plant, whole, steps)
+    summed = np.concatenate([np.zeros((1, applied.shape[1])), np.cumsum(applied, axis=0)])
+    around = recording.time_s + half_s * np.array([[-1.0], [1.0]])
+    edges = np.clip(around / period_s, 0.0, steps)
+    grid = np.arange(steps + 1)
+    sums = [[np.interp(e, grid, column) for column in summed.T] for e in edges]
+    return np.asarray((np.array(sums[1]) - np.array(sums[0])).T / (edges[1] - edges[0])[:, None])
+
+
+def _with_servo_gain(plant: Plant, recording: Trajectory) -> mujoco.MjModel:
+    """Returns a model with a recording's servo gains; one of zero is no drive."""
+    model = copy.copy(plant.model)
+    feedback = 2 if recording.command_kind is CommandKind.VELOCITY else 1
+    gain = np.array([recording.servo_gain.get(name, 1.0) for name in plant.joints])
+    model.actuator_gainprm[plant.actuator, 0] *= gain
+    model.actuator_biasprm[plant.actuator, feedback] *= gain
+    model.actuator_biasprm[plant.actuator] *= (gain > 0.0)[:, None]
+    return model
+
+
+def _beginning(recording: Trajectory, samples: int) -> Trajectory:
+    """Returns the first measurements of a recording."""
+    keep = slice(0, samples)
+    return replace(
+        recording,
+        stamp_ns=recording.stamp_ns[keep],
+        position=recording.position[keep],
+        velocity=None if recording.velocity is None else recording.velocity[keep],
+        effort=None if recording.effort is None else recording.effort[keep],
+    )
+
+
+def _command_change(recording: Trajectory) -> Array:
+    """Returns the rate of the commands in force at the measurements, shape (T, J)."""
+    return np.asarray(np.gradient(held_command(recording), recording.time_s, axis=0))
+
+
+def _means(rows: Array, recording: Trajectory) -> Array:
+    """Returns the means over whole blocks of a recording's rows (T, J), shape (B, J)."""
+    period_s = float(np.median(np.diff(recording.time_s)))
+    length = max(round(BLOCK_S / period_s), 1)
+    count = max(len(rows) // length, 1)
+    whole = rows[: count * length]
+    return np.asarray(whole.reshape(count, -1, rows.shape[1]).mean(axis=1))

@@ -1,0 +1,125 @@
+"""The evidence chain as `report.json` has it, and what its steps say in a sentence each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from gfm.diagnosis.chain import EvidenceChain
+from gfm.diagnosis.chain.adequacy import WORDS, JointAdequacy, Residual
+from gfm.diagnosis.chain.domains import Agreement, TwoDomains
+from gfm.diagnosis.chain.energy import EnergyBalance
+from gfm.diagnosis.chain.stopping import Stopping
+from gfm.diagnosis.quality import Finding, gathered
+from gfm.diagnosis.quality.timing import EVERYWHERE
+from gfm.diagnosis.result import Diagnosis
+from gfm.report import words
+
+AGREEMENTS = {
+    Agreement.AGREES: "both say the same",
+    Agreement.OTHER_AMOUNT: "the same effect in another amount",
+    Agreement.OTHER_EFFECT: "the missing torque prefers another effect",
+    Agreement.SILENT: "the missing torque says nothing of it",
+}
+
+
+def chain_json(chain: EvidenceChain | None) -> dict[str, object] | None:
+    """Returns the chain as a part of `report.json`; None where there is none."""
+    if chain is None:
+        return None
+    document = asdict(chain)
+    for one, row in zip(chain.adequacy, document["adequacy"], strict=True):
+        row["left"] = one.words
+    for region, row in zip(chain.regions, document["regions"], strict=True):
+        row["concentrated"] = region.words
+    document["energy"] |= {"share": chain.energy.share, "even": chain.energy.even}
+    if chain.stopping is not None:
+        document["stopping"]["false_alarm_rate_at_most"] = chain.stopping.at_most
+    return document
+
+
+def delays_found(findings: Sequence[Finding]) -> list[str]:
+    """Returns by how much the joints are late, and what that means, in lines."""
+    return [
+        f"{f'{words.some(row.joints)}: ' if row.joints else ''}{row.what} "
+        f"{words.finding_amount(row)}: {row.consequence}"
+        for row in gathered(findings)
+        if row.recordings == (EVERYWHERE,) and row.unit == "ms"
+    ]
+
+
+def hundredths(value: float) -> str:
+    """Returns two digits after the point, zero without a sign."""
+    return f"{round(value, 2) + 0.0:.2f}"
+
+
+def doubts_found(findings: Sequence[Finding]) -> int:
+    """Returns how many different things put the input in doubt."""
+    return len({(one.what, one.consequence) for one in findings if one.doubtful})
+
+
+def adequacy_sentence(rows: Sequence[JointAdequacy]) -> str:
+    """Returns whether the models are adequate, over all joints."""
+    before, after = ([getattr(one, when).adequate for one in rows] for when in ("before", "after"))
+    return (
+        f"What the nominal model leaves is noise on {sum(before)} of {len(rows)} joints, "
+        f"what the corrected model leaves on {sum(after)}."
+    )
+
+
+def goes_with(left: Residual) -> str:
+    """Returns the signal that a missing torque goes with, and how closely."""
+    if left.goes_with is None:
+        return "noise" if left.adequate else words.NOTHING
+    return f"{WORDS[left.goes_with]} ({left.correlations[left.goes_with]:+.2f})"
+
+
+def agreement_words(row: TwoDomains) -> str:
+    """Returns what two witnesses say of a candidate together."""
+    if row.agreement is None:
+        return "not accepted"
+    other = f": {row.rival}" if row.rival else ""
+    return AGREEMENTS[row.agreement] + other
+
+
+def stopping_sentence(told: Stopping) -> str:
+    """Returns the stopping rule's false alarms in words."""
+    return (
+        f"How often does this find what is not there? Of {told.clean_robots} simulated robots "
+        f"without any hidden effect, something was named on {told.false_alarms}. So few robots "
+        f"leave a rate of up to {words.percent(told.at_most)} possible (95 % confidence)."
+    )
+
+
+def amounts_sentence(diagnosis: Diagnosis) -> str:
+    """Returns why amounts have intervals, or have none."""
+    given = [
+        words.known_interval(estimate) is not None
+        for effect in diagnosis.effects
+        for estimate in effect.parameters.values()
+    ]
+    if not given:
+        return "There are no amounts: nothing was named."
+    left = words.times(diagnosis.error.after, diagnosis.error.noise_floor, 2)
+    if not any(given):
+        return (
+            f"No interval is given: the corrected model leaves {left} the noise floor on held-out "
+            "recordings. Intervals of a model that is still wrong would not hold."
+        )
+    return (
+        f"{sum(given)} of {len(given)} amounts have an interval: the corrected model leaves "
+        f"{left} the noise floor. Its width comes from how residuals differ between 60 blocks of "
+        "the recordings, so that it also holds where they are no white noise. An amount without an "
+        "interval was found by search, or the recordings do not depend on it."
+    )
+
+
+def energy_sentence(balance: EnergyBalance) -> str:
+    """Returns whether energy adds up, in words."""
+    unexplained = words.quantity(balance.unexplained_w, "W")
+    share = f"{unexplained}, {100.0 * balance.share:.1f} % of what passes through the drives"
+    if not all(one.possible for one in balance.named):
+        return f"A named friction would put energy in, which no friction can ({share} unexplained)."
+    if balance.even:
+        return f"The balance is even: unexplained are {share}."
+    return f"The balance is not even: unexplained are {share}. Something that was named is not it."

@@ -1,0 +1,282 @@
+"""The evidence chain, on a pendulum that SciPy integrates and on made-up numbers."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from gfm.core import CommandKind, Trajectory
+from gfm.diagnosis.attribution import Attribution, Fit, Round
+from gfm.diagnosis.chain import evidence_chain
+from gfm.diagnosis.chain.adequacy import slow_share
+from gfm.diagnosis.chain.confusable import confusable_sets
+from gfm.diagnosis.chain.domains import Agreement, regressed, two_domains
+from gfm.diagnosis.chain.energy import energy_balance
+from gfm.diagnosis.chain.localisation import energy_by
+from gfm.diagnosis.chain.stopping import CLEAN_ROBOTS, FALSE_ALARMS, largest_rate, stopping
+from gfm.diagnosis.chain.torques import torque_domain
+from gfm.diagnosis.problem import WHOLE, make_problem
+from gfm.effects import EffectInstance, find_effect
+
+MASS, LENGTH, ROTOR, STIFFNESS, DAMPING = 0.5, 0.2, 0.02, 20.0, 1.0
+MODEL = f"""
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody><body>
+    <joint name="j" axis="0 -1 0" armature="{ROTOR}"/>
+    <inertial pos="0 0 -{LENGTH}" mass="{MASS}" diaginertia="1e-9 1e-9 1e-9"/>
+    <geom size="0.01" mass="0" pos="0 0 -{LENGTH}"/>
+  </body></worldbody>
+  <actuator><position name="j" joint="j" kp="{STIFFNESS}" kv="{DAMPING}"/></actuator>
+</mujoco>
+"""
+SPECS = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
+NOISE, FRICTION = 1e-4, 0.3
+
+
+def recording(seed=0, friction=0.0, inertia=0.0, duration=8.0):
+    period = 0.01
+    stamps = np.arange(0.0, duration, period)
+    speeds, phases = np.random.default_rng(seed).uniform(1.0, 5.0, (2, 3))
+    told = 0.3 * np.minimum(stamps, 1.0) * np.sin(np.outer(stamps, speeds) + phases).sum(axis=1)
+
+    def motion(time_s, state):
+        q, v = state
+        drive = STIFFNESS * (told[int(time_s / period + 1e-9)] - q) - DAMPING * v
+        torque = drive - MASS * 9.81 * LENGTH * np.sin(q) - friction * np.tanh(v / 1e-3)
+        return [v, torque / (MASS * LENGTH**2 + ROTOR + inertia)]
+
+    answer = solve_ivp(
+        motion, (0.0, stamps[-1]), [0.0, 0.0], t_eval=stamps, max_step=0.01, rtol=1e-7, atol=1e-9
+    )
+    noise = NOISE * np.random.default_rng(seed + 99).standard_normal(len(stamps))
+    stamp_ns = np.round(stamps * 1e9).astype(np.int64)
+    return Trajectory(
+        name=f"run {seed}",
+        joint_names=("j",),
+        stamp_ns=stamp_ns,
+        position=(answer.y[0] + noise)[:, None],
+        velocity=None,
+        effort=None,
+        command_kind=CommandKind.POSITION,
+        command_stamp_ns=stamp_ns,
+        command=told[:, None],
+    )
+
+
+def effect(name, joints=("j",), **values):
+    return EffectInstance(effect=find_effect(name), joints=joints, values=values)
+
+
+@pytest.fixture(scope="module")
+def rubbing():
+    return [recording(friction=FRICTION)]
+
+
+def chain_of(runs, effects, found=None):
+    problem = make_problem(SPECS, runs, windows_s=WHOLE)
+    errors = (problem.position_errors(()), problem.position_errors(effects))
+    return evidence_chain(problem, runs, found, effects, errors)
+
+
+def fitted(instance, cost, base=()):
+    empty = np.zeros(0)
+    return Fit(effects=(*base, instance), cost=cost, jacobian=np.zeros((0, 1)), residual=empty)
+
+
+def found_in(*rounds, left=1.0, nominal=100.0):
+    """An attribution of rounds: cost before, fits, whether the first was accepted."""
+    played = tuple(
+        Round(before=before, screened=(), fits=tuple(fits), accepted=fits[0] if won else None)
+        for before, fits, won in rounds
+    )
+    end = Fit(effects=(), cost=left, jacobian=np.zeros((0, 0)), residual=np.zeros(0))
+    return Attribution(nominal_cost=nominal, fit=end, rounds=played)
+
+
+def test_the_share_of_a_slow_part_is_what_neighbours_have_in_common():
+    rng = np.random.default_rng(0)
+    white = rng.standard_normal(20000)
+    slow = np.sqrt(2.0) * np.sin(np.linspace(0.0, 60.0, 20000))
+    assert slow_share([white]) == pytest.approx(0.0, abs=0.02)
+    assert slow_share([slow]) == pytest.approx(1.0, abs=1e-3)
+    assert slow_share([white[:9000] + slow[:9000], white[9000:] + slow[9000:]]) == pytest.approx(
+        0.5, abs=0.02
+    )
+    assert slow_share([np.zeros(5)]) == 0.0
+
+
+def test_friction_that_a_model_lacks_goes_with_the_sign_of_the_velocity(rubbing):
+    (row,) = chain_of(rubbing, [effect("coulomb_friction", torque=FRICTION)]).adequacy
+    assert row.before.goes_with == "sign_of_velocity"
+    assert row.before.correlations["sign_of_velocity"] < -0.9
+    assert not row.before.adequate
+    assert row.after.adequate
+    assert row.words == "noise"
+
+
+def test_half_of_the_friction_leaves_the_other_half():
+    half = [effect("coulomb_friction", torque=0.5 * FRICTION)]
+    (row,) = chain_of([recording(friction=FRICTION)], half).adequacy
+    assert row.after.goes_with == "sign_of_velocity"
+    assert row.words.startswith("goes with the sign of the velocity (correlation -0.9")
+
+
+def test_thirds_of_time_share_a_torque_that_does_not_care():
+    signal = np.random.default_rng(0).standard_normal(3000)
+    assert energy_by(np.ones(3000), signal) == pytest.approx((1 / 3, 1 / 3, 1 / 3))
+    assert energy_by(np.where(signal > 1.5, 1.0, 0.0), signal) == pytest.approx((0.0, 0.0, 1.0))
+    assert energy_by(np.zeros(3000), signal) == (0.0, 0.0, 0.0)
+
+
+def test_a_torque_at_high_angles_is_found_there(rubbing):
+    spring = [effect("joint_spring", stiffness=2.0, rest_angle=-0.6)]
+    (row,) = chain_of([recording()], spring).regions
+    assert row.misfit_share == 0.0  # nothing is missing: it is not asked where
+    assert row.words == ""
+    (row,) = chain_of(rubbing, ()).regions
+    assert row.misfit_share == row.misfit_share_after == 1.0
+
+
+def test_energy_adds_up_with_the_friction_that_there_is(rubbing):
+    domain = torque_domain(SPECS, rubbing)
+    speed = np.abs(np.gradient(rubbing[0].position[:, 0], 0.01)).mean()
+    told = energy_balance(domain, [effect("coulomb_friction", torque=FRICTION)])
+    assert told.named[0].power_w == pytest.approx(FRICTION * speed, rel=0.05)
+    assert told.missing_w == pytest.approx(told.named[0].power_w, rel=0.05)
+    assert told.even
+
+
+def test_energy_does_not_add_up_without_it_with_too_much_or_with_one_that_drives(rubbing):
+    domain = torque_domain(SPECS, rubbing)
+    assert not energy_balance(domain, ()).even
+    assert not energy_balance(domain, [effect("coulomb_friction", torque=3.0 * FRICTION)]).even
+    pushing = energy_balance(domain, [effect("coulomb_friction", torque=-0.001)])
+    assert not pushing.named[0].possible
+
+
+def test_a_clean_robot_has_an_even_balance_and_stores_what_gravity_takes():
+    told = energy_balance(torque_domain(SPECS, [recording()]), ())
+    assert told.even
+    assert told.named == ()
+    assert told.drive_w == pytest.approx(told.stored_w, abs=0.02 * told.through_w)
+
+
+def test_what_an_effect_adds_is_its_law_or_what_it_changes_in_the_model(rubbing):
+    domain = torque_domain(SPECS, rubbing)
+    velocity = domain.signals().velocity
+    damped = domain.response(effect("viscous_friction", coefficient=0.7))
+    np.testing.assert_allclose(damped, -0.7 * velocity, atol=1e-12)
+    # A heavier rotor needs more torque to speed up: -inertia times acceleration.
+    heavier = domain.response(effect("armature", inertia=0.1))
+    change = np.gradient(velocity[:, 0], 0.1)
+    assert np.corrcoef(heavier[5:-5, 0], -change[5:-5])[0, 1] > 0.97
+    assert not domain.response(effect("backlash", gap=0.1)).any()
+
+
+def test_a_drive_that_was_switched_off_exerts_nothing(rubbing):
+    off = replace(rubbing[0], servo_gain={"j": 0.0})
+    assert not torque_domain(SPECS, [off]).signals().drive.any()
+    half = replace(rubbing[0], servo_gain={"j": 0.5})
+    assert torque_domain(SPECS, [half]).signals().drive.any()
+
+
+def test_a_regression_is_freed_of_what_stands_beside():
+    one, other = np.eye(4)[0], np.eye(4)[0] + np.eye(4)[1]
+    share, factor = regressed(2.0 * one + 3.0 * other, one, [other])
+    assert factor == pytest.approx(2.0)
+    assert share == pytest.approx(1.0)
+    assert regressed(-one, one, []) == (0.0, -1.0)  # the wrong way round explains nothing
+    assert regressed(np.zeros(4), one, []) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("torque", "says"),
+    [(FRICTION, Agreement.AGREES), (3.0 * FRICTION, Agreement.OTHER_AMOUNT)],
+)
+def test_the_missing_torque_is_a_second_witness_of_an_amount(rubbing, torque, says):
+    named = effect("coulomb_friction", torque=torque)
+    found = found_in((100.0, [fitted(named, 2.0)], True))
+    (row,) = two_domains(torque_domain(SPECS, rubbing), found, [named])
+    assert row.rollout_share == pytest.approx(0.98)
+    assert row.torque_share > 0.8
+    assert row.amount == pytest.approx(FRICTION / torque, rel=0.1)
+    assert row.agreement is says
+
+
+def test_the_missing_torque_can_prefer_a_rival(rubbing):
+    wrong = effect("joint_spring", stiffness=0.2, rest_angle=1.0)
+    right = effect("coulomb_friction", torque=FRICTION)
+    found = found_in((100.0, [fitted(wrong, 2.0), fitted(right, 3.0)], True))
+    domain = torque_domain(SPECS, rubbing)
+    row, rival = two_domains(domain, found, [wrong])
+    assert rival.torque_share > row.torque_share
+    assert not rival.named
+    assert row.agreement in (Agreement.OTHER_EFFECT, Agreement.SILENT)
+    viscous = effect("viscous_friction", coefficient=0.3)
+    found = found_in((100.0, [fitted(viscous, 2.0), fitted(right, 3.0)], True))
+    row, _ = two_domains(domain, found, [viscous])
+    assert row.agreement is Agreement.OTHER_EFFECT
+    assert row.rival == "coulomb friction on j"
+
+
+def test_the_missing_torque_is_silent_of_a_motor_apart_from_its_link(rubbing):
+    named = effect("backlash", gap=0.01)
+    found = found_in((100.0, [fitted(named, 2.0)], True))
+    (row,) = two_domains(torque_domain(SPECS, rubbing), found, [named])
+    assert row.agreement is Agreement.SILENT
+    assert row.amount is None
+
+
+def test_names_that_explain_as_much_are_put_beside_the_one_that_was_chosen():
+    offset = effect("torque_offset", torque=0.2)
+    spring = effect("joint_spring", stiffness=0.1, rest_angle=2.0)
+    viscous = effect("viscous_friction", coefficient=0.1)
+    fits = [fitted(offset, 2.0), fitted(spring, 2.1), fitted(viscous, 40.0)]
+    (told,) = confusable_sets(found_in((100.0, fits, True)), [offset])
+    assert [(a.effect, a.equal, a.more_parameters) for a in told.alternatives] == [
+        ("asymmetric_friction", True, 0),
+        ("joint_spring", True, 1),
+    ]
+    assert told.alternatives[1].lost == pytest.approx(0.1 / 98.0)
+
+
+@pytest.mark.parametrize(
+    ("found", "reason"),
+    [
+        (found_in(), "nothing was looked for"),
+        (
+            found_in((100.0, [fitted(effect("torque_offset", torque=0.2), 1.0)], True)),
+            "what is left is noise",
+        ),
+        (
+            found_in((100.0, [fitted(effect("torque_offset", torque=0.2), 99.0)], False)),
+            "no candidate explains enough",
+        ),
+    ],
+)
+def test_it_is_said_why_the_search_ended(found, reason):
+    told = stopping(found)
+    assert reason in told.reason
+    assert len(told.rounds) == len(found.rounds)
+
+
+def test_no_error_in_a_few_cases_leaves_a_rate_possible():
+    assert largest_rate(0, 13) == pytest.approx(1.0 - 0.05 ** (1 / 13))
+    assert largest_rate(13, 13) == 1.0
+    assert largest_rate(1, 100) > largest_rate(0, 100)
+
+
+def test_no_fewer_false_alarms_are_claimed_than_were_recorded():
+    results = Path(__file__).parents[2] / "docs" / "results"
+    truth = (results / "known_truth.md").read_text()
+    right, clean = map(int, re.search(r"none: nothing named .*?(\d+) of (\d+)", truth).groups())
+    runs = (results / "run_random_effects.md").read_text()
+    quiet, driven = map(int, re.search(r"nothing named in\s+(\d+) of (\d+)", runs).groups())
+    assert clean + driven >= CLEAN_ROBOTS
+    recorded = largest_rate(clean + driven - right - quiet, clean + driven)
+    assert recorded <= largest_rate(FALSE_ALARMS, CLEAN_ROBOTS)
