@@ -11,15 +11,19 @@ import numpy as np
 import pytest
 
 from gfm.cli import main
-from gfm.core import CommandKind, Trajectory
+from gfm.core import CommandKind, Trajectory, Weights
 from gfm.diagnosis.problem import cut, measure_noise
 from gfm.diagnosis.result import ModelPair, NamedEffect, ParameterEstimate
 from gfm.effects import EffectInstance, find_effect
 from gfm.recording.writer import write_recording
 from gfm.report.files import model_texts, write_texts
+from gfm.service.force_files import write_forces
 from gfm.service.model_files import read_model
+from gfm.sim.features import make_features
+from gfm.sim.hybrid import HybridModel
 from gfm.sim.plant import make_plant
 from gfm.sim.predict import predict
+from gfm.sim.replay import make_replay
 
 EPOCH_NS = 1_700_000_000_000_000_000
 PENDULUM = """
@@ -204,3 +208,60 @@ def test_what_cannot_be_used_is_one_line_and_leaves_nothing(tmp_path, capsys, ar
     assert len(lines) == 1
     assert lines[0].startswith("error: " + message.format(paths[0], copy=copy))
     assert sorted(tmp_path.iterdir()) == before
+
+
+def learned_forces(folder: Path, joint: str = "a", share: float = 0.4) -> str:
+    """Returns the path of a force model that always gives `share` of its 5 N m."""
+    model = mujoco.MjModel.from_xml_string(
+        PENDULUM.format(step=0.002, damping=DAMPING).replace('"a"', f'"{joint}"')
+    )
+    hybrid = HybridModel(models={CommandKind.POSITION: model}, control_period_s=0.02)
+    seen = replace(recording("seen", 0, 0.0), joint_names=(joint,))
+    features = make_features(hybrid.layout, [make_replay(hybrid, seen)], 5)
+    size, hidden = features.size, 2
+    tensors = {
+        "shift": np.zeros(size),
+        "scale": np.ones(size),
+        "first.weight": np.zeros((hidden, size)),
+        "first.bias": np.zeros(hidden),
+        "norm.weight": np.ones(hidden),
+        "norm.bias": np.zeros(hidden),
+        "mean.weight": np.zeros((1, hidden)),
+        "mean.bias": np.full(1, share),
+        "stddev.weight": np.zeros((1, hidden)),
+        "stddev.bias": np.zeros(1),
+    }
+    single = {name: tensor.astype(np.float32) for name, tensor in tensors.items()}
+    path = folder / f"forces_{joint}.npz"
+    weights = Weights(version=1, created_ns=0, spec_digest="", tensors=single)
+    write_forces(path, hybrid, features, weights)
+    return str(path)
+
+
+def test_learned_forces_are_named_beside_the_verdict(tmp_path, capsys):
+    paths, model = files(tmp_path, 0.0, count=1)
+    out = tmp_path / "out"
+    argv = ["diagnose", *paths, "--model", model, "--out", str(out)]
+    assert main([*argv, "--gfm", learned_forces(tmp_path)]) == 0
+    report = json.loads((out / "report.json").read_text())
+    assert (report["verdict"], report["effects"]) == ("no_gap", [])
+    told = report["gfm"]
+    assert [(e["effect"], e["joints"]) for e in told["effects"]] == [("torque_offset", ["a"])]
+    assert told["effects"][0]["parameters"]["torque"]["value"] == pytest.approx(2.0, rel=1e-3)
+    assert told["named_share"] == pytest.approx(1.0, abs=1e-3)
+    assert report["provenance"]["files"][-1]["role"] == "force model"
+    assert "the recordings support none" in " ".join(capsys.readouterr().out.split())
+    assert "What the learned forces say" in (out / "report.html").read_text()
+
+
+def test_forces_of_another_robot_and_other_files_are_refused_in_one_line(tmp_path, capsys):
+    paths, model = files(tmp_path, 0.0, count=1)
+    argv = ["diagnose", *paths, "--model", model, "--out", str(tmp_path / "out"), "--gfm"]
+    other = learned_forces(tmp_path, joint="b")
+    assert main([*argv, other]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == (f"error: {other}: force model of another robot: it observes b; recorded are a")
+    assert main([*argv, model]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"error: {model}: damaged or no gfm.forces/1 file")
+    assert not (tmp_path / "out").exists()

@@ -26,6 +26,7 @@ from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.chain import evidence_chain
 from gfm.diagnosis.correction import corrected_model
 from gfm.diagnosis.intervals import half_widths
+from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.naming import fitly_named, twins
 from gfm.diagnosis.problem import LONG, WHOLE, Problem, make_problem
 from gfm.diagnosis.quality import all_findings, doubts
@@ -43,6 +44,7 @@ from gfm.diagnosis.result import (
 from gfm.diagnosis.usual import usually_missing
 from gfm.effects import EffectInstance, effect_library
 from gfm.excitation.blind_spots import blind_spots
+from gfm.sim.learned import LearnedForces
 
 #: Held-out RMSE, in units of the sensor noise, up to which a model counts as adequate.
 ADEQUATE_RATIO = 1.25
@@ -87,6 +89,7 @@ def diagnose(
     provenance: Mapping[str, object] | None = None,
     notes: Sequence[str] = (),
     given: Sequence[EffectInstance] = (),
+    learned: Sequence[LearnedForces] = (),
 ) -> Diagnosis:
     """Returns what `specs` lack to explain `recordings`, judged on `holdout`.
 
@@ -98,9 +101,10 @@ def diagnose(
         provenance: What the result should say about where it came from.
         notes: Remarks of the caller that a reader should see.
         given: Effects of the nominal model that `specs` cannot say.
+        learned: Forces that were fitted to recordings under the nominal model, to be named, too.
 
     Raises:
-        BadInputError: recordings and models do not belong together.
+        BadInputError: recordings, models and forces do not belong together.
     """
     report("measuring the nominal model")
     problem = make_problem(specs, recordings, given=given, most_s=LOOKED_AT_S)
@@ -139,6 +143,7 @@ def diagnose(
         corrected_effects=first.effects,
         twins=corrected if len(corrected) > 1 else {},
         chain=evidence_chain(held, holdout, found, instances, (errors.before, errors.after)),
+        gfm=learned_report(long, recordings, learned) if learned else None,
         plots=_plots(problem, recordings, instances, errors),
         notes=(*notes, *doubts(findings), *_notes(verdict, outside=bool(first.effects))),
         provenance=dict(provenance or {}),

@@ -12,6 +12,7 @@ from enum import StrEnum
 from gfm.core import CommandKind
 from gfm.core.checks import Array
 from gfm.diagnosis.chain import EvidenceChain
+from gfm.diagnosis.learned import LearnedReport
 from gfm.diagnosis.quality import Finding
 from gfm.effects import EffectInstance, find_effect
 from gfm.excitation.blind_spots import BlindSpot
@@ -201,6 +202,7 @@ class Diagnosis:
         corrected_effects: What it cannot say, see `ModelPair`.
         twins: The corrected models by kind of command, where there was more than one.
         chain: The evidence step by step.
+        gfm: What learned forces say, where there are any.
         plots: Evidence, in the order in which it should be read.
         notes: What a reader should know: assumptions, doubts, what to record next.
         provenance: Files, hashes, versions, seed.
@@ -219,6 +221,7 @@ class Diagnosis:
     findings: tuple[Finding, ...] = ()
     blind_spots: tuple[BlindSpot, ...] = ()
     chain: EvidenceChain | None = None
+    gfm: LearnedReport | None = None
     plots: tuple[EvidencePlot, ...] = ()
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, object] = field(default_factory=dict)

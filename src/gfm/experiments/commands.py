@@ -148,6 +148,15 @@ def add_diagnose_parser(subparsers: Subparsers) -> None:
         metavar="TOPIC",
         help="commands (default: %(default)s)",
     )
+    parser.add_argument(
+        "--gfm",
+        nargs="+",
+        action="extend",
+        type=Path,
+        default=[],
+        metavar="FORCES.npz",
+        help="learned forces to name, too (checkpoints/forces.npz of a run); several are averaged",
+    )
     parser.add_argument("--seed", type=int, default=0, help="kept in the report")
     parser.set_defaults(run=run_diagnose)
 
@@ -164,6 +173,7 @@ def run_diagnose(arguments: argparse.Namespace) -> int:
         joint_states=arguments.joint_states,
         command=arguments.command,
         seed=arguments.seed,
+        gfm=tuple(arguments.gfm),
     )
     diagnose_files(request, Console(), Console(file=sys.stderr))
     return 0

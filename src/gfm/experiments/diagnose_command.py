@@ -28,6 +28,9 @@ from gfm.experiments.refusals import check_usable
 from gfm.recording.schemas import COMMAND, JOINT_STATES
 from gfm.report import print_diagnosis, write_diagnosis
 from gfm.report.files import forget_effects
+from gfm.service.force_files import read_forces
+from gfm.sim.learned import LearnedForces
+from gfm.sim.learned_along import check_robot
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +45,7 @@ class DiagnoseRequest:
         joint_states: Topic of the measurements.
         command: Topic of the commands.
         seed: Of everything random; the diagnosis has nothing random today, and says so.
+        gfm: Fitted force models, whose forces are to be named.
     """
 
     recordings: tuple[Path, ...]
@@ -51,6 +55,7 @@ class DiagnoseRequest:
     joint_states: str = JOINT_STATES
     command: str = COMMAND
     seed: int = 0
+    gfm: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         check_folder(self.out)
@@ -89,6 +94,7 @@ def _diagnosed(request: DiagnoseRequest, progress: Console) -> Diagnosis:
     count, read = len(request.recordings), list(zip(paths, recordings, strict=True))
     check_together(nominal.specs, read)
     check_usable(nominal.specs, read[:count], read[count:])
+    learned = _read_learned(request.gfm, recordings[0].joint_names)
     training, holdout, notes = recordings[:count], recordings[count:], []
     if not holdout:
         training, holdout, note = split(training)
@@ -97,6 +103,7 @@ def _diagnosed(request: DiagnoseRequest, progress: Console) -> Diagnosis:
         "model": nominal.files,
         "recording": request.recordings,
         "held-out recording": request.holdout,
+        "force model": request.gfm,
     }
     return diagnose(
         nominal.specs,
@@ -106,7 +113,25 @@ def _diagnosed(request: DiagnoseRequest, progress: Console) -> Diagnosis:
         provenance=provenance(files, request.seed, command_line()),
         notes=notes,
         given=nominal.effects,
+        learned=learned,
     )
+
+
+def _read_learned(paths: Sequence[Path], joints: tuple[str, ...]) -> list[LearnedForces]:
+    """Returns the force models in files.
+
+    Raises:
+        BadInputError: one of them cannot be read, or was fitted to another robot.
+    """
+    learned = []
+    for path in paths:
+        forces = read_forces(path)
+        try:
+            check_robot(forces, joints)
+        except ConfigError as exc:
+            raise ConfigError(f"{path}: {exc}") from exc
+        learned.append(forces)
+    return learned
 
 
 def _say(progress: Console, words: str) -> None:

@@ -25,6 +25,7 @@ from gfm.report.figures import (
     points_per_series,
     series_count,
 )
+from gfm.report.learned_document import learned_json
 from gfm.report.page import render_page
 
 
@@ -64,6 +65,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, object]:
         "input_quality": [dict(vars(finding)) for finding in diagnosis.findings],
         "blind_spots": [dict(vars(spot)) for spot in diagnosis.blind_spots],
         "evidence": chain_json(diagnosis.chain),
+        "gfm": learned_json(diagnosis),
         "notes": diagnosis.notes,
         "provenance": diagnosis.provenance,
     }

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from gfm.diagnosis.quality import gathered
-from gfm.report import chain_document, words
+from gfm.report import chain_document, learned_document, words
 from gfm.report.figures import Picture
 
 
@@ -47,6 +47,8 @@ def _environment() -> Environment:
         "delays_found": chain_document.delays_found,
         "doubts_found": chain_document.doubts_found,
         "energy_sentence": chain_document.energy_sentence,
+        "both_say": learned_document.both_say,
+        "learned_sentence": learned_document.learned_sentence,
         "hundredths": chain_document.hundredths,
         "goes_with": chain_document.goes_with,
         "stopping_sentence": chain_document.stopping_sentence,

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from gfm.diagnosis.result import Diagnosis, NamedEffect
 from gfm.report import words
+from gfm.report.learned_document import learned_sentence
 from gfm.report.reveal import EffectCheck, Reveal, reveal
 from gfm.report.run import Comparison, ComparisonLine, RunReport, SystemFacts
 
@@ -105,6 +106,8 @@ def _suspects_table(diagnosis: Diagnosis) -> Table:
 
 
 def _print_remarks(console: Console, diagnosis: Diagnosis) -> None:
+    if learned := learned_sentence(diagnosis):
+        console.print(Text(learned))
     for recording in diagnosis.recordings:
         for warning in recording.warnings:
             console.print(Text(f"! {recording.name}: {warning}", style="yellow"))

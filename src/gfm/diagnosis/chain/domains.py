@@ -53,7 +53,8 @@ class TwoDomains:
         named: Whether it is part of the verdict.
         rollout_share: Of the squared position residual that effects found before it leave, the
             share that it explains on training recordings; None where it was not weighed by itself.
-        torque_share: The same of the missing torque on its joints, on held-out recordings.
+        torque_share: The same of the missing torque on its joints, on held-out recordings, while
+            they move.
         amount: By torque, as a multiple of that by rollouts; None where the torque says nothing.
         agreement: Of a named effect; None for others.
         rival: The candidate that the torque prefers, where it does, in words.
@@ -92,8 +93,9 @@ def two_domains(
     others = sorted(
         (c for key, c in fitted.items() if key not in taken), key=lambda c: -(c.share or 0.0)
     )[:MOST_SUSPECTS]
-    told = {c.instance.key: domain.response(c.instance) for c in (*mine, *others)}
-    missing = domain.missing()
+    moving = domain.moving()
+    told = {c.instance.key: moving * domain.response(c.instance) for c in (*mine, *others)}
+    missing = moving * domain.missing()
     pairs = [(c, _row(c, domain, missing, told, tuple(e.key for e in named))) for c in mine]
     rest = [(c, _row(c, domain, missing, told, ())) for c in others]
     return (*(_judged(c, row, rest) for c, row in pairs), *(row for _, row in rest))

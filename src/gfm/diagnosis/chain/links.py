@@ -18,7 +18,7 @@ from gfm.diagnosis.chain.localisation import JointRegions, localisation
 from gfm.diagnosis.chain.stopping import Stopping, stopping
 from gfm.diagnosis.chain.torques import torque_domain
 from gfm.diagnosis.problem import Problem
-from gfm.effects import EffectInstance
+from gfm.effects import EffectInstance, Scope
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +58,7 @@ def evidence_chain(
         effects: What became part of the verdict, with its amounts.
         errors: Position errors of rollouts before and after, per segment, rad, (T, J) each.
     """
+    effects = [e for e in effects if e.effect.scope is not Scope.OBJECT]  # joints do not feel it
     domain = torque_domain(problem.specs, holdout, problem.given)
     missing, signals = (domain.missing(), domain.missing(effects)), domain.signals()
     noise, joints = problem.noise.position, problem.joints

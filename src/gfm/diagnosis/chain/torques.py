@@ -24,12 +24,17 @@ from gfm.diagnosis.candidates import TorqueView
 from gfm.diagnosis.quality.finding import held_command
 from gfm.diagnosis.signals import smooth_states
 from gfm.effects import EffectInstance
+from gfm.effects.friction import SIGN_WIDTH_RAD_S
 from gfm.sim.compensation import compensation_error
 from gfm.sim.plant import Plant, make_plant
 from gfm.sim.predict import Segment, applied_commands
 
 #: Length of a block, s: short beside a motion, long beside the noise of accelerations.
 BLOCK_S = 0.1
+#: Speed from which on a block counts as motion, rad/s: three times the width over which the laws of
+#: dry friction change sign. At rest such a friction is whatever holds the joint, and no law says
+#: how much that is: an offset or a weak drive would always explain it better.
+MOVES_RAD_S = 3.0 * SIGN_WIDTH_RAD_S
 #: Measurements that are looked at, of all recordings together: more take time and say the same.
 MOST_SAMPLES = 6000
 
@@ -67,10 +72,10 @@ class TorqueDomain:
         """Returns the torque that the model with `effects` lacks, block means, N m, (B, J)."""
         others = self.in_model(effects)
         views = self.views_with(others)
-        left = self._blocks([view.missing for view in views])
+        left = self.blocks([view.missing for view in views])
         for instance in effects:
             if (law := self.law(instance)) is not None:
-                left -= self._blocks(law)
+                left -= self.blocks(law)
         return left
 
     def response(self, instance: EffectInstance) -> Array:
@@ -80,10 +85,10 @@ class TorqueDomain:
         """
         law = self.law(instance)
         if law is not None:
-            return self._blocks(law)
+            return self.blocks(law)
         if instance.effect.separates_motor:
             return np.zeros_like(self.missing())
-        with_it = self._blocks([view.missing for view in self.views_with([instance])])
+        with_it = self.blocks([view.missing for view in self.views_with([instance])])
         return self.missing() - with_it
 
     def signals(self) -> Signals:
@@ -91,12 +96,17 @@ class TorqueDomain:
         changes = [_command_change(recording) for recording in self.recordings]
         velocities = [view.velocity for view in self.views]
         return Signals(
-            position=self._blocks([view.position for view in self.views]),
-            velocity=self._blocks(velocities),
-            sign_of_velocity=self._blocks([np.sign(velocity) for velocity in velocities]),
-            drive=self._blocks([view.drive for view in self.views]),
-            command_change=self._blocks(changes),
+            position=self.blocks([view.position for view in self.views]),
+            velocity=self.blocks(velocities),
+            sign_of_velocity=self.blocks([np.sign(velocity) for velocity in velocities]),
+            drive=self.blocks([view.drive for view in self.views]),
+            command_change=self.blocks(changes),
         )
+
+    def moving(self) -> Array:
+        """Returns 1 where a joint moves in a block and 0 where it rests, shape (B, J)."""
+        velocity = self.blocks([view.velocity for view in self.views])
+        return (np.abs(velocity) > MOVES_RAD_S).astype(float)
 
     def touched(self, instance: EffectInstance) -> list[int]:
         """Returns the numbers of the joints on which an effect acts: all, for one of the robot."""
@@ -136,7 +146,8 @@ class TorqueDomain:
             rows.append(row)
         return rows
 
-    def _blocks(self, rows: Sequence[Array]) -> Array:
+    def blocks(self, rows: Sequence[Array]) -> Array:
+        """Returns the block means of rows at the measurements, (T, J) each, shape (B, J)."""
         return np.concatenate(
             [_means(row, r) for row, r in zip(rows, self.recordings, strict=True)]
         )
