@@ -51,7 +51,7 @@ class Law:
 
 
 def recording(seed=0):
-    """A motion of sines that stops in between; nobody has to have moved so."""
+    """A motion of sines that stops in the end, under commands that have little to do with it."""
     stamps = np.arange(1200) * 0.01
     speeds, phases = np.random.default_rng(seed).uniform(1.0, 4.0, (2, 3))
     waves = 0.4 * np.sin(np.outer(np.minimum(stamps, 9.0), speeds) + phases).sum(axis=1)
@@ -65,7 +65,7 @@ def recording(seed=0):
         effort=None,
         command_kind=CommandKind.POSITION,
         command_stamp_ns=stamp_ns,
-        command=waves[:, None],
+        command=waves[:, None] + 0.1 * np.sin(5.0 * stamps)[:, None],
     )
 
 

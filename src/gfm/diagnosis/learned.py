@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
@@ -160,7 +161,7 @@ class _Search:
     domain: TorqueDomain
     learned: Array
     moving: Array
-    asked: Array
+    asked: NDArray[np.intp]
     scales: Sequence[Scales]
     probes: dict[tuple[object, ...], list[tuple[list[EffectInstance], Array]]] = field(
         default_factory=dict
@@ -198,7 +199,7 @@ class _Search:
             self.probes[place.key] = told
         return self.probes[place.key]
 
-    def touched(self, place: Place) -> Array:
+    def touched(self, place: Place) -> NDArray[np.bool_]:
         """Returns which of the joints that are asked an effect acts on, shape (A,)."""
         names = place.joints or self.domain.joints
         return np.array([self.domain.joints[j] in names for j in self.asked])
@@ -243,7 +244,7 @@ def _first_order(search: _Search, place: Place, left: Array) -> float:
 def _regressed(torques: Array, left: Array) -> tuple[Array, Array]:
     """Returns the weights of probes (B, A, P) that leave least, (P,), and what they leave."""
     columns = torques.reshape(-1, torques.shape[2])
-    weights = np.linalg.lstsq(columns, left.ravel(), rcond=1e-6)[0]
+    weights = np.asarray(np.linalg.lstsq(columns, left.ravel(), rcond=1e-6)[0], np.float64)
     return weights, left - (columns @ weights).reshape(left.shape)
 
 
