@@ -185,6 +185,18 @@ def test_a_drive_that_was_switched_off_exerts_nothing(rubbing):
     assert torque_domain(SPECS, [half]).signals().drive.any()
 
 
+def test_a_dense_recording_is_looked_at_over_its_whole_length(rubbing):
+    stamps = np.arange(0.0, 8.0, 1e-3)
+    stamp_ns = np.round(stamps * 1e9).astype(np.int64)
+    position = 0.4 * np.sin(stamps)[:, None]
+    dense = replace(rubbing[0], stamp_ns=stamp_ns, position=position)
+    domain = torque_domain(SPECS, [dense])
+    assert len(domain.recordings[0].stamp_ns) == 800
+    velocity = domain.signals().velocity[:, 0]
+    middles = 0.045 + 0.1 * np.arange(80)
+    np.testing.assert_allclose(velocity[1:-1], 0.4 * np.cos(middles[1:-1]), atol=2e-3)
+
+
 def test_a_regression_is_freed_of_what_stands_beside():
     one, other = np.eye(4)[0], np.eye(4)[0] + np.eye(4)[1]
     share, factor = regressed(2.0 * one + 3.0 * other, one, [other])

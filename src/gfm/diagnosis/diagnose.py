@@ -112,6 +112,7 @@ def diagnose(
         specs, recordings, problem.noise, given=given, windows_s=LONG, most_s=LOOKED_AT_S
     )
     held = make_problem(specs, holdout, problem.noise, given=given, windows_s=WHOLE)
+    told = learned_report(long, recordings, learned) if learned else None
     lack = _lacking(recordings)
     found = _attribute(problem, long, recordings, report) if not lack else None
     instances = found.fit.effects if found else ()
@@ -143,7 +144,7 @@ def diagnose(
         corrected_effects=first.effects,
         twins=corrected if len(corrected) > 1 else {},
         chain=evidence_chain(held, holdout, found, instances, (errors.before, errors.after)),
-        gfm=learned_report(long, recordings, learned) if learned else None,
+        gfm=told,
         plots=_plots(problem, recordings, instances, errors),
         notes=(*notes, *doubts(findings), *_notes(verdict, outside=bool(first.effects))),
         provenance=dict(provenance or {}),

@@ -35,8 +35,9 @@ BLOCK_S = 0.1
 #: dry friction change sign. At rest such a friction is whatever holds the joint, and no law says
 #: how much that is: an offset or a weak drive would always explain it better.
 MOVES_RAD_S = 3.0 * SIGN_WIDTH_RAD_S
-#: Measurements that are looked at, of all recordings together: more take time and say the same.
-MOST_SAMPLES = 6000
+#: Measurements per second, and of all recordings together, that are looked at: more take time and
+#: say the same.
+RATE_HZ, MOST_SAMPLES = 100.0, 6000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,7 +162,7 @@ def torque_domain(
     """Returns recordings as torques under the model `specs`, beside which `given` stands."""
     joints = recordings[0].joint_names
     share = MOST_SAMPLES // len(recordings)
-    looked_at = tuple(_beginning(recording, share) for recording in recordings)
+    looked_at = tuple(_looked_at(recording, share) for recording in recordings)
     return TorqueDomain(
         specs=specs,
         joints=joints,
@@ -249,15 +250,19 @@ def _with_servo_gain(plant: Plant, recording: Trajectory) -> mujoco.MjModel:
     return model
 
 
-def _beginning(recording: Trajectory, samples: int) -> Trajectory:
-    """Returns the first measurements of a recording."""
-    keep = slice(0, samples)
+def _looked_at(recording: Trajectory, samples: int) -> Trajectory:
+    """Returns the first measurements of a recording, thinned (and smoothed before) where dense."""
+    stride = max(int(RATE_HZ**-1 / float(np.median(np.diff(recording.time_s))) + 1e-6), 1)
+    keep = slice(0, samples * stride, stride)
+    smooth = recording.position
+    if stride > 1:
+        smooth = smooth_states(recording.time_s, recording.position)[0]
     return replace(
         recording,
         stamp_ns=recording.stamp_ns[keep],
-        position=recording.position[keep],
-        velocity=None if recording.velocity is None else recording.velocity[keep],
-        effort=None if recording.effort is None else recording.effort[keep],
+        position=smooth[keep],
+        velocity=None,
+        effort=None,
     )
 
 
