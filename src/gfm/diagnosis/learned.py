@@ -26,6 +26,7 @@ from gfm.diagnosis.chain.torques import TorqueDomain, torque_domain
 from gfm.diagnosis.naming import fitly_named
 from gfm.diagnosis.problem import Problem
 from gfm.effects import EffectInstance, Scales, effect_library
+from gfm.effects.effect import ProbeGroup
 from gfm.sim.hybrid import HybridModel
 from gfm.sim.learned import LearnedForces
 from gfm.sim.learned_along import joint_forces_along
@@ -37,8 +38,8 @@ LOUD = 0.05
 #: Share of what is left of the force on its joints that a name must explain: a regression onto a
 #: network leaves a fifth of a signal out easily. And the share of all the force there.
 WORTH, LEAST = 0.2, 0.02
-#: Names at most, and rounds in which all that were found are refitted together.
-MOST_NAMES, SWEEPS = 6, 3
+#: Names at most.
+MOST_NAMES = 6
 #: Candidates whose amount is checked by their own law in each round, best to first order.
 SHORTLIST = 6
 
@@ -143,10 +144,19 @@ def _forces(problem: Problem, forces: LearnedForces, recordings: Sequence[Trajec
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Found:
-    """A name with its torque, N m, shape (B, J)."""
+class _Probed:
+    """An effect at a place with one group of its probes and their torques, shape (B, A, P)."""
 
     place: Place
+    instances: Sequence[EffectInstance]
+    torques: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    """A name with its torque, N m, shape (B, J), and the probes that it was found by."""
+
+    probed: _Probed
     instance: EffectInstance
     torque: Array
 
@@ -163,9 +173,7 @@ class _Search:
     moving: Array
     asked: NDArray[np.intp]
     scales: Sequence[Scales]
-    probes: dict[tuple[object, ...], list[tuple[list[EffectInstance], Array]]] = field(
-        default_factory=dict
-    )
+    probes: dict[tuple[object, ...], list[_Probed]] = field(default_factory=dict)
 
     def weighed(self, torque: Array) -> Array:
         """Returns a torque (B, J) on the joints that are asked, in units of theirs, (B, A)."""
@@ -184,20 +192,21 @@ class _Search:
             if set(place.joints) <= asked or len(place.joints) > 2 or not place.joints
         ]
 
-    def groups(self, place: Place) -> list[tuple[list[EffectInstance], Array]]:
-        """Returns an effect's probes and the torques of each group, shape (B, A, probes)."""
+    def groups(self, place: Place) -> list[_Probed]:
+        """Returns an effect's groups of probes."""
         if place.key not in self.probes:
             first = self.domain.joints.index(place.joints[0]) if place.joints else 0
-            told = []
-            for group in place.effect.probes(self.scales[first]):
-                instances = [
-                    EffectInstance(effect=place.effect, joints=place.joints, values=values)
-                    for values in group
-                ]
-                torques = [self.weighed(self.domain.response(one)) for one in instances]
-                told.append((instances, np.stack(torques, axis=2)))
-            self.probes[place.key] = told
+            groups = place.effect.probes(self.scales[first])
+            self.probes[place.key] = [self._probed(place, group) for group in groups]
         return self.probes[place.key]
+
+    def _probed(self, place: Place, group: ProbeGroup) -> _Probed:
+        instances = [
+            EffectInstance(effect=place.effect, joints=place.joints, values=values)
+            for values in group
+        ]
+        torques = [self.weighed(self.domain.response(one)) for one in instances]
+        return _Probed(place=place, instances=instances, torques=np.stack(torques, axis=2))
 
     def touched(self, place: Place) -> NDArray[np.bool_]:
         """Returns which of the joints that are asked an effect acts on, shape (A,)."""
@@ -208,10 +217,10 @@ class _Search:
 def _named(search: _Search, problem: Problem) -> tuple[LearnedName, ...]:
     found: list[_Found] = []
     while len(search.asked) and len(found) < MOST_NAMES:
-        best = _best(search, found)
-        if best is None:
+        better = _one_more(search, found)
+        if better is None:
             break
-        found = _refitted(search, [*found, best])
+        found = better
     effects = tuple(one.instance for one in found)
     columns = np.zeros((0, len(free_parameters(effects))))
     fit = Fit(effects=effects, cost=0.0, jacobian=columns, residual=np.zeros(0))
@@ -222,45 +231,49 @@ def _named(search: _Search, problem: Problem) -> tuple[LearnedName, ...]:
     )
 
 
-def _best(search: _Search, found: Sequence[_Found]) -> _Found | None:
-    """Returns the name that explains most of what is left, if one explains enough."""
-    left = _left(search, found)
-    taken = {one.place.key for one in found}
-    rough = [(p, _first_order(search, p, left)) for p in search.candidates() if p.key not in taken]
-    rough = sorted(rough, key=lambda pair: -pair[1])[:SHORTLIST]
-    tried = [one for place, gain in rough if gain > 0.0 for one in _fits(search, place, left)]
-    tried = [one for one in tried if _enough(search, one, left)]
-    return max(tried, key=lambda one: _score(search, one, left), default=None)
+def _one_more(search: _Search, found: Sequence[_Found]) -> list[_Found] | None:
+    """Returns what was found and the name that explains most beside it, all refitted together.
+
+    None where no name explains enough.
+    """
+    taken = {one.probed.place.key for one in found}
+    before = [one.probed for one in found]
+    probed = [g for p in search.candidates() if p.key not in taken for g in search.groups(p)]
+    gains = [-float(np.sum(_weights(search, [*before, one])[1] ** 2)) for one in probed]
+    best = [probed[i] for i in np.argsort(gains)[::-1][:SHORTLIST]]
+    tried = [together for one in best if (together := _together(search, [*before, one]))]
+    tried = [together for together in tried if _enough(search, found, together)]
+    return max(tried, key=lambda together: _score(search, together), default=None)
 
 
-def _first_order(search: _Search, place: Place, left: Array) -> float:
-    """Returns the squares that a place's probes take from what is left, at most."""
-    return max(
-        float(np.sum(left**2) - np.sum(_regressed(torques, left)[1] ** 2))
-        for _, torques in search.groups(place)
-    )
+def _weights(search: _Search, probed: Sequence[_Probed]) -> tuple[list[Array], Array]:
+    """Returns the weights of all probes together, (P,) each, and what they leave, (B, A)."""
+    learned = search.weighed(search.learned)
+    columns = np.concatenate([one.torques for one in probed], axis=2).reshape(learned.size, -1)
+    sizes = np.linalg.norm(columns, axis=0) + 1e-12
+    weights = np.linalg.lstsq(columns / sizes, learned.ravel(), rcond=1e-6)[0] / sizes
+    left = learned - (columns @ weights).reshape(learned.shape)
+    ends = np.cumsum([one.torques.shape[2] for one in probed])
+    return [np.asarray(w) for w in np.split(weights, ends[:-1])], np.asarray(left)
 
 
-def _regressed(torques: Array, left: Array) -> tuple[Array, Array]:
-    """Returns the weights of probes (B, A, P) that leave least, (P,), and what they leave."""
-    columns = torques.reshape(-1, torques.shape[2])
-    weights = np.asarray(np.linalg.lstsq(columns, left.ravel(), rcond=1e-6)[0], np.float64)
-    return weights, left - (columns @ weights).reshape(left.shape)
+def _together(search: _Search, probed: Sequence[_Probed]) -> list[_Found] | None:
+    """Returns effects in the amounts that their probes say together, with their own laws' torques.
 
-
-def _fits(search: _Search, place: Place, left: Array) -> list[_Found]:
-    """Returns an effect in the amounts that its probes say, each with the torque of its own law."""
+    None where an amount is none that the effect can have.
+    """
     found = []
-    for instances, torques in search.groups(place):
-        weights, _ = _regressed(torques, left)
-        values = place.effect.combine([i.values for i in instances], [float(w) for w in weights])
+    for one, weights in zip(probed, _weights(search, probed)[0], strict=True):
+        effect = one.place.effect
+        values = effect.combine([i.values for i in one.instances], [float(w) for w in weights])
         if values is None:
-            continue
-        usual = place.effect.canonical(values)
-        instance = EffectInstance(effect=place.effect, joints=place.joints, values=usual)
-        if not at_bound(instance):
-            torque = search.domain.response(instance)
-            found.append(_Found(place=place, instance=instance, torque=torque))
+            return None
+        usual = effect.canonical(values)
+        instance = EffectInstance(effect=effect, joints=one.place.joints, values=usual)
+        if at_bound(instance):
+            return None
+        torque = search.domain.response(instance)
+        found.append(_Found(probed=one, instance=instance, torque=torque))
     return found
 
 
@@ -268,44 +281,30 @@ def _left(search: _Search, found: Sequence[_Found]) -> Array:
     return search.weighed(search.learned - sum((o.torque for o in found), np.zeros(())))
 
 
-def _taken(search: _Search, one: _Found, left: Array) -> float:
-    """Returns the squares that a name takes from what is left."""
-    return float(np.sum(left**2) - np.sum((left - search.weighed(one.torque)) ** 2))
-
-
-def _score(search: _Search, one: _Found, left: Array) -> float:
-    """Returns what a name takes, less what each of its parameters has to take.
+def _score(search: _Search, found: Sequence[_Found]) -> float:
+    """Returns how little is left, each parameter of the newest name having its price.
 
     What is no force itself (a gain, a shifted encoder) is no rival of a force that takes as much.
     """
-    effect = one.instance.effect
-    no_force = search.domain.law(one.instance) is None
+    effect, no_force = found[-1].instance.effect, search.domain.law(found[-1].instance) is None
     price = LEAST_GAIN * (len(effect.parameters) - len(effect.fixed) + no_force)
-    return _taken(search, one, left) - price * float(np.sum(left**2))
+    before = float(np.sum(_left(search, found[:-1]) ** 2))
+    return -float(np.sum(_left(search, found) ** 2)) - price * before
 
 
-def _enough(search: _Search, one: _Found, left: Array) -> bool:
-    touched = search.touched(one.place)
-    there = float(np.sum(left[:, touched] ** 2))
-    taken = _taken(search, one, left)
-    return taken > WORTH * there and taken > LEAST * len(left) * int(touched.sum())
-
-
-def _refitted(search: _Search, found: list[_Found]) -> list[_Found]:
-    """Returns the names with their amounts fitted in turn, each to what the others leave."""
-    for _ in range(SWEEPS if len(found) > 1 else 0):
-        for i, one in enumerate(found):
-            left = _left(search, [o for o in found if o is not one])
-            again = _fits(search, one.place, left)
-            found[i] = max([one, *again], key=lambda f: _taken(search, f, left))
-    return found
+def _enough(search: _Search, found: Sequence[_Found], together: Sequence[_Found]) -> bool:
+    """Returns whether the newest name makes enough of a difference on its joints."""
+    touched = search.touched(together[-1].probed.place)
+    before, after = (_left(search, names)[:, touched] for names in (found, together))
+    taken = float(np.sum(before**2) - np.sum(after**2))
+    return taken > WORTH * float(np.sum(before**2)) and taken > LEAST * before.size
 
 
 def _share(search: _Search, one: _Found, others: Sequence[_Found]) -> float:
     """Returns the share of the force on its joints that a name explains besides the others."""
-    touched = search.touched(one.place)
-    power = len(search.learned) * int(touched.sum())
-    return _taken(search, one, _left(search, others)) / power
+    touched = search.touched(one.probed.place)
+    without, whole = (_left(search, names)[:, touched] for names in (others, [one, *others]))
+    return float(np.sum(without**2) - np.sum(whole**2)) / without.size
 
 
 def _joints(search: _Search, names: Sequence[LearnedName], drive: Array) -> tuple[JointForce, ...]:
