@@ -257,6 +257,19 @@ def test_names_that_explain_as_much_are_put_beside_the_one_that_was_chosen():
     assert told.alternatives[1].lost == pytest.approx(0.1 / 98.0)
 
 
+def test_what_was_found_together_was_weighed_against_nothing_alone():
+    offset = effect("torque_offset", torque=0.2)
+    viscous = effect("viscous_friction", coefficient=0.1)
+    fits = [fitted(viscous, 2.0, base=(offset,)), fitted(viscous, 60.0)]
+    found = found_in((100.0, fits, True))
+    found = replace(found, rounds=(replace(found.rounds[0], together=True),))
+    told = confusable_sets(found, [viscous])
+    assert (told[0].weighed, told[0].alternatives) == (False, ())
+    (row,) = stopping(found).rounds
+    assert row.best == "2 effects together"
+    assert row.needed == pytest.approx(0.7)
+
+
 @pytest.mark.parametrize(
     ("found", "reason"),
     [

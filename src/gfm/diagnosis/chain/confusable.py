@@ -44,12 +44,22 @@ class Alternative:
 
 @dataclass(frozen=True, kw_only=True)
 class ConfusableSet:
-    """A named effect with its alternatives, nearest first, and the motion that shows itself."""
+    """A named effect with its alternatives.
+
+    Attributes:
+        effect: Name.
+        joints: Where.
+        alternatives: Nearest first.
+        shown_by: The motion that shows it itself, in words.
+        weighed: Whether others were fitted in its place: what was found together with another
+            effect, or on another joint first, was not.
+    """
 
     effect: str
     joints: tuple[str, ...]
     alternatives: tuple[Alternative, ...]
     shown_by: str
+    weighed: bool = True
 
 
 def confusable_sets(
@@ -63,6 +73,7 @@ def confusable_sets(
             joints=instance.joints,
             alternatives=_alternatives(instance, found.rounds, taken),
             shown_by=instance.effect.shown_by,
+            weighed=any(_won(this, instance) for this in found.rounds),
         )
         for instance in named
     )
@@ -75,7 +86,7 @@ def _alternatives(
     found = [_alternative(other, 0.0) for other in others]
     names = {instance.key, *(other.key for other in others)}
     for this in rounds:
-        if this.accepted is None or this.fits[0].effects[-1].key not in names:
+        if not _won(this, instance):
             continue
         best = this.fits[0]
         found += [
@@ -85,6 +96,13 @@ def _alternatives(
             and f.effects[-1].key not in names | taken
         ]
     return tuple(sorted(found, key=lambda one: one.lost))
+
+
+def _won(this: Round, instance: EffectInstance) -> bool:
+    """Returns whether an effect was accepted in a round alone, by any of its names."""
+    names = {instance.key, *(other.key for other, _ in twins([instance]))}
+    alone = this.accepted is not None and not this.together
+    return alone and this.fits[0].effects[-1].key in names
 
 
 def _lost(fitted: Fit, best: Fit, before: float) -> float:

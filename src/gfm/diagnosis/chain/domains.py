@@ -89,7 +89,7 @@ def two_domains(
     """Returns named effects, and the best that were not, before both witnesses."""
     fitted = _fitted(found)
     taken = {e.key for e in named} | {t.key for t, _ in twins(named)}
-    mine = [_as_found(instance, fitted) for instance in named]
+    mine = [_as_found(instance, fitted, named) for instance in named]
     others = sorted(
         (c for key, c in fitted.items() if key not in taken), key=lambda c: -(c.share or 0.0)
     )[:MOST_SUSPECTS]
@@ -105,7 +105,7 @@ def _fitted(found: Attribution) -> dict[Key, _Candidate]:
     """Returns every candidate that was fitted, in the round in which it explained most."""
     best: dict[Key, _Candidate] = {}
     for number, this in enumerate(found.rounds):
-        for one in this.fits:
+        for one in this.fits[1:] if this.together else this.fits:
             *base, newest = one.effects
             share = float(np.clip(1.0 - one.cost / this.before, 0.0, 1.0))
             before = best.get(newest.key)
@@ -116,12 +116,18 @@ def _fitted(found: Attribution) -> dict[Key, _Candidate]:
     return best
 
 
-def _as_found(instance: EffectInstance, fitted: Mapping[Key, _Candidate]) -> _Candidate:
-    """Returns a named effect with its settled amounts; it may have been found by another name."""
+def _as_found(
+    instance: EffectInstance, fitted: Mapping[Key, _Candidate], named: Sequence[EffectInstance]
+) -> _Candidate:
+    """Returns a named effect with its settled amounts; it may have been found by another name.
+
+    One that was only found together with others is weighed beside all of them.
+    """
     keys = (instance.key, *(twin.key for twin, _ in twins([instance])))
     found = next((fitted[key] for key in keys if key in fitted), None)
     if found is None:
-        return _Candidate(instance=instance, round=-1, base=(), share=None)
+        others = tuple(e.key for e in named if e is not instance)
+        return _Candidate(instance=instance, round=-1, base=others, share=None)
     return replace(found, instance=instance)
 
 

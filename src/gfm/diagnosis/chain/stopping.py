@@ -8,6 +8,7 @@ from scipy.stats import beta
 
 from gfm.diagnosis.attribution import (
     ADEQUATE,
+    FAR_LESS,
     INEXACT,
     LEAST_GAIN,
     MOST_ROUNDS,
@@ -31,7 +32,8 @@ class RoundRow:
         before: Mean squared residual that was left, in units of the noise.
         best: The candidate that explains most, in words; empty where none was fitted.
         explained: Share of what was left that it explains.
-        needed: Share that it has to explain, for all its parameters.
+        needed: Share that it has to explain: for all its parameters, or, of several effects
+            together, far more than the best alone.
         accepted: Whether it was.
     """
 
@@ -83,12 +85,13 @@ def stopping(found: Attribution) -> Stopping:
 def _row(this: Round) -> RoundRow:
     if not this.fits:
         return RoundRow(before=this.before, best="", explained=0.0, needed=0.0, accepted=False)
-    best = this.fits[0]
+    best, alone = this.fits[0], this.fits[1].cost if len(this.fits) > 1 else this.before
+    together = f"{len(this.new)} effects together"
     return RoundRow(
         before=this.before,
-        best=describe(best.effects[-1]),
+        best=together if this.together else describe(best.effects[-1]),
         explained=1.0 - best.cost / this.before,
-        needed=price(best),
+        needed=1.0 - FAR_LESS * alone / this.before if this.together else price(best),
         accepted=this.accepted is not None,
     )
 
