@@ -243,7 +243,7 @@ def _one_more(search: _Search, found: Sequence[_Found]) -> list[_Found] | None:
     best = [probed[i] for i in np.argsort(gains)[::-1][:SHORTLIST]]
     tried = [together for one in best if (together := _together(search, [*before, one]))]
     tried = [together for together in tried if _enough(search, found, together)]
-    return max(tried, key=lambda together: _score(search, together), default=None)
+    return max(tried, key=lambda together: _score(search, found, together), default=None)
 
 
 def _weights(search: _Search, probed: Sequence[_Probed]) -> tuple[list[Array], Array]:
@@ -281,15 +281,16 @@ def _left(search: _Search, found: Sequence[_Found]) -> Array:
     return search.weighed(search.learned - sum((o.torque for o in found), np.zeros(())))
 
 
-def _score(search: _Search, found: Sequence[_Found]) -> float:
+def _score(search: _Search, found: Sequence[_Found], together: Sequence[_Found]) -> float:
     """Returns how little is left, each parameter of the newest name having its price.
 
     What is no force itself (a gain, a shifted encoder) is no rival of a force that takes as much.
     """
-    effect, no_force = found[-1].instance.effect, search.domain.law(found[-1].instance) is None
+    newest = together[-1].instance
+    effect, no_force = newest.effect, search.domain.law(newest) is None
     price = LEAST_GAIN * (len(effect.parameters) - len(effect.fixed) + no_force)
-    before = float(np.sum(_left(search, found[:-1]) ** 2))
-    return -float(np.sum(_left(search, found) ** 2)) - price * before
+    before, after = (float(np.sum(_left(search, names) ** 2)) for names in (found, together))
+    return -after - price * before
 
 
 def _enough(search: _Search, found: Sequence[_Found], together: Sequence[_Found]) -> bool:
