@@ -24,8 +24,9 @@ from gfm.diagnosis.candidates import Place
 from gfm.diagnosis.problem import Problem, coarse
 from gfm.effects import EffectInstance, Scales, Scope
 
-#: Candidates that are fitted in earnest in each round, and places of one effect among them.
-SHORTLIST, SHORTLIST_PER_EFFECT = 6, 2
+#: Candidates that are fitted in earnest in each round, places of one effect among them, and values
+#: from which the fit of one begins.
+SHORTLIST, SHORTLIST_PER_EFFECT, STARTS = 6, 2, 3
 #: First-order gain from which an effect of the whole robot is fitted in any case.
 WHOLE_GAIN = 0.2
 #: Share of the best first-order gain from which a candidate is a rival of the best.
@@ -270,11 +271,15 @@ def _earns(problem: Problem, fitted: Fit, instance: EffectInstance) -> bool:
 
 
 def without_superfluous(problem: Problem, accepted: Fit) -> Fit:
-    """Returns the fit without effects that explain too little beside those found after them."""
+    """Returns the fit without effects that explain too little beside those found after them.
+
+    Nor those that have come to none, or to another bound.
+    """
     part = problem.subset(problem.sample(FITTING_S))
     allowed = _cost(part.residuals([accepted.effects])[0]) / (1.0 - LEAST_GAIN)
     for i, instance in enumerate(accepted.effects):
-        if not any(_same_place(instance, later) for later in accepted.effects[i + 1 :]):
+        later = accepted.effects[i + 1 :]
+        if not (at_bound(instance) or any(_same_place(instance, other) for other in later)):
             continue
         rest = [e for e in accepted.effects if e is not instance]
         # From afar, where nearly all residuals count linearly, fits go astray: limits are set anew.
@@ -422,21 +427,43 @@ def at_bound(instance: EffectInstance) -> bool:
 def holds_elsewhere(
     problem: Problem, base: Sequence[EffectInstance], effects: Sequence[EffectInstance]
 ) -> bool:
-    """Returns whether `effects` explain more than `base` on recordings they are not fitted to."""
+    """Returns whether `effects` explain more than `base` on recordings they are not fitted to.
+
+    In all, and in more of them than not: one recording in which something else happened (a stop, a
+    collision) is no reason to be wrong about the others.
+    """
     recordings = sorted({s.recording for s in problem.segments})
     if len(recordings) < FOLDS:
         return True
-    before = after = 0.0
+    totals = np.zeros(2)
+    helped = harmed = 0
     for fold in range(FOLDS):
-        inside = set(recordings[fold::FOLDS])
-        held = problem.subset([i for i, s in enumerate(problem.segments) if s.recording in inside])
-        rest = [i for i, s in enumerate(problem.segments) if s.recording not in inside]
+        rest = [
+            i for i, s in enumerate(problem.segments) if s.recording not in recordings[fold::FOLDS]
+        ]
         other = problem.subset(rest)
         other = other.subset(other.sample(FITTING_S))
         both = [fit(other, e, tolerance=ROUGH).effects for e in (base, effects)]
-        costs = np.sum(held.residuals(both) ** 2, axis=1)
-        before, after = before + costs[0], after + costs[1]
-    return bool(after < (1.0 - LEAST_GAIN) * before)
+        for recording in recordings[fold::FOLDS]:
+            before, after = _costs_of(problem, recording, both, effects[-1])
+            totals += before, after
+            helped += after < (1.0 - LEAST_GAIN) * before
+            harmed += after > (1.0 + LEAST_GAIN) * before
+    return bool(totals[1] < (1.0 - LEAST_GAIN) * totals[0]) and helped >= harmed
+
+
+def _costs_of(
+    problem: Problem,
+    recording: int,
+    candidates: Sequence[Sequence[EffectInstance]],
+    newest: EffectInstance,
+) -> Array:
+    """Returns the sum of squares of one recording where an effect acts, for each candidate."""
+    part = problem.subset([i for i, s in enumerate(problem.segments) if s.recording == recording])
+    residuals = part.residuals(candidates)
+    joints = [problem.joints.index(name) for name in newest.joints] or range(len(problem.joints))
+    count = residuals.shape[1]
+    return np.asarray([count * part.joint_costs(one)[list(joints)].sum() for one in residuals])
 
 
 def _fit_best(
@@ -447,8 +474,10 @@ def _fit_best(
 ) -> list[Fit]:
     """Returns the fitted shortlist: the best to first order, and its serious rivals."""
     fits: list[Fit] = []
-    for candidate in shortlist(screened):
-        if candidate.gain < RIVAL * screened[0].gain:
+    chosen = shortlist(screened)
+    rivals = {c.instance.key for c in chosen if c.gain >= RIVAL * screened[0].gain}
+    for candidate in chosen:
+        if candidate.instance.key not in rivals:
             continue
         report(f"fitting {describe(candidate.instance)}")
         effects = (*base.effects, candidate.instance)
@@ -535,12 +564,12 @@ def shortlist(screened: Sequence[Screened]) -> list[Screened]:
     chosen: list[Screened] = []
     for candidate in screened:
         key = candidate.instance.key
-        same = {c.instance.key for c in chosen if c.instance.key[0] == key[0]}
-        room = key in same or len(same) < SHORTLIST_PER_EFFECT
+        keys = [c.instance.key for c in chosen]
+        places = {k for k in keys if k[0] == key[0]}
+        new = len(set(keys)) < SHORTLIST and len(places) < SHORTLIST_PER_EFFECT
+        room = keys.count(key) < STARTS if key in places else new
         if room and candidate.gain > 0.0 and candidate not in whole:
             chosen.append(candidate)
-        if len(chosen) == SHORTLIST:
-            break
     return sorted([*whole, *chosen], key=lambda c: -c.gain)
 
 

@@ -27,6 +27,8 @@ from gfm.effects.elements import (
     add_dry_friction,
 )
 
+#: Times by which an excess of friction is larger, at a guess, than it looks to first order.
+HELD = 2.5
 #: Velocity over which the sign of a *measured* velocity is taken to pass through zero.
 SIGN_WIDTH_RAD_S = 0.01
 
@@ -122,6 +124,12 @@ class StribeckFriction(Effect):
         excess = 0.5 * scales.excess_nm
         speeds = [max(share * scales.velocity_rad_s, 2e-3) for share in (0.1, 0.3, 0.6)]
         return [[{"static_excess": excess, "stribeck_velocity": speed}] for speed in speeds]
+
+    @override
+    def combine(self, group: ProbeGroup, amplitudes: Sequence[float]) -> dict[str, float] | None:
+        # Where friction holds a joint, more of it changes nothing: to first order it looks weaker
+        # than it is, and a fit that begins too low ends with an excess that fades too late.
+        return super().combine(group, [HELD * one for one in amplitudes])
 
     @override
     def extra_friction(self, motion: Motion, values: Mapping[str, Array]) -> Array | None:
