@@ -274,3 +274,43 @@ def test_times_in_another_unit_are_refused(tmp_path: Path, scale: str) -> None:
     path = csv_file(tmp_path / "run.csv", rows())
     with pytest.raises(RecordingError, match=r"column t: rows are .* s apart; .*time.scale"):
         list(imported([path], mapping(tmp_path, SIMPLE.replace("1e-3", scale))))
+
+
+OBJECT = (
+    SIMPLE
+    + """
+[object]
+x = "x"
+y = { column = "y", scale = 1e-3 }
+z = "z"
+qw = "w"
+qx = "i"
+qy = "j"
+qz = "k"
+"""
+)
+
+
+def object_rows(length: float = 1.0) -> list[list[Any]]:
+    head, *body = rows()
+    poses = [[0.1 * i, 20.0, 0.5, 0.6 * length, 0.0, 0.0, 0.8 * length] for i in range(len(body))]
+    return [
+        [*head, "x", "y", "z", "w", "i", "j", "k"],
+        *(a + b for a, b in zip(body, poses, strict=True)),
+    ]
+
+
+def test_poses_of_an_object_come_along(tmp_path: Path) -> None:
+    path = csv_file(tmp_path / "run.csv", object_rows())
+    (trajectory,) = imported([path], mapping(tmp_path, OBJECT))
+    track = trajectory.object_track
+    assert track is not None
+    assert track.stamp_ns.tolist() == trajectory.stamp_ns.tolist()
+    np.testing.assert_allclose(track.position[3], [0.3, 0.02, 0.5])
+    np.testing.assert_allclose(track.quaternion[3], [0.6, 0.0, 0.0, 0.8])
+
+
+def test_quaternions_of_another_length_are_refused(tmp_path: Path) -> None:
+    path = csv_file(tmp_path / "run.csv", object_rows(length=2.0))
+    with pytest.raises(RecordingError, match="row 1 has length 2; expected a quaternion of length"):
+        list(imported([path], mapping(tmp_path, OBJECT)))

@@ -28,6 +28,7 @@ from gfm.diagnosis.correction import corrected_model
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.naming import fitly_named, twins
+from gfm.diagnosis.objects import ObjectPart, examine_object
 from gfm.diagnosis.problem import LONG, WHOLE, Problem, make_problem
 from gfm.diagnosis.quality import all_findings, doubts
 from gfm.diagnosis.result import (
@@ -45,6 +46,7 @@ from gfm.diagnosis.usual import usually_missing
 from gfm.effects import EffectInstance, effect_library
 from gfm.excitation.blind_spots import blind_spots
 from gfm.sim.learned import LearnedForces
+from gfm.sim.plant import native_spec
 
 #: Held-out RMSE, in units of the sensor noise, up to which a model counts as adequate.
 ADEQUATE_RATIO = 1.25
@@ -106,12 +108,18 @@ def diagnose(
     Raises:
         BadInputError: recordings, models and forces do not belong together.
     """
+    thing = examine_object(specs[recordings[0].command_kind], recordings, holdout, report)
+    pushed = _pushed(thing)
+    specs = {kind: _with_cone(spec, thing) for kind, spec in specs.items()}
+    beside = {
+        kind: native_spec(spec, [e.instance() for e in pushed]) for kind, spec in specs.items()
+    }
     report("measuring the nominal model")
-    problem = make_problem(specs, recordings, given=given, most_s=LOOKED_AT_S)
+    problem = make_problem(beside, recordings, given=given, most_s=LOOKED_AT_S)
     long = make_problem(
-        specs, recordings, problem.noise, given=given, windows_s=LONG, most_s=LOOKED_AT_S
+        beside, recordings, problem.noise, given=given, windows_s=LONG, most_s=LOOKED_AT_S
     )
-    held = make_problem(specs, holdout, problem.noise, given=given, windows_s=WHOLE)
+    held = make_problem(beside, holdout, problem.noise, given=given, windows_s=WHOLE)
     told = learned_report(long, recordings, learned) if learned else None
     lack = _lacking(recordings)
     found = _attribute(problem, long, recordings, report) if not lack else None
@@ -122,12 +130,13 @@ def diagnose(
     )
     if found and _closed(errors.summary) < LEAST_SHARE:
         instances, errors = (), HeldOut(problem=held, before=errors.before, after=errors.before)
-    named = _named(long, found, instances, errors.summary) if found else ()
+    named = _named(long.slices(), found, instances, errors.summary) if found else ()
     verdict = Verdict.INSUFFICIENT_DATA if lack else _verdict(errors.summary, named)
-    corrected = {kind: corrected_model(spec, named, given) for kind, spec in specs.items()}
+    both = (*named, *pushed)
+    corrected = {kind: corrected_model(spec, both, given) for kind, spec in specs.items()}
     first = corrected[recordings[0].command_kind]
     findings = all_findings(long, recordings, holdout, instances)
-    return Diagnosis(
+    robot = Diagnosis(
         verdict=verdict,
         sentence=_sentence(verdict, named, errors.summary, lack),
         effects=named,
@@ -148,6 +157,57 @@ def diagnose(
         plots=_plots(problem, recordings, instances, errors),
         notes=(*notes, *doubts(findings), *_notes(verdict, outside=bool(first.effects))),
         provenance=dict(provenance or {}),
+    )
+    return _with_object(robot, thing, pushed) if thing else robot
+
+
+def _pushed(thing: ObjectPart | None) -> tuple[NamedEffect, ...]:
+    """Returns what the object lacks, if that explains more than next to nothing."""
+    if thing is None or _closed(thing.overall) < LEAST_SHARE:
+        return ()
+    return _named(thing.problem.slices(), thing.found, thing.effects, thing.overall)
+
+
+def _with_cone(spec: mujoco.MjSpec, thing: ObjectPart | None) -> mujoco.MjSpec:
+    """Returns the model with the kind of contacts under which the object is explained best."""
+    if thing is None or int(spec.option.cone) == thing.cone:
+        return spec
+    changed = spec.copy()
+    changed.option.cone = thing.cone
+    return changed
+
+
+def _with_object(robot: Diagnosis, thing: ObjectPart, pushed: tuple[NamedEffect, ...]) -> Diagnosis:
+    """Returns the answer on robot and object together."""
+    return replace(
+        robot,
+        verdict=_of_both(robot.verdict, _verdict(thing.overall, pushed)),
+        sentence=f"{robot.sentence} {_object_sentence(thing, pushed)}",
+        effects=(*robot.effects, *pushed),
+        suspects=(*robot.suspects, *_suspects(thing.found, thing.effects if pushed else ())),
+        object_error=dict(zip(("position", "yaw"), thing.errors, strict=True)),
+        blind_spots=(*robot.blind_spots, *thing.blind_spots),
+        plots=(*robot.plots, *thing.plots),
+        notes=(*robot.notes, *thing.notes),
+    )
+
+
+def _of_both(robot: Verdict, thing: Verdict) -> Verdict:
+    """Returns the verdict on the robot and the object together."""
+    if robot in (thing, Verdict.INSUFFICIENT_DATA) or thing is Verdict.NO_GAP:
+        return robot
+    return thing if robot is Verdict.NO_GAP else Verdict.PARTLY_EXPLAINED
+
+
+def _object_sentence(thing: ObjectPart, pushed: Sequence[NamedEffect]) -> str:
+    place = thing.errors[0]
+    names = "; ".join(_in_words(effect) for effect in pushed)
+    lacks = (
+        f"misses {names} of the object" if pushed else "misses nothing of the object with a name"
+    )
+    return (
+        f"It {lacks} (held-out error of its place {place.before:.3g} m before, "
+        f"{place.after:.3g} m after, noise {place.noise_floor:.3g} m)."
     )
 
 
@@ -199,7 +259,7 @@ def _verdict(error: ErrorSummary, named: Sequence[NamedEffect]) -> Verdict:
 
 
 def _named(
-    problem: Problem,
+    blocks: Sequence[slice],
     found: Attribution,
     instances: Sequence[EffectInstance],
     error: ErrorSummary,
@@ -211,7 +271,7 @@ def _named(
     adequate = error.after <= 1.5 * error.noise_floor
     free = free_parameters(instances)
     values = np.array([instances[i].values[name] for i, name in free])
-    widths = half_widths(values, fitted.jacobian, fitted.residual, problem.slices())
+    widths = half_widths(values, fitted.jacobian, fitted.residual, blocks)
     by_place = dict(zip(free, widths, strict=True))
     named = []
     for i, instance in enumerate(instances):

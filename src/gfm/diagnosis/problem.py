@@ -318,14 +318,31 @@ def _touches(spec: mujoco.MjSpec, recordings: Sequence[Trajectory]) -> bool:
     if not recordings:
         return True
     plant = make_plant(spec, recordings[0].joint_names)
-    data = mujoco.MjData(plant.model)
+    model, data = plant.model, mujoco.MjData(plant.model)
+    free = model.jnt_qposadr[model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)]
+    tree = model.body_treeid[model.geom_bodyid]
+    robot = np.isin(tree, model.dof_treeid[plant.dof])
     for recording in recordings:
-        for position in recording.position[:: max(len(recording.position) // CONTACT_LOOKS, 1)]:
-            data.qpos[plant.qpos] = position
-            mujoco.mj_fwdPosition(plant.model, data)
-            if data.ncon:
+        for row in range(
+            0, len(recording.position), max(len(recording.position) // CONTACT_LOOKS, 1)
+        ):
+            data.qpos[plant.qpos] = recording.position[row]
+            pose = _object_pose(recording, int(recording.stamp_ns[row]))
+            if pose is not None and len(free) == 1:
+                data.qpos[free[0] : free[0] + 7] = pose
+            mujoco.mj_fwdPosition(model, data)
+            if robot[data.contact.geom[: data.ncon]].any():
                 return True
     return False
+
+
+def _object_pose(recording: Trajectory, stamp_ns: int) -> Array | None:
+    """Returns the recorded pose of the object next to a time, shape (7,); None where none is."""
+    track = recording.object_track
+    if track is None or not len(track.stamp_ns):
+        return None
+    nearest = int(np.argmin(np.abs(track.stamp_ns - stamp_ns)))
+    return np.concatenate([track.position[nearest], track.quaternion[nearest]])
 
 
 def _check_recordings(
@@ -399,6 +416,7 @@ def cut(recording: Trajectory, index: int, noise: Noise, window_s: float) -> lis
                 initial_velocity=np.where(resting, 0.0, velocity[start]),
                 servo_gain=gain,
                 recording=index,
+                object_pose=_object_pose(recording, int(recording.stamp_ns[start])),
             )
         )
     return segments

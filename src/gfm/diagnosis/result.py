@@ -195,6 +195,7 @@ class Diagnosis:
         suspects: Candidates not accepted, best first.
         error: Held-out error before and after.
         joints: The same, joint by joint.
+        object_error: The same of the pushed object's position (m) and yaw (rad); empty without one.
         recordings: What went in.
         findings: What is to be known of their quality.
         blind_spots: Effects that the training recordings could not have shown.
@@ -217,6 +218,7 @@ class Diagnosis:
     recordings: tuple[RecordingSummary, ...]
     corrected_xml: str
     corrected_effects: tuple[NamedEffect, ...] = ()
+    object_error: Mapping[str, ErrorSummary] = field(default_factory=dict)
     twins: Mapping[CommandKind, ModelPair] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     blind_spots: tuple[BlindSpot, ...] = ()

@@ -10,15 +10,18 @@ from pathlib import Path
 
 import numpy as np
 
-from gfm.core import BadInputError, ConfigError, RecordingError, Trajectory
+from gfm.core import BadInputError, ConfigError, ObjectTrack, RecordingError, Trajectory
 from gfm.core.checks import Array, Stamps
 from gfm.recording.mapping import Files, JointColumns, Mapping, as_column
-from gfm.recording.reader import MIN_STATES
+from gfm.recording.reader import MIN_STATES, QUATERNION_TOLERANCE
 from gfm.recording.reading_times import at_stamps
 from gfm.recording.tables import Table, read_table
 
 #: Joint states come tens to thousands of times a second; what lies outside is another unit.
 LEAST_PERIOD_S, MOST_PERIOD_S = 1e-4, 1.0
+
+#: Columns of a pose, and how far from 1 the length of a quaternion may be.
+POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +132,18 @@ def _part(whole: Trajectory, segment: Segment, count: int) -> Trajectory:
         command_stamp_ns=whole.command_stamp_ns[rows],
         command=whole.command[rows],
         servo_gain=gain,
+        object_track=_rows_of(whole.object_track, rows),
         metadata=whole.metadata,
+    )
+
+
+def _rows_of(track: ObjectTrack | None, rows: slice) -> ObjectTrack | None:
+    if track is None:
+        return None
+    return ObjectTrack(
+        stamp_ns=track.stamp_ns[rows],
+        position=track.position[rows],
+        quaternion=track.quaternion[rows],
     )
 
 
@@ -154,6 +168,7 @@ def _trajectory(source: Source, states: Table, commands: Table, mapping: Mapping
         command_stamp_ns=_stamps(commands, mapping),
         command=command,
         servo_gain=_servo_gain(states, names, mapping),
+        object_track=_object_track(states, stamp_ns, mapping),
         metadata=_metadata(source, states, commands),
     )
 
@@ -200,6 +215,24 @@ def _signal(table: Table, joints: Sequence[JointColumns], signal: str) -> Array 
     if columns[0] is None:
         return None
     return np.stack([table.numbers(as_column(column)) for column in columns], axis=1)
+
+
+def _object_track(table: Table, stamp_ns: Stamps, mapping: Mapping) -> ObjectTrack | None:
+    """Returns a free object's poses, one in every row."""
+    if mapping.object is None:
+        return None
+    columns = [as_column(getattr(mapping.object, name)) for name in POSE]
+    pose = np.stack([table.numbers(column) for column in columns], axis=1)
+    norm = np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
+    wrong = np.abs(norm[:, 0] - 1.0) > QUATERNION_TOLERANCE
+    if wrong.any():
+        row, where = (
+            int(wrong.argmax()),
+            f"{table.path}: columns {', '.join(POSE[3:])} of the object",
+        )
+        problem = f"row {row + 1} has length {float(norm[row, 0]):.4g}"
+        raise RecordingError(where, problem, "a quaternion of length 1")
+    return ObjectTrack(stamp_ns=stamp_ns, position=pose[:, :3], quaternion=pose[:, 3:] / norm)
 
 
 def _name(source: Source, table: Table, mapping: Mapping) -> str:

@@ -60,6 +60,18 @@ class JointColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             )
 
 
+class ObjectColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The pose of a free object, in the table with the measurements: m, and a unit quaternion."""
+
+    x: str | Column
+    y: str | Column
+    z: str | Column
+    qw: str | Column
+    qx: str | Column
+    qy: str | Column
+    qz: str | Column
+
+
 class Files(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How the files of one recording are told apart, where there are two.
 
@@ -113,6 +125,7 @@ class Mapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         files: Where measurements and commands lie in two files.
         servo_gain: Where a header field tells the servo's gain.
         released: Where a column tells that the servo was off.
+        object: Where a free object's pose lies, if one was recorded.
     """
 
     format: str
@@ -124,6 +137,7 @@ class Mapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     files: Files | None = None
     servo_gain: ServoGain | None = None
     released: Released | None = None
+    object: ObjectColumns | None = None
 
     def __post_init__(self) -> None:
         names = [joint.name for joint in self.joints]

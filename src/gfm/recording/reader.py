@@ -15,7 +15,7 @@ from gfm.recording.streams import JointStream, joint_stream, one_clock, stamps_o
 
 #: Fewer measurements than this say nothing about dynamics.
 MIN_STATES = 10
-_QUATERNION_TOLERANCE = 1e-3
+QUATERNION_TOLERANCE = 1e-3
 
 
 def read_recording(
@@ -163,9 +163,15 @@ def _object_track(path: Path, messages: list[Any]) -> ObjectTrack | None:
     turns = [pose.orientation for pose in poses]
     quaternion = np.array([[turn.w, turn.x, turn.y, turn.z] for turn in turns])
     norm = np.linalg.norm(quaternion, axis=1, keepdims=True)
-    if not (np.isfinite(position).all() and (abs(norm - 1.0) < _QUATERNION_TOLERANCE).all()):
-        raise RecordingError(
-            where, "a position that is not finite or a quaternion not of length 1", "valid poses"
-        )
+    strange = ~np.isfinite(position).all(axis=1)
+    if strange.any():
+        i = int(strange.argmax())
+        problem = f"message {i} has position {', '.join(f'{x:g}' for x in position[i])}"
+        raise RecordingError(f"{where}: field pose.position", problem, "finite numbers")
+    strange = ~(np.abs(norm[:, 0] - 1.0) < QUATERNION_TOLERANCE)
+    if strange.any():
+        i = int(strange.argmax())
+        problem = f"message {i} has a quaternion of length {float(norm[i, 0]):.4g}"
+        raise RecordingError(f"{where}: field pose.orientation", problem, "length 1")
     stamp_ns = stamps_of(where, messages)
     return ObjectTrack(stamp_ns=stamp_ns, position=position, quaternion=quaternion / norm)

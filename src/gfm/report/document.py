@@ -61,6 +61,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, object]:
             {**vars(one), "ratio": words.ratio(one.after, one.noise_floor)}
             for one in diagnosis.joints
         ],
+        "object": {name: _error_json(one) for name, one in diagnosis.object_error.items()},
         "recordings": [_recording_json(recording) for recording in diagnosis.recordings],
         "input_quality": [dict(vars(finding)) for finding in diagnosis.findings],
         "blind_spots": [dict(vars(spot)) for spot in diagnosis.blind_spots],

@@ -65,7 +65,7 @@ def _effects_table(effects: tuple[NamedEffect, ...]) -> Table:
         "What the model lacks", "effect", "where", "parameter", *figures, figures=figures
     )
     for effect in effects:
-        head = (words.effect_title(effect.effect), words.joints_title(effect.joints))
+        head = (words.effect_title(effect.effect), words.joints_title(effect.joints, effect.effect))
         confidence = words.percent(effect.confidence)
         for name, value, interval in _parameter_lines(effect):
             table.add_row(*map(Text, (*head, name, value, interval, confidence)))
@@ -91,6 +91,10 @@ def _error_table(diagnosis: Diagnosis) -> Table:
     for joint, before, after, floor in lines:
         figures = (words.number(before), words.number(after), words.number(floor))
         table.add_row(*map(Text, (joint, *figures, words.times(after, floor))))
+    for name, one in diagnosis.object_error.items():
+        figures = (words.number(one.before), words.number(one.after), words.number(one.noise_floor))
+        head = f"object's {name} ({one.unit})"
+        table.add_row(*map(Text, (head, *figures, words.times(one.after, one.noise_floor))))
     return table
 
 

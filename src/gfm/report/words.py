@@ -210,14 +210,16 @@ def effect_law(name: str) -> str:
     return (inspect.getdoc(offered) or "").partition("\n")[0] if offered else ""
 
 
-def joints_title(joints: Sequence[str]) -> str:
+def joints_title(joints: Sequence[str], effect: str = "") -> str:
     """Returns where an effect acts."""
+    if effect.startswith("object_"):
+        return "the object"
     return ", ".join(joints) if joints else "whole robot"
 
 
 def named(effect: NamedEffect | Suspect) -> str:
     """Returns what and where, in one phrase."""
-    return f"{effect_title(effect.effect)} ({joints_title(effect.joints)})"
+    return f"{effect_title(effect.effect)} ({joints_title(effect.joints, effect.effect)})"
 
 
 def look_for(plot: EvidencePlot) -> str:

@@ -49,6 +49,8 @@ class Segment:
         initial_velocity: rad/s, shape (J,).
         servo_gain: Factor on the servo's gain, shape (J,).
         recording: Index of the recording that it was cut from.
+        object_pose: Where a free object is at first, m and quaternion w x y z, shape (7,); None
+            where that is not known.
     """
 
     time_s: Array
@@ -61,6 +63,7 @@ class Segment:
     initial_velocity: Array
     servo_gain: Array
     recording: int = 0
+    object_pose: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,6 +200,10 @@ def _set_initial(job: _Job, qpos: Array, qvel: Array) -> None:
             motor = plant.model.joint(name + MOTOR_SIDE).id
             qpos[plant.motor_qpos[j]] = segment.initial_position[j]
             qvel[plant.model.jnt_dofadr[motor]] = segment.initial_velocity[j]
+    free = np.flatnonzero(plant.model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
+    if segment.object_pose is not None and len(free) == 1:
+        first = int(plant.model.jnt_qposadr[free[0]])
+        qpos[first : first + 7] = segment.object_pose
 
 
 def _controls(job: _Job, steps: int) -> Array:

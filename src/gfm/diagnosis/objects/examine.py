@@ -1,0 +1,223 @@
+"""The object's part of a diagnosis: what it lacks in the model, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from gfm.core import ConfigError, Trajectory
+from gfm.core.checks import Array
+from gfm.diagnosis.attribution import Attribution
+from gfm.diagnosis.objects.find import Found, find, friction_cost
+from gfm.diagnosis.objects.problem import ObjectProblem, predicted
+from gfm.diagnosis.objects.stage import make_stage, run
+from gfm.diagnosis.objects.stretches import Stretch, cut, make_scene
+from gfm.diagnosis.objects.track import plane_noise, track_of
+from gfm.diagnosis.result import ErrorSummary, EvidencePlot, Series
+from gfm.effects import EffectInstance
+from gfm.effects.objects import free_body
+from gfm.excitation.blind_spots import BlindSpot
+
+#: Stretches that are looked at, at most.
+MOST_STRETCHES = 16
+#: Name of the object where a joint's would stand.
+OBJECT = "object"
+#: Why poses alone do not tell something.
+UNSEEN = {
+    "object_mass": "with the robot's motion given, no recorded pose depends on it",
+    "object_com": "the object hardly turns where it moves",
+    "object_damping": "the object is not let go while it moves",
+    "object_friction": "the object does not slide by itself, and pushes do not tell it",
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ObjectPart:
+    """What is known of the object.
+
+    Attributes:
+        found: Candidates, fits, rounds.
+        problem: What they were fitted to, initial states as they fit best.
+        overall: Held-out error of place and yaw together, in units of their noise.
+        errors: Held-out errors of the place (m) and the yaw (rad).
+        cone: How contacts are computed: the model's own, or the elliptic one where it fits better.
+        blind_spots: What the recordings could not have shown.
+        plots: The object's path.
+        notes: What a reader should know.
+    """
+
+    found: Attribution
+    problem: ObjectProblem
+    overall: ErrorSummary
+    errors: tuple[ErrorSummary, ErrorSummary]
+    cone: int
+    blind_spots: tuple[BlindSpot, ...]
+    plots: tuple[EvidencePlot, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def effects(self) -> tuple[EffectInstance, ...]:
+        """What was accepted."""
+        return self.found.fit.effects
+
+
+def examine_object(
+    spec: mujoco.MjSpec,
+    recordings: Sequence[Trajectory],
+    holdout: Sequence[Trajectory],
+    report: Callable[[str], None],
+) -> ObjectPart | None:
+    """Returns what the object lacks in a model; None where none is recorded, or none moves.
+
+    Raises:
+        ConfigError: poses were recorded and the model has no free body, or several.
+    """
+    if not _recorded(spec, [*recordings, *holdout]):
+        return None
+    report("looking at the object")
+    training = _problem(spec, recordings)
+    if training is None:
+        return None
+    held = _problem(spec, holdout)
+    best = _with_cone(training, _better_cone(training))
+    own = int(spec.option.cone)
+    return _part(best, held or training, find(best), own, held is not None)
+
+
+def _better_cone(problem: ObjectProblem) -> int:
+    """Returns the kind of contacts with which friction explains more: the model's, or elliptic.
+
+    Pyramidal ones hold less along their diagonals.
+    """
+    own, elliptic = int(problem.spec.option.cone), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
+    if own == elliptic:
+        return own
+    costs = {cone: friction_cost(_with_cone(problem, cone)) for cone in (own, elliptic)}
+    return min(costs, key=lambda cone: costs[cone])
+
+
+def _recorded(spec: mujoco.MjSpec, recordings: Sequence[Trajectory]) -> bool:
+    """Returns whether an object's poses were recorded.
+
+    Raises:
+        ConfigError: they were, and the model has no free body, or several.
+    """
+    named = [r.name for r in recordings if r.object_track is not None]
+    if named and free_body(spec) is None:
+        raise ConfigError(
+            f"{named[0]}: has poses of an object; the model has no body with a free joint, "
+            "expected one for it"
+        )
+    return bool(named)
+
+
+def _problem(spec: mujoco.MjSpec, recordings: Sequence[Trajectory]) -> ObjectProblem | None:
+    """Returns the stretches of recordings as a problem; None where the object never moves."""
+    tracks = [(i, r, track_of(r)) for i, r in enumerate(recordings)]
+    known = [(i, r, track) for i, r, track in tracks if track is not None]
+    if not known:
+        return None
+    noise = plane_noise([track for _, _, track in known])
+    stage, air = make_stage(spec), make_stage(spec, robot_touches=False)
+    stretches = [
+        stretch
+        for i, recording, track in known
+        for stretch in cut(make_scene(i, recording, track, stage, noise), air)
+    ]
+    if not stretches:
+        return None
+    spread = np.unique(np.linspace(0, len(stretches) - 1, MOST_STRETCHES).astype(int))
+    kept = tuple(stretches[i] for i in spread)
+    return ObjectProblem(spec=spec, stretches=kept, noise=noise)
+
+
+def _with_cone(problem: ObjectProblem, cone: int) -> ObjectProblem:
+    spec = problem.spec.copy()
+    spec.option.cone = cone
+    return ObjectProblem(spec=spec, stretches=problem.stretches, noise=problem.noise)
+
+
+def _part(
+    problem: ObjectProblem, judged: ObjectProblem, found: Found, own: int, held: bool
+) -> ObjectPart:
+    effects, cone = found.attribution.fit.effects, int(problem.spec.option.cone)
+    before = _with_cone(judged, own).settled(())
+    after = _with_cone(judged, cone).settled(effects)
+    parts = [before.parts(()), after.parts(effects)]
+    rms = [_rms(part) for part in parts]
+    place, yaw = (
+        ErrorSummary(
+            before=_rms([p.reshape(-1, 3)[:, columns] * judged.noise[columns] for p in parts[0]]),
+            after=_rms([p.reshape(-1, 3)[:, columns] * judged.noise[columns] for p in parts[1]]),
+            noise_floor=_rms([judged.noise[columns]]),
+            unit=unit,
+        )
+        for columns, unit in ((slice(0, 2), "m"), (slice(2, 3), "rad"))
+    )
+    return ObjectPart(
+        found=found.attribution,
+        problem=problem.settled(effects),
+        overall=ErrorSummary(before=rms[0], after=rms[1], noise_floor=1.0, unit="noise"),
+        errors=(place, yaw),
+        cone=cone,
+        blind_spots=tuple(
+            BlindSpot(effect=e.name, joints=(), why=UNSEEN[e.name], motion=e.shown_by)
+            for e in found.unseen
+        ),
+        plots=(_path_plot(before, after, effects),),
+        notes=_notes(problem, own=own, held=held),
+    )
+
+
+def _rms(parts: Sequence[Array]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate([part.ravel() for part in parts]) ** 2)))
+
+
+def _notes(problem: ObjectProblem, *, own: int, held: bool) -> tuple[str, ...]:
+    pushed = sum(stretch.pushed for stretch in problem.stretches)
+    notes = [
+        f"The object was followed through {len(problem.stretches)} short stretches in which it "
+        f"moves ({pushed} pushed, {len(problem.stretches) - pushed} by itself), the robot moving "
+        "as measured; how each begins is fitted."
+    ]
+    if not held:
+        notes.append("The object moves in no held-out recording: its errors are those of the fit.")
+    if int(problem.spec.option.cone) != own:
+        notes.append(
+            "Friction of the object is the same in all directions: contacts are elliptic in "
+            "corrected.xml; the pyramidal ones of the model slide farther along their diagonals."
+        )
+    return tuple(notes)
+
+
+def _path_plot(
+    before: ObjectProblem, after: ObjectProblem, effects: Sequence[EffectInstance]
+) -> EvidencePlot:
+    """Returns the object's measured and predicted path in the longest stretch."""
+    lengths = [float(np.ptp(s.plane[:, :2], axis=0).max()) for s in before.stretches]
+    longest = int(np.argmax(lengths))
+    measured = before.stretches[longest].plane
+    nominal = _path(before, before.stretches[longest], ())
+    corrected = _path(after, after.stretches[longest], effects)
+    shown = [("measured", measured, "points"), ("nominal model", nominal, "line")]
+    if effects:
+        shown.append(("corrected model", corrected, "line"))
+    return EvidencePlot(
+        title="Path of the object in the longest stretch",
+        effect=effects[0].effect.name if effects else "",
+        joint=OBJECT,
+        x_label="x [m]",
+        y_label="y [m]",
+        series=tuple(
+            Series(label=label, x=path[:, 0], y=path[:, 1], style=style)
+            for label, path, style in shown
+        ),
+    )
+
+
+def _path(problem: ObjectProblem, stretch: Stretch, effects: Sequence[EffectInstance]) -> Array:
+    stage = make_stage(problem.spec, effects)
+    return predicted(stretch, run(stage, [stretch.setting])[0], stage.timestep_s)

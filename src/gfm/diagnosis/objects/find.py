@@ -1,0 +1,224 @@
+"""Which effect of the object is missing: the few there are, fitted, weighed, and put to the test.
+
+All candidates are fitted in every round; one is accepted that explains enough, holds for stretches
+that it was not fitted to, and beats its rivals. What poses cannot tell is not fitted at all.
+
+Shape letters: N numbers of a residual, P parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from gfm.core.checks import Array
+from gfm.diagnosis.attribution import Attribution, Fit, Round, at_bound, price
+from gfm.diagnosis.objects.problem import ObjectProblem
+from gfm.diagnosis.objects.stage import make_stage
+from gfm.effects import Effect, EffectInstance, Scope, effect_library
+
+#: Steps of a fit at most, and the relative gain below which it ends.
+FIT_STEPS, FIT_TOLERANCE = 4, 3e-3
+#: Turns of amounts and initial states, and the relative gain of a turn that is not worth another.
+TURNS, ENOUGH = 5, 0.01
+#: Derivatives are taken over this share of a parameter's scale.
+STEP = 0.05
+#: Mean squared residual, in units of the noise, at which nothing is left to explain.
+ADEQUATE = 1.3
+#: An effect is seen where an amount of its scale changes all residuals together by so much.
+SEEN = 6.0
+#: Squared residuals, in units of the noise, that an effect must take away for each parameter.
+LEAST_EVIDENCE = 15.0
+#: Share of what an effect explains where it was fitted that it must explain elsewhere.
+HOLDS = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """What was found, and what could not have been.
+
+    Attributes:
+        attribution: All rounds.
+        unseen: Effects on which the stretches do not depend.
+    """
+
+    attribution: Attribution
+    unseen: tuple[Effect, ...]
+
+
+def find(problem: ObjectProblem) -> Found:
+    """Returns what the object lacks in the model."""
+    effects = [one for one in effect_library().values() if one.scope is Scope.OBJECT]
+    scales = _scales(problem)
+    seen = [one for one in effects if _is_seen(problem, one, scales)]
+    base = fit(problem, (), scales)
+    nominal, rounds = base.cost, []
+    while base.cost > ADEQUATE and len(base.effects) < len(seen):
+        robust = problem.robust(base.effects)
+        this = _round(robust, fit(robust, base.effects, scales), seen, scales)
+        rounds.append(this)
+        if this.accepted is None:
+            break
+        base = this.accepted
+    return Found(
+        attribution=Attribution(nominal_cost=nominal, fit=base, rounds=tuple(rounds)),
+        unseen=tuple(one for one in effects if one not in seen),
+    )
+
+
+def friction_cost(problem: ObjectProblem) -> float:
+    """Returns what the object's friction leaves when it is fitted alone."""
+    effect = effect_library()["object_friction"]
+    return fit(problem, (_instance(effect, np.zeros(1)),), _scales(problem)).cost
+
+
+def _scales(problem: ObjectProblem) -> dict[str, float]:
+    """Returns amounts that matter, by effect and parameter: of friction, mass, place, rate."""
+    stage = make_stage(problem.spec)
+    body = int(stage.model.dof_bodyid[stage.object_dof.start])
+    mass = float(stage.model.body_mass[body])
+    inertia = float(np.max(stage.model.body_inertia[body]))
+    radius = float(np.sqrt(inertia / mass))
+    return {
+        "object_friction.coefficient": 0.1,
+        "object_mass.mass": 0.5 * mass,
+        "object_damping.linear": 0.5 * mass,
+        "object_damping.angular": 0.5 * inertia,
+        **{f"object_com.{axis}": 0.2 * radius for axis in "xyz"},
+    }
+
+
+def _scale(effect: Effect, scales: Mapping[str, float]) -> Array:
+    return np.array([scales[f"{effect.name}.{p.name}"] for p in effect.parameters])
+
+
+def _is_seen(problem: ObjectProblem, effect: Effect, scales: Mapping[str, float]) -> bool:
+    """Returns whether the stretches depend on an effect."""
+    nothing = np.zeros(len(effect.parameters))
+    start = (_instance(effect, nothing),)
+    columns = _jacobian(problem.based(()), start, scales) * _scale(effect, scales)
+    return bool(np.linalg.norm(columns, axis=0).max() > SEEN)
+
+
+def _instance(effect: Effect, values: Array) -> EffectInstance:
+    names = [p.name for p in effect.parameters]
+    amounts = dict(zip(names, values.tolist(), strict=True))
+    return EffectInstance(effect=effect, joints=(), values=amounts)
+
+
+def _round(
+    problem: ObjectProblem, base: Fit, seen: Sequence[Effect], scales: Mapping[str, float]
+) -> Round:
+    """Returns every effect that is not there yet, fitted beside those that are."""
+    there = {instance.effect.name for instance in base.effects}
+    fits = []
+    for effect in (one for one in seen if one.name not in there):
+        start = (*base.effects, _instance(effect, np.zeros(len(effect.parameters))))
+        fits.append(fit(problem, start, scales))
+    fits.sort(key=lambda fitted: fitted.cost * (1.0 + price(fitted)))
+    best = fits[0]
+    good = _worth_it(base, best) and _holds(problem, base, best, scales)
+    return Round(before=base.cost, screened=(), fits=tuple(fits), accepted=best if good else None)
+
+
+def _worth_it(base: Fit, fitted: Fit) -> bool:
+    newest = fitted.effects[-1]
+    gain = (base.cost - fitted.cost) * len(fitted.residual)
+    enough = gain > LEAST_EVIDENCE * len(newest.effect.parameters)
+    return enough and fitted.cost < (1.0 - price(fitted)) * base.cost and not at_bound(newest)
+
+
+def _holds(problem: ObjectProblem, base: Fit, fitted: Fit, scales: Mapping[str, float]) -> bool:
+    """Returns whether an effect explains stretches that it was not fitted to.
+
+    Every other one; of several recordings the first halves of their stretches are not alike.
+    """
+    count = len(problem.stretches)
+    if count < 2:
+        return False
+    rows, gained, expected = problem.slices(), 0.0, 0.0
+    for part in (range(0, count, 2), range(1, count, 2)):
+        others = [i for i in range(count) if i not in part]
+        here = fit(problem.subset(part), fitted.effects, scales)
+        (elsewhere,) = problem.subset(others).settled(here.effects).residuals([here.effects])
+        before = np.concatenate([base.residual[rows[i]] for i in others])
+        whole = np.concatenate([fitted.residual[rows[i]] for i in others])
+        gained += float(np.sum(before**2) - np.sum(elsewhere**2))
+        expected += float(np.sum(before**2) - np.sum(whole**2))
+    return gained > HOLDS * expected
+
+
+def fit(
+    problem: ObjectProblem, start: tuple[EffectInstance, ...], scales: Mapping[str, float]
+) -> Fit:
+    """Returns effects with the values that leave the least residual.
+
+    By turns with how the stretches begin: first as measured, then as it fits best.
+    """
+    if not start:
+        (residual,) = problem.settled(()).residuals([()])
+        empty = np.zeros((len(residual), 0))
+        return Fit(effects=(), cost=_cost(residual), jacobian=empty, residual=residual)
+    best = _fitted(problem.based(start), start, scales)
+    for _ in range(TURNS):
+        problem = problem.nearer(best.effects)
+        newest = _fitted(problem, best.effects, scales)
+        done = newest.cost > (1.0 - ENOUGH) * best.cost
+        best = newest
+        if done:
+            break
+    return best
+
+
+def _fitted(
+    problem: ObjectProblem, start: tuple[EffectInstance, ...], scales: Mapping[str, float]
+) -> Fit:
+    scale = np.concatenate([_scale(one.effect, scales) for one in start])
+    bounds = [(p.lower, p.upper) for one in start for p in one.effect.parameters]
+    low, high = np.array(bounds).T
+    answer = least_squares(
+        lambda x: problem.residuals([_with(start, x * scale)])[0],
+        np.clip(_vector(start), low + 1e-9, high - 1e-9) / scale,
+        jac=lambda x: _jacobian(problem, _with(start, x * scale), scales) * scale,
+        bounds=(low / scale, high / scale),
+        ftol=FIT_TOLERANCE,
+        xtol=1e-3,
+        max_nfev=FIT_STEPS,
+    )
+    return Fit(
+        effects=_with(start, answer.x * scale),
+        cost=_cost(answer.fun),
+        jacobian=answer.jac / scale,
+        residual=answer.fun,
+    )
+
+
+def _cost(residual: Array) -> float:
+    return float(np.mean(residual**2))
+
+
+def _vector(effects: Sequence[EffectInstance]) -> Array:
+    return np.array([one.values[p.name] for one in effects for p in one.effect.parameters])
+
+
+def _with(effects: Sequence[EffectInstance], vector: Array) -> tuple[EffectInstance, ...]:
+    ends = np.cumsum([len(one.effect.parameters) for one in effects])[:-1]
+    parts = np.split(vector, ends)
+    return tuple(
+        replace(_instance(one.effect, part), joints=one.joints)
+        for one, part in zip(effects, parts, strict=True)
+    )
+
+
+def _jacobian(
+    problem: ObjectProblem, effects: Sequence[EffectInstance], scales: Mapping[str, float]
+) -> Array:
+    """Returns the derivative of the residual by each parameter, shape (N, P)."""
+    values = _vector(effects)
+    steps = STEP * np.concatenate([_scale(one.effect, scales) for one in effects])
+    moved = [_with(effects, values + step) for step in np.diag(steps)]
+    still, *rows = problem.residuals([effects, *moved])
+    return np.asarray(((np.stack(rows) - still) / steps[:, None]).T)

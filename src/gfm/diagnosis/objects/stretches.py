@@ -1,0 +1,275 @@
+"""Short stretches in which the object moves: sliding by itself, and pushed.
+
+Contacts are chaotic over long times: a stretch ends when the object rests, when it is touched or
+let go, or after a second. What does not move says nothing.
+
+Shape letters: P poses, K time steps, R joints of the robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from gfm.core import Trajectory
+from gfm.core.checks import Array
+from gfm.diagnosis.objects.stage import Setting, Stage, clearance, place
+from gfm.diagnosis.objects.track import Track, in_plane, turned
+from gfm.effects.effect import MOTOR_SIDE
+from gfm.sim.smoothing import smoothing_spline
+
+#: Longest stretches, s: of free sliding, and of pushing.
+LONGEST_FREE_S, LONGEST_PUSH_S = 1.0, 0.5
+#: Shortest, s and poses.
+SHORTEST_S, LEAST_POSES = 0.08, 6
+#: Span of the polynomials from which speeds are taken, and of those at the start of a stretch, s.
+SPEED_S, START_S = 0.08, 0.15
+#: The object moves from this speed on, m/s, or where it is more, from so many standard deviations.
+SLOW_M_S, SLOW_SIGMAS = 0.01, 4.0
+#: Time before a push, in which the robot comes near, and after the object came to rest, s.
+BEFORE_S, AFTER_S = 0.12, 0.1
+#: Distance between robot and object below which they may touch, m.
+NEAR_M = 0.004
+#: Time in which an object comes to lie on what is below it, s, how much speed is left after each
+#: step meanwhile, and how much it may fall, m: what falls farther was held.
+SEATING_S, SEATING_DECAY, MOST_FALL_M = 0.15, 0.9, 0.01
+#: Least distance that the object covers in a stretch, in standard deviations.
+LEAST_MOTION = 8.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stretch:
+    """Some poses of one recording, and how they begin.
+
+    Attributes:
+        recording: Index of the recording.
+        time_s: Of the poses since the start, shape (P,).
+        plane: Measured, x y yaw, shape (P, 3).
+        reference: The pose since which yaw is counted, shape (7,).
+        setting: With which it is simulated.
+        pushed: Whether the robot touches the object in it.
+    """
+
+    recording: int
+    time_s: Array
+    plane: Array
+    reference: Array
+    setting: Setting
+    pushed: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """One recording, ready to be cut.
+
+    Attributes:
+        index: Of the recording.
+        track: The object.
+        robot: The joints of the stage as functions of time, and their places among these.
+        places: Which of the stage's joints `robot` gives, shape (R,); others rest at zero.
+        stage: Of the nominal model.
+        noise: Of x, y and yaw, shape (3,).
+        radius: Of gyration of the object about the vertical, m: a turn as a distance.
+    """
+
+    index: int
+    track: Track
+    robot: BSpline
+    columns: NDArray[np.intp]
+    stage: Stage
+    noise: Array
+    radius: float
+
+    def robot_at(self, time_s: Array) -> Array:
+        """Returns the robot's joints, shape (..., R); those not recorded rest at their default."""
+        lowest, highest = self.robot.t[0], self.robot.t[-1]
+        known = self.robot(np.clip(time_s, lowest, highest))
+        default = np.broadcast_to(
+            self.stage.model.qpos0[self.stage.qpos], (*known.shape[:-1], len(self.columns))
+        )
+        return np.where(self.columns >= 0, known[..., np.maximum(self.columns, 0)], default)
+
+
+def make_scene(
+    index: int, recording: Trajectory, track: Track, stage: Stage, noise: Array
+) -> Scene:
+    """Returns a recording with its robot's motion as a function of time."""
+    model = stage.model
+    names = [model.joint(int(model.dof_jntid[d])).name for d in stage.dof]
+    columns = [_column(name, recording.joint_names) for name in names]
+    body = int(model.dof_bodyid[stage.object_dof.start])
+    inertia = float(np.max(model.body_inertia[body]))
+    return Scene(
+        index=index,
+        track=track,
+        robot=smoothing_spline(recording.time_s, recording.position),
+        columns=np.array(columns, np.intp),
+        stage=stage,
+        noise=noise,
+        radius=float(np.sqrt(inertia / model.body_mass[body])),
+    )
+
+
+def _column(name: str, recorded: Sequence[str]) -> int:
+    """Returns where a joint of the stage is recorded, -1 where nowhere; a motor's with its link."""
+    link = name.removesuffix(MOTOR_SIDE)
+    return recorded.index(link) if link in recorded else -1
+
+
+def cut(scene: Scene, air: Stage) -> list[Stretch]:
+    """Returns the stretches of a recording in which the object moves.
+
+    Args:
+        scene: The recording.
+        air: The stage on which the robot touches nothing.
+    """
+    moving, touched = _moving(scene), _touched(scene)
+    stretches = []
+    for start, end in _runs(moving):
+        for first, last in _runs_within(touched, start, end):
+            stretches += _pieces(scene, air, first, last, pushed=bool(touched[first]))
+    return stretches
+
+
+def _moving(scene: Scene) -> NDArray[np.bool_]:
+    """Returns at which poses the object moves, shape (P,)."""
+    time_s, plane = scene.track.time_s, scene.track.plane
+    size = np.array([1.0, 1.0, scene.radius])
+    speed = np.zeros(len(time_s))
+    for i, now in enumerate(time_s):
+        near = np.abs(time_s - now) <= _half_window_s(scene)
+        lapse = time_s[near] - time_s[near].mean()
+        slope = lapse @ plane[near] / (lapse @ lapse)
+        noise = float(np.linalg.norm(scene.noise * size)) / np.sqrt(lapse @ lapse)
+        fast = float(np.linalg.norm(slope * size))
+        speed[i] = fast / max(SLOW_M_S, SLOW_SIGMAS * noise)
+    return np.asarray(speed > 1.0)
+
+
+def _half_window_s(scene: Scene) -> float:
+    return max(SPEED_S / 2.0, 2.5 * float(np.median(np.diff(scene.track.time_s))))
+
+
+def _touched(scene: Scene) -> NDArray[np.bool_]:
+    """Returns at which poses the robot may touch the object, shape (P,)."""
+    robot = scene.robot_at(scene.track.time_s)
+    within = NEAR_M + 4.0 * float(scene.noise[0])
+    near = [
+        clearance(scene.stage, q, p, 2.0 * within) < within
+        for q, p in zip(robot, scene.track.pose, strict=True)
+    ]
+    return np.array(near, bool)
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Returns the borders [start, end) of the runs of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _runs_within(mask: NDArray[np.bool_], start: int, end: int) -> list[tuple[int, int]]:
+    """Returns the borders of the runs of equal values from `start` to `end`."""
+    changes = start + 1 + np.flatnonzero(np.diff(mask[start:end].astype(int)))
+    return list(pairwise([start, *changes.tolist(), end]))
+
+
+def _pieces(scene: Scene, air: Stage, first: int, last: int, *, pushed: bool) -> list[Stretch]:
+    """Returns the stretches between two poses, between which the robot touches always or never."""
+    time_s = scene.track.time_s
+    start_s, end_s = float(time_s[first]), float(time_s[last - 1])
+    if not pushed:  # seen to move by what comes half a window later, and let go a little later
+        start_s += _half_window_s(scene)
+    elif _rests(scene, start_s):
+        start_s -= BEFORE_S
+    longest = LONGEST_PUSH_S if pushed else LONGEST_FREE_S
+    after = 0.0 if pushed else AFTER_S
+    if end_s - start_s < SHORTEST_S:
+        return []
+    count = int(np.ceil((end_s + after - start_s) / longest))
+    edges = np.linspace(start_s, end_s + after, count + 1)
+    found = [_stretch(scene, air, a, b, pushed=pushed) for a, b in pairwise(edges)]
+    return [one for one in found if one is not None]
+
+
+def _rests(scene: Scene, time_s: float) -> bool:
+    """Returns whether the object rested just before."""
+    before = (scene.track.time_s < time_s) & (scene.track.time_s > time_s - BEFORE_S)
+    return bool(
+        before.sum() >= 2 and np.all(np.ptp(scene.track.plane[before], axis=0) < 6.0 * scene.noise)
+    )
+
+
+def _stretch(
+    scene: Scene, air: Stage, start_s: float, end_s: float, *, pushed: bool
+) -> Stretch | None:
+    """Returns the poses between two times as a stretch; None where they show nothing."""
+    track, h = scene.track, scene.stage.timestep_s
+    here = (track.time_s >= start_s - 1e-9) & (track.time_s <= end_s + 1e-9)
+    if here.sum() < LEAST_POSES or end_s - start_s < SHORTEST_S:
+        return None
+    first = int(here.argmax())
+    start_s = float(track.time_s[first])
+    if np.max(np.ptp(track.plane[here], axis=0) / scene.noise) < LEAST_MOTION:
+        return None
+    steps = int(np.ceil((end_s - start_s) / h)) + 1
+    robot = scene.robot_at(np.asarray(start_s + h * np.arange(-1, steps + 1), np.float64))
+    start, velocity = _start(scene, start_s, pushed=pushed)
+    pose = turned(track.pose[first], start, track.plane[first])
+    seated = _seated(
+        scene.stage if pushed else air, Setting(pose=pose, velocity=np.zeros(6), robot=robot)
+    )
+    if abs(seated[2] - pose[2]) > MOST_FALL_M:
+        return None
+    if not pushed:
+        seated = turned(seated, start, in_plane(seated, track.pose[0]))
+    return Stretch(
+        recording=scene.index,
+        time_s=track.time_s[here] - start_s,
+        plane=track.plane[here],
+        reference=track.pose[0],
+        setting=Setting(pose=seated, velocity=own_velocity(seated, velocity), robot=robot),
+        pushed=pushed,
+    )
+
+
+def _start(scene: Scene, start_s: float, *, pushed: bool) -> tuple[Array, Array]:
+    """Returns where the object is at a time in the plane, and how fast, shape (3,) each.
+
+    By parabolas through what follows, or through what was before where it rested.
+    """
+    time_s, plane = scene.track.time_s, scene.track.plane
+    if pushed and _rests(scene, start_s + BEFORE_S) and _rests(scene, start_s):
+        before = (time_s <= start_s + BEFORE_S / 2.0) & (time_s > start_s - BEFORE_S)
+        return plane[before].mean(axis=0), np.zeros(3)
+    near = (time_s >= start_s - 1e-9) & (time_s <= start_s + START_S)
+    degree = 2 if near.sum() > 4 else 1
+    fit = np.polynomial.polynomial.polyfit(time_s[near] - start_s, plane[near], degree)
+    return fit[0], fit[1]
+
+
+def own_velocity(pose: Array, velocity: Array) -> Array:
+    """Returns a velocity in the plane as a free joint has it: rates about the body's own axes."""
+    inverse, rate = np.empty(4), np.empty(3)
+    mujoco.mju_negQuat(inverse, pose[3:])
+    mujoco.mju_rotVecQuat(rate, np.array([0.0, 0.0, velocity[2]]), inverse)
+    return np.concatenate([velocity[:2], [0.0], rate])
+
+
+def _seated(stage: Stage, setting: Setting) -> Array:
+    """Returns the pose in which the object lies on what is below it, the robot standing still.
+
+    Measured poses float above the floor or are in it, by their noise and the calibration.
+    """
+    model, data = stage.model, mujoco.MjData(stage.model)
+    place(stage, data, setting)
+    for _ in range(int(SEATING_S / stage.timestep_s)):
+        data.qvel[stage.dof] = 0.0
+        data.qvel[stage.object_dof] *= SEATING_DECAY
+        mujoco.mj_step(model, data)
+    return np.array(data.qpos[stage.object_qpos])

@@ -1,0 +1,197 @@
+"""What a pushed object lacks, on slides that SciPy integrates: nothing of them is MuJoCo's."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from gfm.core import CommandKind, ConfigError, ObjectTrack, Trajectory
+from gfm.diagnosis.diagnose import diagnose
+from gfm.diagnosis.objects.examine import examine_object
+from gfm.diagnosis.objects.stage import Setting, carrying_forces, make_stage, place, run
+from gfm.diagnosis.objects.track import in_plane, track_of
+from gfm.diagnosis.result import Verdict
+
+MU, MASS, REST_Z = 0.3, 0.2, 0.02
+PERIOD_S, NOISE_M, NOISE_RAD = 1 / 60, 5e-4, 5e-3
+EPOCH_NS = 1_000_000_000
+MODEL = f"""
+<mujoco>
+  <compiler angle="radian"/>
+  <option cone="elliptic"/>
+  <worldbody>
+    <geom type="plane" size="5 5 0.1"/>
+    <body name="arm" pos="-0.35 0 0.03">
+      <joint name="j" axis="0 0 1" damping="1" armature="0.1"/>
+      <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="1"/>
+    </body>
+    <body name="object" pos="0 0 {REST_Z}">
+      <freejoint name="object"/>
+      <geom type="box" size="0.05 0.04 {REST_Z}" mass="{MASS}" friction="{MU}" priority="1"/>
+    </body>
+  </worldbody>
+  <actuator><position name="j" joint="j" kp="20" kv="1"/></actuator>
+</mujoco>
+"""
+FREE = MODEL.replace('pos="-0.35 0 0.03"', 'pos="0 4 0.03"')
+
+
+def spec(text=FREE):
+    return mujoco.MjSpec.from_string(text)
+
+
+def slides(seed, *, friction=MU, damping=0.0, count=4):
+    """Returns where an object is that is flicked again and again, shape (P, 3): x, y, yaw.
+
+    It slides straight on, braked by friction mu m g and damping times speed, until it rests.
+    """
+    rng, here, path = np.random.default_rng(seed), np.zeros(3), []
+    time_s = np.arange(0.0, 0.7, PERIOD_S)
+
+    def motion(_, state):
+        return [state[1], -friction * 9.81 - damping / MASS * state[1]]
+
+    def rests(_, state):
+        return state[1]
+
+    rests.terminal = True
+    for _ in range(count):
+        path.append(np.repeat(here[None], 24, axis=0))
+        speed, way = rng.uniform(0.5, 1.3), rng.uniform(0.0, 2.0 * np.pi)
+        answer = solve_ivp(
+            motion, (0.0, 0.7), [0.0, speed], dense_output=True, events=rests, rtol=1e-9
+        )
+        slid = answer.sol(np.minimum(time_s, answer.t[-1]))[0]
+        path.append(here + np.outer(slid, [np.cos(way), np.sin(way), 0.0]))
+        here = path[-1][-1]
+    return np.concatenate(path)
+
+
+def recording(seed, path):
+    """Returns a recording of an object's path, and of an arm that swings as its model says."""
+    rng = np.random.default_rng(seed + 100)
+    time_s = PERIOD_S * np.arange(len(path))
+    noise = [NOISE_M, NOISE_M, NOISE_RAD]
+    x, y, yaw = (path + rng.standard_normal(path.shape) * noise).T
+    z = REST_Z + NOISE_M * rng.standard_normal(len(path))
+    still = np.zeros(len(path))
+    ticks = np.arange(0.0, time_s[-1], 0.01)
+    told = 0.3 * np.sin(3.0 * ticks)
+    return Trajectory(
+        name=f"run {seed}",
+        joint_names=("j",),
+        stamp_ns=EPOCH_NS + np.round(ticks * 1e9).astype(np.int64),
+        position=swing(told) + 1e-4 * rng.standard_normal((len(ticks), 1)),
+        velocity=None,
+        effort=None,
+        command_kind=CommandKind.POSITION,
+        command_stamp_ns=EPOCH_NS + np.round(ticks * 1e9).astype(np.int64),
+        command=told[:, None],
+        object_track=ObjectTrack(
+            stamp_ns=EPOCH_NS + np.round(time_s * 1e9).astype(np.int64),
+            position=np.stack([x, y, z], axis=1),
+            quaternion=np.stack([np.cos(yaw / 2), still, still, np.sin(yaw / 2)], axis=1),
+        ),
+    )
+
+
+def swing(told):
+    """Returns how the arm follows its commands, alone, shape (T, 1)."""
+    alone = spec()
+    alone.delete(alone.body("object"))
+    alone.option.timestep, alone.option.integrator = 1e-3, mujoco.mjtIntegrator.mjINT_RK4
+    model = alone.compile()
+    data, position = mujoco.MjData(model), []
+    for command in told:
+        position.append(data.qpos.copy())
+        data.ctrl[:] = command
+        mujoco.mj_step(model, data, nstep=10)
+    return np.array(position)
+
+
+def part(*paths, text=FREE):
+    runs = [recording(seed, path) for seed, path in enumerate(paths)]
+    return examine_object(spec(text), runs, runs, lambda _: None)
+
+
+def test_friction_is_named_with_its_amount_and_goes_into_the_corrected_model():
+    runs = [recording(seed, slides(seed, friction=0.45)) for seed in range(3)]
+    said = diagnose({CommandKind.POSITION: spec()}, runs[:2], runs[2:])
+    assert [(e.effect, e.joints) for e in said.effects] == [("object_friction", ())]
+    amount = said.effects[0].parameters["coefficient"]
+    assert amount.value == pytest.approx(0.15, abs=0.01)
+    assert amount.ci95[0] < 0.15 < amount.ci95[1]
+    assert said.effects[0].confidence > 0.8
+    assert said.verdict is Verdict.EXPLAINED
+    assert said.object_error["position"].after < 2.0 * NOISE_M
+    assert said.object_error["position"].before > 5.0 * NOISE_M
+    assert "misses object friction" in said.sentence
+    corrected = mujoco.MjModel.from_xml_string(said.corrected_xml)
+    assert corrected.geom_friction[-1, 0] == pytest.approx(0.45, abs=0.01)
+    assert "object_mass" in {spot.effect for spot in said.blind_spots}
+    assert any(plot.title.startswith("Path of the object") for plot in said.plots)
+
+
+def test_nothing_is_named_where_nothing_is_missing():
+    found = part(slides(0), slides(1))
+    assert found.effects == ()
+    assert found.overall.before < 1.25
+
+
+def test_what_brakes_with_the_speed_is_damping_and_no_friction():
+    found = part(slides(0, damping=0.4), slides(1, damping=0.4))
+    assert [e.effect.name for e in found.effects] == ["object_damping"]
+    assert found.effects[0].values["linear"] == pytest.approx(0.4, rel=0.15)
+
+
+def test_pyramidal_contacts_are_not_taken_for_friction():
+    found = part(slides(0), slides(1), text=FREE.replace("elliptic", "pyramidal"))
+    assert found.cone == int(mujoco.mjtCone.mjCONE_ELLIPTIC)
+    assert found.effects == ()
+    assert any("elliptic" in note for note in found.notes)
+
+
+def test_an_object_that_never_moves_is_left_alone():
+    assert part(np.zeros((120, 3))) is None
+
+
+def test_poses_of_an_object_that_the_model_lacks_are_refused():
+    alone = spec()
+    alone.delete(alone.body("object"))
+    with pytest.raises(ConfigError, match="run 0: has poses of an object; the model has no body"):
+        examine_object(alone, [recording(0, np.zeros((60, 3)))], [], lambda _: None)
+
+
+def test_a_free_body_without_poses_is_no_question():
+    run_ = replace(recording(0, np.zeros((60, 3))), object_track=None)
+    assert examine_object(spec(), [run_], [], lambda _: None) is None
+
+
+def test_the_robot_follows_its_motion_and_carries_the_object_along():
+    stage = make_stage(spec(MODEL))
+    steps = 250
+    swept = 0.3 - 0.8 * stage.timestep_s * np.arange(-1, steps + 1)  # rad, towards the object
+    begin = Setting(
+        pose=np.array([-0.1, 0.0, REST_Z, 1.0, 0.0, 0.0, 0.0]),
+        velocity=np.zeros(6),
+        robot=swept[:, None],
+    )
+    poses = run(stage, [begin, replace(begin, robot=np.full((steps + 2, 1), 0.6))])
+    moved = in_plane(poses, poses[0, 0])
+    assert moved[0, -1, 1] < -0.02  # pushed aside
+    assert moved[1, -1] == pytest.approx([-0.1, 0.0, 0.0], abs=1e-3)
+    data = mujoco.MjData(stage.model)
+    place(stage, data, begin)
+    for force in carrying_forces(stage, begin, steps):
+        data.qfrc_applied[:] = force
+        mujoco.mj_step(stage.model, data)
+    assert data.qpos[stage.qpos] == pytest.approx(swept[-1], abs=1e-6)  # whatever it pushes
+
+
+def test_the_yaw_is_counted_on_over_whole_turns():
+    yaw = np.linspace(0.0, 15.0, 200)
+    path = np.stack([0.0 * yaw, 0.0 * yaw, yaw], axis=1)
+    track = track_of(recording(0, path))
+    assert track.plane[-1, 2] - track.plane[0, 2] == pytest.approx(15.0, abs=0.05)
