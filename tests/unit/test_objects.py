@@ -42,7 +42,7 @@ def spec(text=FREE):
     return mujoco.MjSpec.from_string(text)
 
 
-def slides(seed, *, friction=MU, damping=0.0, count=4):
+def slides(seed, *, friction=MU, damping=0.0, count=3):
     """Returns where an object is that is flicked again and again, shape (P, 3): x, y, yaw.
 
     It slides straight on, braked by friction mu m g and damping times speed, until it rests.

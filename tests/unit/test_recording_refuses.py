@@ -11,8 +11,8 @@ import mcap_ros2.writer
 import numpy as np
 import pytest
 
-from gfm.core import RecordingError
-from gfm.recording import read_recording, schemas
+from gfm.core import CommandKind, ObjectTrack, RecordingError, Trajectory
+from gfm.recording import read_recording, schemas, write_recording
 
 Messages = dict[str, list[Any]]
 
@@ -150,3 +150,36 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     assert "no such file" in refusal(tmp_path / "none.mcap")
     (tmp_path / "folder").mkdir()
     assert "directory" in refusal(tmp_path / "folder")
+
+
+@pytest.mark.parametrize(
+    ("pose", "words"),
+    [
+        ([np.nan, 0, 0, 1, 0, 0, 0], "field pose.position: message 1 has position nan, 0, 0"),
+        (
+            [0, 0, 0, 1, 1, 0, 0],
+            "field pose.orientation: message 1 has a quaternion of length 1.41",
+        ),
+        ([0, 0, 0, np.nan, 0, 0, 0], "message 1 has a quaternion of length nan; expected length 1"),
+    ],
+)
+def test_poses_that_cannot_be_are_refused(tmp_path: Path, pose: list[float], words: str) -> None:
+    good_one = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    poses = np.array([good_one, pose, good_one])
+    stamp_ns = 10_000_000 * np.arange(1, 13)
+    track = ObjectTrack(stamp_ns=stamp_ns[:3], position=poses[:, :3], quaternion=poses[:, 3:])
+    still = np.zeros((12, 1))
+    recorded = Trajectory(
+        name="a",
+        joint_names=("a",),
+        stamp_ns=stamp_ns,
+        position=still,
+        velocity=None,
+        effort=None,
+        command_kind=CommandKind.POSITION,
+        command_stamp_ns=stamp_ns,
+        command=still,
+        object_track=track,
+    )
+    write_recording(tmp_path / "a.mcap", recorded)
+    assert f"/object_pose: {words}" in refusal(tmp_path / "a.mcap")
