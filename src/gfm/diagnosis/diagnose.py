@@ -28,7 +28,7 @@ from gfm.diagnosis.correction import corrected_model
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.naming import fitly_named, twins
-from gfm.diagnosis.objects import ObjectPart, examine_object
+from gfm.diagnosis.objects import ObjectPart, examine_object, widened
 from gfm.diagnosis.problem import LONG, WHOLE, Problem, make_problem
 from gfm.diagnosis.quality import all_findings, doubts
 from gfm.diagnosis.result import (
@@ -165,7 +165,8 @@ def _pushed(thing: ObjectPart | None) -> tuple[NamedEffect, ...]:
     """Returns what the object lacks, if that explains more than next to nothing."""
     if thing is None or _closed(thing.overall) < LEAST_SHARE:
         return ()
-    return _named(thing.problem.slices(), thing.found, thing.effects, thing.overall)
+    named = _named(thing.problem.slices(), thing.found, thing.effects, thing.overall)
+    return tuple(widened(one) for one in named)
 
 
 def _with_cone(spec: mujoco.MjSpec, thing: ObjectPart | None) -> mujoco.MjSpec:

@@ -4,6 +4,6 @@ The robot's joints follow their recorded motion; the object is simulated under c
 was measured, over short stretches in which it moves.
 """
 
-from gfm.diagnosis.objects.examine import ObjectPart, examine_object
+from gfm.diagnosis.objects.examine import ObjectPart, examine_object, widened
 
-__all__ = ["ObjectPart", "examine_object"]
+__all__ = ["ObjectPart", "examine_object", "widened"]
