@@ -30,8 +30,9 @@ HEARD = 0.1
 SAME_AMOUNT = (0.7, 1.4)
 #: By so much more of the missing torque must another candidate explain to be preferred by it.
 CLEARLY_MORE = 0.1
-#: Candidates that were not accepted and are looked at.
-MOST_SUSPECTS = 8
+#: Candidates that were not accepted and are looked at, and what they have to explain by rollouts:
+#: of a fit that failed only the shape is left.
+MOST_SUSPECTS, LEAST_SHARE = 8, 0.01
 
 
 class Agreement(StrEnum):
@@ -55,7 +56,8 @@ class TwoDomains:
             share that it explains on training recordings; None where it was not weighed by itself.
         torque_share: The same of the missing torque on its joints, on held-out recordings, while
             they move.
-        amount: By torque, as a multiple of that by rollouts; None where the torque says nothing.
+        amount: Of a named effect: by torque, as a multiple of that by rollouts; None where the
+            torque says nothing.
         agreement: Of a named effect; None for others.
         rival: The candidate that the torque prefers, where it does, in words.
     """
@@ -90,15 +92,14 @@ def two_domains(
     fitted = _fitted(found)
     taken = {e.key for e in named} | {t.key for t, _ in twins(named)}
     mine = [_as_found(instance, fitted, named) for instance in named]
-    others = sorted(
-        (c for key, c in fitted.items() if key not in taken), key=lambda c: -(c.share or 0.0)
-    )[:MOST_SUSPECTS]
+    rest = [c for key, c in fitted.items() if key not in taken and (c.share or 0.0) >= LEAST_SHARE]
+    others = sorted(rest, key=lambda c: -(c.share or 0.0))[:MOST_SUSPECTS]
     moving = domain.moving()
     told = {c.instance.key: moving * domain.response(c.instance) for c in (*mine, *others)}
     missing = moving * domain.missing()
     pairs = [(c, _row(c, domain, missing, told, tuple(e.key for e in named))) for c in mine]
-    rest = [(c, _row(c, domain, missing, told, ())) for c in others]
-    return (*(_judged(c, row, rest) for c, row in pairs), *(row for _, row in rest))
+    beside = [(c, _row(c, domain, missing, told, ())) for c in others]
+    return (*(_judged(c, row, beside) for c, row in pairs), *(row for _, row in beside))
 
 
 def _fitted(found: Attribution) -> dict[Key, _Candidate]:
@@ -155,7 +156,7 @@ def _row(
         named=instance.key in named,
         rollout_share=candidate.share,
         torque_share=share,
-        amount=amount if share >= HEARD else None,
+        amount=amount if share >= HEARD and instance.key in named else None,
     )
 
 
