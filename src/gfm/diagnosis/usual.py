@@ -15,7 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.attribution import FITTING_S, LEAST_GAIN, ROUGH, Fit, fit, free_parameters
+from gfm.diagnosis.attribution import (
+    FITTING_S,
+    LEAST_GAIN,
+    ROUGH,
+    SUSPECT_JOINT,
+    Fit,
+    fit,
+    free_parameters,
+)
 from gfm.diagnosis.problem import Problem
 from gfm.effects import EffectInstance, Scales, Scope, find_effect
 
@@ -59,7 +67,7 @@ def usually_missing(
     """Returns what is usually missing, fitted on all joints, without what explains too little."""
     part = problem.subset(problem.sample(FITTING_S))
     report("looking for what is usually wrong on all joints")
-    effects = list(_from_grid(part, scales))
+    effects = list(_from_grid(part, scales, missed(part)))
     for _ in range(FITS):
         report(f"fitting {len(effects)} usual effects together")
         fitted = fit(part.robust(effects), effects, tolerance=ROUGH)
@@ -69,8 +77,16 @@ def usually_missing(
     return fit(part, effects, tolerance=ROUGH)
 
 
-def _from_grid(problem: Problem, scales: Sequence[Scales]) -> tuple[EffectInstance, ...]:
-    """Returns every usual effect on every joint, with the best of its grid.
+def missed(problem: Problem) -> list[int]:
+    """Returns the joints on which the nominal model leaves much, by their numbers."""
+    costs = problem.joint_costs(problem.residuals([()])[0]) - 1.0
+    return [int(j) for j in np.flatnonzero(costs > SUSPECT_JOINT * costs.max())]
+
+
+def _from_grid(
+    problem: Problem, scales: Sequence[Scales], joints: Sequence[int]
+) -> tuple[EffectInstance, ...]:
+    """Returns every usual effect on every one of `joints`, with the best of its grid.
 
     All joints are tried side by side: each takes what leaves least on itself.
     """
@@ -78,27 +94,29 @@ def _from_grid(problem: Problem, scales: Sequence[Scales]) -> tuple[EffectInstan
     for _ in range(PASSES):
         for usual in USUAL:
             grid = np.array([usual.grid(one) for one in scales]).T
-            sets = [_instances(problem, {**chosen, usual.name: row}) for row in grid]
+            sets = [_instances(problem, joints, {**chosen, usual.name: row}) for row in grid]
             costs = np.stack([problem.joint_costs(r) for r in problem.residuals(sets)])
             if find_effect(usual.name).scope is not Scope.JOINT:
                 costs[:] = costs.mean(axis=1, keepdims=True)
             best = costs.argmin(axis=0)
             chosen[usual.name] = grid[best, np.arange(len(scales))]
-    return _instances(problem, chosen)
+    return _instances(problem, joints, chosen)
 
 
-def _instances(problem: Problem, values: dict[str, Array]) -> tuple[EffectInstance, ...]:
+def _instances(
+    problem: Problem, joints: Sequence[int], values: dict[str, Array]
+) -> tuple[EffectInstance, ...]:
     found = []
     for name, amounts in values.items():
         effect = find_effect(name)
-        places = [problem.joints]
+        places = [(problem.joints, amounts[0])]
         if effect.scope is Scope.JOINT:
-            places = [(joint,) for joint in problem.joints]
+            places = [((problem.joints[j],), amounts[j]) for j in joints]
         found += [
             EffectInstance(
                 effect=effect, joints=place, values={effect.parameters[0].name: float(amount)}
             )
-            for place, amount in zip(places, amounts, strict=False)
+            for place, amount in places
         ]
     return tuple(found)
 
