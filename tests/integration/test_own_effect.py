@@ -111,6 +111,7 @@ def recording(seed, slope):
     )
 
 
+@pytest.mark.slow
 def test_the_example_is_named_on_data_and_goes_on_in_the_corrected_pair(
     tmp_path, installing, capsys
 ):

@@ -140,6 +140,7 @@ def test_nothing_is_named_where_nothing_is_missing():
     assert found.overall.before < 1.25
 
 
+@pytest.mark.slow
 def test_what_brakes_with_the_speed_is_damping_and_no_friction():
     found = part(slides(0, damping=0.4), slides(1, damping=0.4))
     assert [e.effect.name for e in found.effects] == ["object_damping"]

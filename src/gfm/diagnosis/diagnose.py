@@ -29,7 +29,7 @@ from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.naming import fitly_named, twins
 from gfm.diagnosis.objects import ObjectPart, examine_object, widened
-from gfm.diagnosis.problem import LONG, WHOLE, Problem, make_problem
+from gfm.diagnosis.problem import LONG, WHOLE, Problem, check_recordings, make_problem
 from gfm.diagnosis.quality import all_findings, doubts
 from gfm.diagnosis.result import (
     Diagnosis,
@@ -108,6 +108,7 @@ def diagnose(
     Raises:
         BadInputError: recordings, models and forces do not belong together.
     """
+    check_recordings(specs, [*recordings, *holdout])
     thing = examine_object(specs[recordings[0].command_kind], recordings, holdout, report)
     pushed = _pushed(thing)
     specs = {kind: _with_cone(spec, thing) for kind, spec in specs.items()}

@@ -274,7 +274,7 @@ def make_problem(
         UnknownNameError: a model lacks a recorded joint.
     """
     joints = recordings[0].joint_names
-    _check_recordings(specs, recordings)
+    check_recordings(specs, recordings)
     for spec in specs.values():
         check_joints(spec, joints)
     accurate = {kind: accurately_integrated(spec) for kind, spec in specs.items()}
@@ -345,9 +345,10 @@ def _object_pose(recording: Trajectory, stamp_ns: int) -> Array | None:
     return np.concatenate([track.position[nearest], track.quaternion[nearest]])
 
 
-def _check_recordings(
+def check_recordings(
     specs: Mapping[CommandKind, mujoco.MjSpec], recordings: Sequence[Trajectory]
 ) -> None:
+    """Raises ConfigError where commands have no model of their kind, or joints differ."""
     first = recordings[0]
     for recording in recordings:
         if recording.command_kind not in specs:
