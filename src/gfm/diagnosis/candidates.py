@@ -100,11 +100,9 @@ def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
     return TorqueView(position=q, velocity=v, drive=drive, missing=needed - drive)
 
 
-def _command_at(plant: Plant, recording: Trajectory) -> Array:
-    """Returns the command in force at each measurement, shape (T, J)."""
-    period_s = plant.model.opt.timestep
-    steps = int(recording.duration_s / period_s) + 2
-    whole = Segment(
+def whole_segment(recording: Trajectory) -> Segment:
+    """Returns a recording as one stretch, for asking which commands were in force."""
+    return Segment(
         time_s=recording.time_s,
         position=recording.position,
         effort=None,
@@ -115,7 +113,13 @@ def _command_at(plant: Plant, recording: Trajectory) -> Array:
         initial_velocity=np.zeros(len(recording.joint_names)),
         servo_gain=np.ones(len(recording.joint_names)),
     )
-    held = applied_commands(plant, whole, steps)
+
+
+def _command_at(plant: Plant, recording: Trajectory) -> Array:
+    """Returns the command in force at each measurement, shape (T, J)."""
+    period_s = plant.model.opt.timestep
+    steps = int(recording.duration_s / period_s) + 2
+    held = applied_commands(plant, whole_segment(recording), steps)
     return np.asarray(held[np.minimum((recording.time_s / period_s).astype(int), steps - 1)])
 
 

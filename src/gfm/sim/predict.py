@@ -93,7 +93,7 @@ class _Job:
     compensation: CompensationError | None = field(init=False)
 
     def __post_init__(self) -> None:
-        self.model = _with_servo_gain(self.plant, self.segment)
+        self.model = with_servo_gain(self.plant, self.segment.kind, self.segment.servo_gain)
         self.compensation = compensation_error(self.plant, self.segment.position)
 
 
@@ -127,15 +127,21 @@ def _batches(plants: Sequence[Plant], segments: Sequence[Segment]) -> Iterator[l
             yield jobs[start : start + most]
 
 
-def _with_servo_gain(plant: Plant, segment: Segment) -> mujoco.MjModel:
-    """Returns the plant's model with the servo gains of the recording; one of zero is no drive."""
-    if (segment.servo_gain == 1.0).all():
+def with_servo_gain(plant: Plant, kind: CommandKind, gain: Array) -> mujoco.MjModel:
+    """Returns the plant's model with the servo gains of a recording; one of zero is no drive.
+
+    Args:
+        plant: In which a gain is one.
+        kind: What the servos follow.
+        gain: Factor of each joint's, shape (J,).
+    """
+    if (gain == 1.0).all():
         return plant.model
     model = copy.copy(plant.model)
-    feedback = 2 if segment.kind is CommandKind.VELOCITY else 1
-    model.actuator_gainprm[plant.actuator, 0] *= segment.servo_gain
-    model.actuator_biasprm[plant.actuator, feedback] *= segment.servo_gain
-    model.actuator_biasprm[plant.actuator] *= (segment.servo_gain > 0.0)[:, None]
+    feedback = 2 if kind is CommandKind.VELOCITY else 1
+    model.actuator_gainprm[plant.actuator, 0] *= gain
+    model.actuator_biasprm[plant.actuator, feedback] *= gain
+    model.actuator_biasprm[plant.actuator] *= (gain > 0.0)[:, None]
     return model
 
 

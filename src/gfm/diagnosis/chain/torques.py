@@ -20,14 +20,14 @@ import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.candidates import TorqueView
+from gfm.diagnosis.candidates import TorqueView, whole_segment
 from gfm.diagnosis.quality.finding import held_command
 from gfm.diagnosis.signals import smooth_states
 from gfm.effects import EffectInstance
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
 from gfm.sim.compensation import compensation_error
 from gfm.sim.plant import Plant, make_plant
-from gfm.sim.predict import Segment, applied_commands
+from gfm.sim.predict import applied_commands, with_servo_gain
 
 #: Length of a block, s: short beside a motion, long beside the noise of accelerations.
 BLOCK_S = 0.1
@@ -196,7 +196,9 @@ def _view(plant: Plant, recording: Trajectory) -> TorqueView:
     """Returns a recording as torques, what a gravity compensation does wrong included."""
     q, v, a = smooth_states(recording.time_s, recording.position)
     command = _commands(plant, recording)
-    model, data = _with_servo_gain(plant, recording), mujoco.MjData(plant.model)
+    gain = np.array([recording.servo_gain.get(name, 1.0) for name in plant.joints])
+    model = copy.copy(with_servo_gain(plant, recording.command_kind, gain))
+    data = mujoco.MjData(model)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     needed, drive = np.empty_like(q), np.empty_like(q)
     for i in range(len(q)):
@@ -219,35 +221,13 @@ def _commands(plant: Plant, recording: Trajectory) -> Array:
     period_s = plant.model.opt.timestep
     half_s = 0.5 * float(np.median(np.diff(recording.time_s)))
     steps = int((recording.duration_s + half_s) / period_s) + 2
-    whole = Segment(
-        time_s=recording.time_s,
-        position=recording.position,
-        effort=None,
-        kind=recording.command_kind,
-        command_time_s=recording.command_time_s,
-        command=recording.command,
-        initial_position=recording.position[0],
-        initial_velocity=np.zeros(len(recording.joint_names)),
-        servo_gain=np.ones(len(recording.joint_names)),
-    )
-    applied = applied_commands(plant, whole, steps)
+    applied = applied_commands(plant, whole_segment(recording), steps)
     summed = np.concatenate([np.zeros((1, applied.shape[1])), np.cumsum(applied, axis=0)])
     around = recording.time_s + half_s * np.array([[-1.0], [1.0]])
     edges = np.clip(around / period_s, 0.0, steps)
     grid = np.arange(steps + 1)
     sums = [[np.interp(e, grid, column) for column in summed.T] for e in edges]
     return np.asarray((np.array(sums[1]) - np.array(sums[0])).T / (edges[1] - edges[0])[:, None])
-
-
-def _with_servo_gain(plant: Plant, recording: Trajectory) -> mujoco.MjModel:
-    """Returns a model with a recording's servo gains; one of zero is no drive."""
-    model = copy.copy(plant.model)
-    feedback = 2 if recording.command_kind is CommandKind.VELOCITY else 1
-    gain = np.array([recording.servo_gain.get(name, 1.0) for name in plant.joints])
-    model.actuator_gainprm[plant.actuator, 0] *= gain
-    model.actuator_biasprm[plant.actuator, feedback] *= gain
-    model.actuator_biasprm[plant.actuator] *= (gain > 0.0)[:, None]
-    return model
 
 
 def _looked_at(recording: Trajectory, samples: int) -> Trajectory:
