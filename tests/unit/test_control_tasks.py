@@ -15,7 +15,12 @@ from gfm.envs.control_settings import ControlSettings, Curriculum
 from gfm.envs.history import History
 from gfm.envs.joint_tracking import JointTracking, minimum_jerk
 from gfm.envs.matching import STATES, Matching
-from gfm.envs.matching_task import POSE_MATCHING, POSITION_MATCHING, check_goals
+from gfm.envs.matching_task import (
+    FAILURE_REWARD,
+    POSE_MATCHING,
+    POSITION_MATCHING,
+    check_goals,
+)
 from gfm.envs.outcomes import Outcome, Outcomes
 from gfm.envs.registry import (
     EnvironmentAssets,
@@ -110,18 +115,47 @@ def test_distance_is_one_at_the_edge_of_the_tolerance(task):
 
 
 @pytest.mark.parametrize("task", [POSITION_MATCHING, POSE_MATCHING])
-def test_reward_is_one_at_the_goal_and_grows_on_the_way_to_it(task):
+def test_the_potential_is_zero_at_the_goal_and_grows_on_the_way_to_it(task):
     goal = np.array([[CENTRE[0], CENTRE[1], 0.3]])
     way = [(0.08, 0.9), (0.06, 0.8), (0.04, 0.6), (0.02, 0.4), (0.0, 0.3)]
-    rewards = []
+    potentials = []
     for x, yaw in way:
         position = placed(x, 0.0)
-        tip = position - [[0.05, 0.0, 0.0]]
-        tip = task.tool_place(tip, position, goal)
-        rewards.append(task.reward(tip, position, yawed([yaw]), goal)[0])
-    assert rewards[-1] == 1.0
-    assert np.all(np.diff(rewards) > 0.02)
-    assert rewards[0] > 0.0
+        tip = task.tool_place(position - [[0.05, 0.0, 0.0]], position, goal)
+        potentials.append(task.potential(tip, position, yawed([yaw]), goal)[0])
+    assert potentials[-1] == 0.0
+    assert np.all(np.diff(potentials) > 0.5)
+
+
+def test_two_centimetres_of_the_tool_are_worth_one_and_those_of_the_object_two():
+    task, position = POSITION_MATCHING, placed(0.0, 0.0)
+    goal = np.array([[CENTRE[0] + 0.08, CENTRE[1], 0.0]])
+    tip = task.tool_place(position - [[0.05, 0.0, 0.0]], position, goal)
+    there = task.potential(tip, position, yawed([0.0]), goal)
+    tool_off = task.potential(tip + [[0.0, 0.02, 0.0]], position, yawed([0.0]), goal)
+    np.testing.assert_allclose(there - tool_off, 1.0)
+    away = np.array([[0.02, 0.0, 0.0]])
+    further = task.potential(tip - away, position - away, yawed([0.0]), goal)
+    np.testing.assert_allclose(there - further, 2.0)
+
+
+@pytest.mark.parametrize("task", [POSITION_MATCHING, POSE_MATCHING])
+def test_an_episodes_rewards_add_up_to_the_way_made_and_the_time_at_the_goal(task):
+    env = Matching(task, problem(task.name), 3, seed=1, horizon=30)
+    rng = np.random.default_rng(0)
+
+    def potential():
+        scene = env.scene()
+        return task.potential(scene.tip, scene.position, scene.axes, env.goal)
+
+    for ids in (None, np.array([0, 2])):  # the second time one instance goes on
+        env.reset(ids)
+    begun, total = potential(), np.zeros(3)
+    for _ in range(30):
+        total += env.step(rng.uniform(-1, 1, size=(3, 7)).astype(np.float32)).reward
+        scene = env.scene()
+        total -= 0.5 * task.reached(scene.position, scene.axes, env.goal)
+    np.testing.assert_allclose(total, potential() - begun, atol=1e-4)
 
 
 def test_the_tool_is_drawn_over_the_object_to_its_far_side_and_then_against_it():
@@ -141,7 +175,7 @@ def test_the_tool_is_drawn_over_the_object_to_its_far_side_and_then_against_it()
     assert pressed[2] == pytest.approx(beside)
     assert pressed[0] - low[0, 0] == pytest.approx(0.02)
     here, there = (
-        task.reward(tip, position, yawed([0.0]), goal) for tip in (low, 2.0 * position - low)
+        task.potential(tip, position, yawed([0.0]), goal) for tip in (low, 2.0 * position - low)
     )
     assert here > there
 
@@ -172,7 +206,7 @@ def test_a_success_stays_one_and_a_failure_too():
     assert outcomes.now.tolist() == [Outcome.REACHED, Outcome.RUNNING]
 
 
-def test_leaving_the_workspace_terminates_with_nothing():
+def test_leaving_the_workspace_terminates_and_costs():
     goals = POSITION_MATCHING.radial_goals()[:2]
     arm = problem(curriculum=Curriculum(gains=(6.0,)))
     env = Matching(POSITION_MATCHING, arm, 2, goals=goals)
@@ -185,7 +219,7 @@ def test_leaving_the_workspace_terminates_with_nothing():
             break
     assert transition.ended.tolist() == [False, True]
     assert transition.discount.tolist() == [1.0, 0.0]
-    assert transition.reward[1] == 0.0 < transition.reward[0]
+    assert transition.reward[1] == FAILURE_REWARD < transition.reward[0]
     assert env.outcome.tolist() == [Outcome.RUNNING, Outcome.TOOL_LEFT_WORKSPACE]
 
 

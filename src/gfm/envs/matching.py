@@ -23,6 +23,7 @@ from gfm.envs.matching_task import (
     MatchingTask,
     check_goals,
     object_outside,
+    reward,
     tip_outside,
 )
 from gfm.envs.outcomes import Outcome, Outcomes
@@ -68,7 +69,7 @@ class Matching(BatchedEnvironment):
     curriculum's gain.
 
     An episode begins with the object at the basket's centre, within millimetres, and the arm above
-    it. It terminates when the tool leaves its workspace or the object the basket, with reward 0.
+    it. It terminates when the tool leaves its workspace or the object the basket.
     Success (the goal held for 0.5 s) does not end it: there is nothing better than to stay.
     """
 
@@ -110,6 +111,7 @@ class Matching(BatchedEnvironment):
         self._outcomes = Outcomes(num_envs)
         self._fixed_goals = goals
         self._goal: Array = np.zeros((num_envs, 3))
+        self._potential: Array = np.zeros(num_envs)
         self.spec = EnvironmentSpec(
             name=task.name,
             observation_size=self._history.size + self._goal_features(self.scene()).shape[1],
@@ -156,6 +158,7 @@ class Matching(BatchedEnvironment):
         self._outcomes.start(chosen)
         scene = self.scene()
         self._history.fill(chosen, self._state(scene)[chosen])
+        self._potential[chosen] = self._potentials(scene)[chosen]
         return self._observation(scene)
 
     @override
@@ -166,11 +169,12 @@ class Matching(BatchedEnvironment):
         failure = _failures(scene, diverged)
         failed = failure != Outcome.RUNNING
         ended = self._episodes.tick(failed)
-        self._outcomes.judge(task.reached(scene.position, scene.axes, goal), failure, ended)
-        reward = task.reward(scene.tip, scene.position, scene.axes, goal)
+        reached = task.reached(scene.position, scene.axes, goal)
+        self._outcomes.judge(reached, failure, ended)
+        before, self._potential = self._potential, self._potentials(scene)
         return Transition(
             observation=self._observation(scene),
-            reward=np.where(failed, 0.0, reward).astype(np.float32),
+            reward=reward(self._potential - before, reached, failed).astype(np.float32),
             discount=np.where(failed, 0.0, 1.0).astype(np.float32),
             ended=ended,
         )
@@ -201,6 +205,9 @@ class Matching(BatchedEnvironment):
             scene.axes,
         )
         return np.concatenate(parts, axis=1)
+
+    def _potentials(self, scene: Scene) -> Array:
+        return self._task.potential(scene.tip, scene.position, scene.axes, self._goal)
 
     def _goal_features(self, scene: Scene) -> Array:
         """Returns scaled differences between goal, basket, object and tool, angles, (N, G)."""

@@ -3,15 +3,20 @@
 Shape letters: n goals, N states. A goal is x, y (m, base frame) and yaw (rad); tasks without a yaw
 ignore it.
 
-Success is the paper's test (Jeong et al. 2019, section IV-C). The reward is ours:
+Success is the paper's test (Jeong et al. 2019, section IV-C). The reward is ours: what a step gains
+on the way to it, and a half for every step spent there,
 
-    0.75 exp(-D / 1.6) + 0.25 exp(-d / 0.06 m)
+    phi(after) - phi(before) + 0.5 [reached],    phi = -(d + 2 e) / 2 cm,
 
-D is the distance from the goal in units of the success test's tolerance (for a pose the norm of
-both parts). d is how far the tool is from where it should be: against the object's far side, seen
-from the goal, and above the object as long as it has to get there. Within the tolerance it counts
-as none. The reward is between 0 and 1, slopes everywhere in the basket, and leaves most to what the
-task is about. Who only ever goes where d points pushes the object to the goal: a test does.
+and -5 for what ends an episode early. e is how far the object is from its goal: the success test's
+tolerance in metres times the distance D in units of that tolerance (for a pose the norm of both
+parts). d is how far the tool is from where it should be: against the object's far side, seen from
+the goal, and above the object as long as it has to get there. Within the tolerance it counts as
+none. Who only ever goes where d points pushes the object to the goal: a test does.
+
+A reward for where tool and object are would have the same optimum (shaping by a potential does not
+move it: Ng, Harada & Russell 1999) and cannot be learned from: in one step the tool moves 3 mm, so
+that what tells one action from another is less than the hundredth part of what the state is worth.
 """
 
 from __future__ import annotations
@@ -31,7 +36,9 @@ from gfm.sim.kinematics import wrapped, yaw_of
 RADIAL_GOALS = 10
 
 _CENTRE = np.array(numbers.BASKET_XYZ)
-_PLACE_WEIGHT, _PLACE_LENGTH, _REACH_LENGTH_M = 0.75, 1.6, 0.06
+_OBJECT_WEIGHT, _UNIT_M, _REACHED_REWARD = 2.0, 0.02, 0.5
+#: Of what ends an episode before its time.
+FAILURE_REWARD = -5.0
 #: The tool's place: so far clear of the object as long as the tool is above it, and so far beyond
 #: first contact once it is beside it, so that to go there is to push. While it has to get there, it
 #: is so high above the object's centre; it comes down over the last centimetres.
@@ -114,8 +121,8 @@ class MatchingTask:
         place = np.linalg.norm(position[:, :2] - goal[:, :2], axis=1)
         return place, np.abs(wrapped(yaw_of(axes) - goal[:, 2]))
 
-    def reward(self, tip: Array, position: Array, axes: Array, goal: Array) -> Array:
-        """Returns what a state is worth, in (0, 1], shape (N,).
+    def potential(self, tip: Array, position: Array, axes: Array, goal: Array) -> Array:
+        """Returns phi, what is left to go, negative, shape (N,).
 
         Args:
             tip: Of the tool, m, shape (N, 3).
@@ -123,15 +130,13 @@ class MatchingTask:
             axes: As of `distance`.
             goal: As of `distance`.
         """
-        place = np.exp(-self.distance(position, axes, goal) / _PLACE_LENGTH)
         away = np.linalg.norm(tip - self.tool_place(tip, position, goal), axis=1)
         away = np.where(self.reached(position, axes, goal), 0.0, away)
-        return np.asarray(
-            _PLACE_WEIGHT * place + (1.0 - _PLACE_WEIGHT) * np.exp(-away / _REACH_LENGTH_M)
-        )
+        left = self.tolerance_m * self.distance(position, axes, goal)
+        return np.asarray(-(away + _OBJECT_WEIGHT * left) / _UNIT_M)
 
     def tool_place(self, tip: Array, position: Array, goal: Array) -> Array:
-        """Returns where the tool should be, m, shape (N, 3); arguments as of `reward`.
+        """Returns where the tool should be, m, shape (N, 3); arguments as of `potential`.
 
         Within a centimetre of the goal it lets go: over the object.
         """
@@ -150,6 +155,17 @@ class MatchingTask:
     def _contact(self, way: Array) -> Array:
         """Returns about how far apart tool and object touch along directions (N, 2), m, (N,)."""
         return np.asarray(1.0 / np.maximum(np.linalg.norm(way / self.contact_m, axis=1), 1.0))
+
+
+def reward(gained: Array, reached: NDArray[np.bool_], failed: NDArray[np.bool_]) -> Array:
+    """Returns what a step is worth, shape (N,).
+
+    Args:
+        gained: Potential after the step minus the one before, shape (N,).
+        reached: Where the goal is reached after it, shape (N,).
+        failed: Where it ended the episode, shape (N,).
+    """
+    return np.where(failed, FAILURE_REWARD, gained + _REACHED_REWARD * reached)
 
 
 def tip_outside(tip: Array) -> NDArray[np.bool_]:
