@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gfm.core import Batch, ConfigError, RefusedError, Sequence
+from gfm.core import BadInputError, Batch, ConfigError, RefusedError, Sequence
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_replay.arrivals import OUT_OF_ORDER, Arrivals, Life
 from gfm_replay.buffer import SequenceBuffer
 from gfm_replay.config import ReplayConfig
+from gfm_replay.files import RingFiles
 from gfm_replay.service import ReplayService
 from gfm_wire import Message, NotReady, SampleRequest, SequenceAck, StatusRequest
 
@@ -114,6 +115,55 @@ def test_a_sequence_that_can_never_fit_is_refused_and_fixes_nothing():
         buffer.insert(make_sequence(0, steps=0))
     buffer.insert(make_sequence(1))
     assert len(buffer) == 1
+
+
+def kept_in(folder, capacity_bytes=SEQUENCE_BYTES * 3):
+    return SequenceBuffer(capacity_bytes, RingFiles(folder))
+
+
+def test_what_is_kept_in_files_outlives_the_service_and_goes_on_as_if_nothing_had_happened(
+    tmp_path,
+):
+    asker, always = Asker(folder=str(tmp_path / "ring")), Asker()
+    for number in range(5):
+        asker.insert(make_sequence(number))
+        always.insert(make_sequence(number))
+    for one in (asker, always):
+        one.sample(8)
+    asker.service.close()
+    again = Asker(folder=str(tmp_path / "ring"))
+    for name in ("replay_sequences", "replay_steps", "samples"):
+        assert again.counters[name] == always.counters[name] > 0
+    for one in (again, always):
+        one.insert(make_sequence(5, actor="actor-2"))
+    drawn, expected = again.sample(64), always.sample(64)
+    for name in ("weights_version", "observation", "action", "reward", "discount", "log_prob"):
+        np.testing.assert_array_equal(getattr(drawn, name), getattr(expected, name))
+
+
+def test_a_sequence_that_was_being_written_when_its_process_died_is_never_handed_out(tmp_path):
+    buffer = kept_in(tmp_path)
+    for number in range(5):
+        buffer.insert(make_sequence(number))
+    torn = np.load(tmp_path / "observation.npy", mmap_mode="r+")
+    torn[5 % len(torn)] = np.nan  # where the sixth would go: it never got counted
+    again = kept_in(tmp_path)
+    batch = again.sample(100, np.random.default_rng(0))
+    assert set(batch.weights_version) == {2, 3, 4}
+    assert np.isfinite(batch.observation).all()
+
+
+def test_files_of_another_capacity_or_damaged_ones_are_refused_and_left_alone(tmp_path):
+    kept_in(tmp_path).insert(make_sequence(0))
+    with pytest.raises(ConfigError, match=r"room for 3 sequences of .* bytes, expected 5"):
+        kept_in(tmp_path, SEQUENCE_BYTES * 5)
+    assert len(kept_in(tmp_path)) == 1
+    (tmp_path / "reward.npy").write_bytes(b"not an array")
+    with pytest.raises(BadInputError, match="damaged replay"):
+        kept_in(tmp_path)
+    (tmp_path / "ring.json").write_text('{"format": "gfm.replay/9"}')
+    with pytest.raises(BadInputError, match=r"'gfm.replay/9', expected 'gfm.replay/1'"):
+        kept_in(tmp_path)
 
 
 def test_below_the_minimum_the_learner_is_told_what_is_missing():

@@ -38,6 +38,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="RATIO",
         help="hand out each sequence at most this often on average (default: no limit)",
     )
+    group.add_argument(
+        "--folder", metavar="DIR", help="keep sequences in files there (default: in memory)"
+    )
     group.add_argument("--seed", type=int, help="of the choice of sequences")
     return service_main(parser, ReplayConfig, build, argv)
 

@@ -15,12 +15,15 @@ class ReplayConfig(ServiceConfig, frozen=True, kw_only=True):
         max_samples_per_insert: Sequences handed out per sequence accepted, at most; beyond that
             the learner waits for the actors. None does not limit it.
         seed: Of the choice of sequences.
+        folder: Where sequences are kept in files, for this process and those after it; empty keeps
+            them in memory.
     """
 
     capacity_mib: int = 256
     min_size: int = 64
     max_samples_per_insert: float | None = None
     seed: int = 0
+    folder: str = ""
 
     def __post_init__(self) -> None:
         super().__post_init__()

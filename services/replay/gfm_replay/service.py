@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from pathlib import Path
 from typing import final
 
 import numpy as np
@@ -15,6 +16,7 @@ from gfm.transport import Request, Transport
 from gfm_replay.arrivals import Arrivals
 from gfm_replay.buffer import SequenceBuffer
 from gfm_replay.config import ReplayConfig
+from gfm_replay.files import RingFiles
 from gfm_wire import NotReady, SampleRequest, SequenceAck
 
 _INSERTS_PER_STEP = 64
@@ -32,13 +34,14 @@ class ReplayService(Service):
     ) -> None:
         self._config = config
         self._rng = rng
-        self._buffer = SequenceBuffer(config.capacity_mib * 2**20)
+        self._files = RingFiles(Path(config.folder)) if config.folder else None
+        self._buffer = SequenceBuffer(config.capacity_mib * 2**20, self._files)
+        if self._files is not None:
+            self._files.restore_random(rng)
         self._arrivals = Arrivals()
         self._inserts = transport.serve("replay/insert")
         self._samples = transport.serve("replay/sample")
-        self._counters: Counter[str] = Counter(
-            replay_sequences=0, replay_steps=0, samples=0, batches=0, duplicates=0, given_up=0
-        )
+        self._counters: Counter[str] = Counter(batches=0, duplicates=0, given_up=0)
         self._note = "waiting for the first sequence"
 
     @override
@@ -56,16 +59,21 @@ class ReplayService(Service):
 
     @override
     def status(self) -> Status:
-        inserted = self._counters["replay_sequences"]
+        buffer = self._buffer
         return make_status(
             "replay",
             self._config.name,
-            counters=self._counters,
+            counters={
+                **self._counters,
+                "replay_sequences": buffer.inserted,
+                "replay_steps": buffer.inserted * buffer.steps,
+                "samples": buffer.sampled,
+            },
             gauges={
-                "replay_stored_sequences": len(self._buffer),
-                "replay_capacity_sequences": self._buffer.capacity,
-                "replay_used_bytes": self._buffer.used_bytes,
-                "samples_per_insert": self._counters["samples"] / inserted if inserted else 0.0,
+                "replay_stored_sequences": len(buffer),
+                "replay_capacity_sequences": buffer.capacity,
+                "replay_used_bytes": buffer.used_bytes,
+                "samples_per_insert": buffer.sampled / max(buffer.inserted, 1),
                 "actors_heard": len(self._arrivals),
             },
             note=self._note,
@@ -73,7 +81,9 @@ class ReplayService(Service):
 
     @override
     def close(self) -> None:
-        """Nothing: what is stored lives only as long as this process."""
+        """Keeps the random state beside the sequences, where these are kept in files."""
+        if self._files is not None:
+            self._files.save_random(self._rng)
 
     def _answer_insert(self, request: Request) -> None:
         if not isinstance(request.message, Sequence):
@@ -93,8 +103,6 @@ class ReplayService(Service):
         else:
             self._buffer.insert(sequence)
             self._counters["given_up"] += life.add(sequence.number)
-            self._counters["replay_sequences"] += 1
-            self._counters["replay_steps"] += len(sequence.reward)
         return SequenceAck(actor=sequence.actor, epoch=sequence.epoch, cursor=life.cursor)
 
     def _answer_sample(self, request: Request) -> None:
@@ -114,17 +122,16 @@ class ReplayService(Service):
             )
             return
         request.reply(self._buffer.sample(wanted.batch_size, self._rng))
-        self._counters["samples"] += wanted.batch_size
         self._counters["batches"] += 1
         self._note = "handing out batches"
 
     def _not_ready(self, batch_size: int) -> NotReady | None:
         """Returns what keeps the next batch from being handed out, or None."""
-        inserted = self._counters["replay_sequences"]
+        inserted, sampled = self._buffer.inserted, self._buffer.sampled
         limit = self._config.max_samples_per_insert
         needed = self._config.min_size
         if limit is not None:
-            needed = max(needed, math.ceil((self._counters["samples"] + batch_size) / limit))
+            needed = max(needed, math.ceil((sampled + batch_size) / limit))
         if inserted >= needed:
             return None
         reason = f"the learner waits for actors: {inserted} of {needed} sequences have arrived"

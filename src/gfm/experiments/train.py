@@ -131,7 +131,7 @@ def training_system(config: TrainConfig, folder: RunFolder, life: int) -> System
         run="train",  # a router of its own: nobody else is there
         endpoint=free_endpoint(),
         processes=(
-            replay_process((*told("replay"), "--seed", str(seed))),
+            replay_process((*told("replay"), "--seed", str(seed), "--folder", str(folder.replay))),
             learner_process(learner),
             *actor_processes(config.actors, seed, (*told("actor"), "--env", config.env)),
         ),

@@ -73,6 +73,11 @@ class RunFolder:
         return self.path / "checkpoints"
 
     @property
+    def replay(self) -> Path:
+        """What the replay service keeps."""
+        return self.path / "replay"
+
+    @property
     def policy(self) -> Path:
         """The newest policy."""
         return self.checkpoints / "policy.npz"
