@@ -66,7 +66,7 @@ class SequenceBuffer:
     @property
     def steps(self) -> int:
         """T; 0 before the first sequence."""
-        return int(self._arrays["reward"].shape[1]) if self._arrays else 0
+        return len(self._arrays["reward"][0]) if self._arrays else 0
 
     @property
     def spec_digest(self) -> str:
