@@ -85,6 +85,7 @@ ASSETS = {
     "pose_matching": ("pose_matching", EnvironmentAssets()),
     "gfm_fit": ("gfm_fit", _fit_assets(free=False)),
     "gfm_fit with an object": ("gfm_fit", _fit_assets(free=True)),
+    "gymnasium": ("gymnasium:Pendulum-v1", EnvironmentAssets()),
 }
 
 
@@ -100,7 +101,8 @@ def _actions(env, steps, seed=0):
 
 
 def test_every_registered_environment_is_under_contract():
-    assert {name for name, _ in ASSETS.values()} == set(ENVIRONMENT_NAMES)
+    own = {name for name, _ in ASSETS.values() if not name.startswith("gymnasium:")}
+    assert own == set(ENVIRONMENT_NAMES)
 
 
 def test_shapes_and_types_are_those_of_the_spec(make):
@@ -115,13 +117,49 @@ def test_shapes_and_types_are_those_of_the_spec(make):
     assert transition.ended.dtype == bool
 
 
-def test_rewards_are_in_the_unit_interval_and_everything_is_finite(make):
+def test_rewards_and_observations_are_finite(make):
     env = make()
     env.reset()
     for action in _actions(env, HORIZON):
         transition = env.step(action)
         assert np.isfinite(transition.observation).all()
-        assert ((transition.reward > 0.0) & (transition.reward <= 1.0)).all()
+        assert np.isfinite(transition.reward).all()
+
+
+@pytest.mark.parametrize("case", ["joint_tracking", "gfm_fit", "gfm_fit with an object"])
+def test_rewards_for_how_near_one_is_are_in_the_unit_interval(case):
+    name, assets = ASSETS[case]
+    env = make_environment(name, SETTINGS, num_envs=N, seed=0, assets=assets)
+    env.reset()
+    for action in _actions(env, HORIZON):
+        reward = env.step(action).reward
+        assert ((reward > 0.0) & (reward <= 1.0)).all()
+
+
+def test_an_environment_of_gymnasium_is_that_environment():
+    ours = make_environment("gymnasium:Pendulum-v1", SETTINGS, num_envs=1, seed=4)
+    theirs = gymnasium.make("Pendulum-v1")
+    np.testing.assert_array_equal(ours.reset()[0], theirs.reset(seed=4)[0])
+    for action in np.linspace(-1.0, 1.0, HORIZON, dtype=np.float32)[:, None]:
+        observation, reward, *_ = theirs.step(2.0 * action)  # its torques go to 2 N m
+        step = ours.step(action[None])
+        np.testing.assert_allclose(step.observation[0], observation, rtol=1e-6)
+        np.testing.assert_allclose(step.reward[0], reward, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("gymnasium:Maze-v9", "Maze-v9: Gymnasium does not know it"),
+        ("gymnasium:CartPole-v1", "takes Discrete.*, expected vectors of numbers"),
+        ("gymnasium:Endless-v0", "Endless-v0 has no limit of steps"),
+    ],
+)
+def test_an_environment_of_gymnasium_that_cannot_be_used_is_refused(name, message, monkeypatch):
+    monkeypatch.setattr(gymnasium.envs.registration, "registry", {**gymnasium.registry})
+    gymnasium.register("Endless-v0", "gymnasium.envs.classic_control:PendulumEnv")
+    with pytest.raises(ConfigError, match=message):
+        make_environment(name, EnvironmentSettings(), num_envs=1, seed=0)
 
 
 def test_equal_seeds_give_equal_episodes_and_other_seeds_others(make):
@@ -198,7 +236,7 @@ def test_actions_of_the_wrong_shape_or_not_finite_are_refused(make):
 
 def test_an_unknown_environment_is_refused_with_the_known_ones():
     with pytest.raises(
-        UnknownNameError, match="'maze'; available: gfm_fit, joint_tracking, point_mass"
+        UnknownNameError, match="'maze'; available: gfm_fit, gymnasium:NAME, joint_tracking"
     ):
         make_environment("maze", SETTINGS, num_envs=1, seed=0)
 

@@ -76,7 +76,8 @@ class SequenceBuffer:
     @property
     def used_bytes(self) -> int:
         """Memory that holds sequences."""
-        return len(self) * sum(self._arrays[name][0].nbytes for name in FIELDS if self._arrays)
+        each = sum(int(self._arrays[name][0].nbytes) for name in FIELDS if self._arrays)
+        return len(self) * each
 
     def insert(self, sequence: Sequence) -> None:
         """Stores a sequence, over the oldest one where the ring is full.

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from types import ModuleType
 
 import msgspec
 import mujoco
@@ -210,12 +212,22 @@ _MAKERS: dict[str, _Maker] = {
 }
 
 ENVIRONMENT_NAMES = tuple(sorted(_MAKERS))
+#: Before the name of an environment that is registered with Gymnasium.
+GYMNASIUM = "gymnasium:"
 _DEFAULT_STEPS = 20
 _STEPS = {joint_tracking.NAME: joint_tracking.STEPS, **{t.name: t.steps for t in TASKS.values()}}
 
 
+def check_name(name: str) -> None:
+    """Raises UnknownNameError where there is no environment `name`; lets Gymnasium's all pass."""
+    if name not in _MAKERS and not name.startswith(GYMNASIUM):
+        raise UnknownNameError("environment", name, (*_MAKERS, f"{GYMNASIUM}NAME"))
+
+
 def episode_steps(name: str, settings: EnvironmentSettings) -> int:
     """Returns the control periods per episode of the environment `name`."""
+    if settings.horizon is None and name.startswith(GYMNASIUM):
+        return int(_gymnasium_batch().steps_of(name.removeprefix(GYMNASIUM)))
     return settings.horizon or _STEPS.get(name, _DEFAULT_STEPS)
 
 
@@ -233,8 +245,29 @@ def make_environment(
         UnknownNameError: there is no such environment.
         BadInputError: the settings and assets do not make one.
     """
-    if name not in _MAKERS:
-        raise UnknownNameError("environment", name, _MAKERS)
+    check_name(name)
     if num_envs < 1:
         raise ConfigError(f"num_envs is {num_envs}, expected at least 1")
+    if name.startswith(GYMNASIUM):
+        return _make_gymnasium(name, settings, num_envs, seed)
     return _MAKERS[name](settings, assets or EnvironmentAssets(), num_envs, seed)
+
+
+def _make_gymnasium(
+    name: str, settings: EnvironmentSettings, num_envs: int, seed: int
+) -> BatchedEnvironment:
+    own, steps = name.removeprefix(GYMNASIUM), episode_steps(name, settings)
+    made: BatchedEnvironment = _gymnasium_batch().GymnasiumBatch(
+        own, num_envs, seed=seed, horizon=steps
+    )
+    return made
+
+
+def _gymnasium_batch() -> ModuleType:
+    """Returns the module, which only those need who have Gymnasium."""
+    try:
+        return importlib.import_module("gfm.envs.gymnasium_batch")
+    except ImportError as exc:
+        raise ConfigError(
+            f"environments of Gymnasium need the extra 'gymnasium' (or what they ask for): {exc}"
+        ) from exc

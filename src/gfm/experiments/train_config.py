@@ -16,8 +16,8 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from gfm.core import BadInputError, ConfigError, UnknownNameError
-from gfm.envs.registry import ENVIRONMENT_NAMES
+from gfm.core import BadInputError, ConfigError
+from gfm.envs.registry import check_name
 from gfm.service.config import read_config, read_toml
 
 Count = Annotated[int, Meta(ge=1)]
@@ -48,8 +48,7 @@ class TrainConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     replay: dict[str, Any] = {}
 
     def __post_init__(self) -> None:
-        if self.env not in ENVIRONMENT_NAMES:
-            raise UnknownNameError("environment", self.env, ENVIRONMENT_NAMES)
+        check_name(self.env)
 
 
 @dataclass(frozen=True, kw_only=True)
