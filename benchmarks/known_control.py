@@ -142,7 +142,8 @@ def page(table: list[str], command: str) -> str:
         f"Return of {EPISODES} episodes without noise, the same ones for both (mean and its "
         f"standard error). SAC: Stable-Baselines3 {version('stable-baselines3')} with its "
         f"defaults, steps: {steps}. Ours: `gfm train` on the file in `configs/`, all services as "
-        "processes; its time holds their start. Hyper-parameters of ours were chosen on seed 0 of Pendulum-v1.",
+        "processes; its time holds their start. Hyper-parameters of ours were chosen on seed 0 of "
+        "Pendulum-v1.",
         "",
         f"Commit {commit()}, Python {platform.python_version()}, torch {version('torch')}, "
         f"{platform.machine()}, both cores.",
