@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from gfm.core import BadInputError, CommandKind, ConfigError, RecordingError
+from gfm.core.rounding import in_steps_of, resolution
 from gfm.recording import commands, read_recording
 from gfm.recording.importing import imported
 from gfm.recording.mapping import Mapping, load_mapping
@@ -267,6 +268,18 @@ def test_a_straight_motion_is_put_back_exactly_at_uneven_stamps(offset_s: float)
     stamp_ns = np.cumsum(steps_ns)
     line = 3.0 + 2.0 * (stamp_ns * 1e-9 + offset_s)
     np.testing.assert_allclose(at_stamps(stamp_ns, line, offset_s), 3.0 + 2e-9 * stamp_ns)
+
+
+def test_what_an_encoder_rounded_stays_rounded_when_it_is_put_back_in_time() -> None:
+    stamp_ns = 20_000_000 * np.arange(400)
+    smooth = 0.3 * np.sin(3.0 * (1e-9 * stamp_ns + 0.012))
+    read = 1.5e-3 * np.round(smooth / 1.5e-3)
+    put_back = in_steps_of(at_stamps(stamp_ns, read, 0.012), read)
+    assert resolution(put_back[:, None]) == pytest.approx(1.5e-3)
+    true = 0.3 * np.sin(3e-9 * stamp_ns)
+    assert np.abs(put_back - true).max() < 3e-3
+    assert np.sqrt(np.mean((put_back - true) ** 2)) < 1e-3
+    np.testing.assert_array_equal(in_steps_of(smooth, smooth), smooth)
 
 
 @pytest.mark.parametrize("scale", ["1e-9", "10.0"])

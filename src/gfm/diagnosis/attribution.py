@@ -51,6 +51,9 @@ LIKELY = 0.3
 #: Mean squared residual of a joint, in units of the noise, from which on that is done, and the
 #: share of it that must be explained there.
 ALSO_FROM, ALSO_GAIN = 2.0, 0.2
+#: Cost without an effect, to first order, in units of what is allowed, beyond which its being
+#: superfluous is not looked into.
+HARDLY = 1.5
 #: Gauss-Newton steps of a fit, and the relative gain below which it ends.
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
 #: The same where candidates are compared only.
@@ -276,17 +279,49 @@ def without_superfluous(problem: Problem, accepted: Fit) -> Fit:
     Nor those that have come to none, or to another bound.
     """
     part = problem.subset(problem.sample(FITTING_S))
-    allowed = _cost(part.residuals([accepted.effects])[0]) / (1.0 - LEAST_GAIN)
-    for i, instance in enumerate(accepted.effects):
-        later = accepted.effects[i + 1 :]
-        if not (at_bound(instance) or any(_same_place(instance, other) for other in later)):
-            continue
-        rest = [e for e in accepted.effects if e is not instance]
+    effects = accepted.effects
+    while (fewer := _one_fewer(part, effects)) is not None:
+        effects = fewer
+    return accepted if effects == accepted.effects else fit(problem, effects)
+
+
+def _one_fewer(
+    problem: Problem, effects: tuple[EffectInstance, ...]
+) -> tuple[EffectInstance, ...] | None:
+    """Returns the effects without one that is not needed, fitted anew; None if all are needed."""
+    allowed = _cost(problem.residuals([effects])[0]) / (1.0 - LEAST_GAIN)
+    for cost, rest in _without_one(problem, effects):
+        if cost > HARDLY * allowed:
+            break
         # From afar, where nearly all residuals count linearly, fits go astray: limits are set anew.
-        without = fit(part.robust(rest), rest, tolerance=ROUGH).effects
-        if _cost(part.residuals([without])[0]) < allowed:
-            return without_superfluous(problem, fit(problem, without))
-    return accepted
+        without = fit(problem.robust(rest), rest, tolerance=ROUGH).effects
+        if _cost(problem.residuals([without])[0]) < allowed:
+            return without
+    return None
+
+
+def _without_one(
+    problem: Problem, effects: tuple[EffectInstance, ...]
+) -> list[tuple[float, tuple[EffectInstance, ...]]]:
+    """Returns the effects without each that may be superfluous, and its cost, cheapest first.
+
+    The others make up for it to first order.
+    """
+    suspects = [
+        i
+        for i, one in enumerate(effects)
+        if at_bound(one) or any(_same_place(one, other) for other in effects[i + 1 :])
+    ]
+    if not suspects:
+        return []
+    rests = [(*effects[:i], *effects[i + 1 :]) for i in suspects]
+    jacobian = _jacobian(coarse(problem), effects, None)
+    owner = np.array([i for i, _ in free_parameters(effects)])
+    costs = []
+    for i, residual in zip(suspects, problem.residuals(rests), strict=True):
+        basis = _orthonormal(jacobian[:, owner != i])
+        costs.append(_cost(residual - basis @ (basis.T @ residual)))
+    return sorted(zip(costs, rests, strict=True), key=lambda pair: pair[0])
 
 
 def _same_place(one: EffectInstance, other: EffectInstance) -> bool:

@@ -23,11 +23,11 @@ import numpy as np
 
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
+from gfm.core.rounding import resolution
 from gfm.diagnosis.signals import (
     LEAST_NOISE,
     evenly,
     noise_std,
-    resolution,
     smooth_states,
     starts_at_rest,
 )

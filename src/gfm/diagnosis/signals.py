@@ -11,13 +11,12 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from gfm.core.checks import Array
+from gfm.core.rounding import resolution
 
 #: Order of the differences in which only noise is left of a smooth signal.
 NOISE_ORDER = 4
 #: Noise of a channel that shows none.
 LEAST_NOISE = 1e-9
-#: How near to a whole number of steps changes of a rounded signal are, and how many of them.
-WHOLE_WITHIN, MOSTLY = 0.05, 0.9
 #: Span and order of the polynomials from which velocity and acceleration are taken.
 SMOOTHING_S, SMOOTHING_ORDER = 0.09, 3
 #: Time over which a joint has to rest, and speed that may be noise, in standard deviations.
@@ -40,24 +39,6 @@ def noise_std(signal: Array) -> Array:
     return np.asarray(
         np.maximum(np.maximum(white, resolution(signal) / np.sqrt(12.0)), LEAST_NOISE)
     )
-
-
-def resolution(signal: Array) -> Array:
-    """Returns the step to which each column is rounded; 0 where it is not, shape (J,).
-
-    All changes of a rounded signal are whole multiples of its step; those of others never are.
-    """
-    steps = np.zeros(signal.shape[1])
-    for j, column in enumerate(signal.T):
-        jumps = np.round(np.abs(np.diff(column)), 9)
-        jumps = jumps[jumps > 0.0]
-        sizes, counts = np.unique(jumps, return_counts=True)
-        usual = sizes[counts >= max(0.01 * len(jumps), 2)]
-        if len(usual):
-            multiples = jumps / usual[0]
-            whole = np.abs(multiples - np.round(multiples)) < WHOLE_WITHIN
-            steps[j] = usual[0] if np.mean(whole) > MOSTLY else 0.0
-    return steps
 
 
 def evenly(time_s: Array, signal: Array) -> tuple[Array, Array]:

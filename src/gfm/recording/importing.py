@@ -12,6 +12,7 @@ import numpy as np
 
 from gfm.core import BadInputError, ConfigError, ObjectTrack, RecordingError, Trajectory
 from gfm.core.checks import Array, Stamps
+from gfm.core.rounding import in_steps_of
 from gfm.recording.mapping import Files, JointColumns, Mapping, as_column
 from gfm.recording.reader import MIN_STATES, QUATERNION_TOLERANCE
 from gfm.recording.reading_times import at_stamps
@@ -205,9 +206,12 @@ def _measured(
     values = _signal(table, joints, signal)
     if values is None:
         return None
-    offsets_s = [joint.read_offset_s for joint in joints]
-    columns = zip(values.T, offsets_s, strict=True)
-    return np.stack([at_stamps(stamp_ns, column, offset) for column, offset in columns], axis=1)
+    moved = values.copy()
+    for j, joint in enumerate(joints):
+        if joint.read_offset_s != 0.0:
+            put_back = at_stamps(stamp_ns, values[:, j], joint.read_offset_s)
+            moved[:, j] = in_steps_of(put_back, values[:, j])
+    return moved
 
 
 def _signal(table: Table, joints: Sequence[JointColumns], signal: str) -> Array | None:

@@ -9,8 +9,9 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
+from gfm.core.rounding import resolution
 from gfm.diagnosis.quality.finding import Finding, Objection
-from gfm.diagnosis.signals import evenly, noise_std, resolution
+from gfm.diagnosis.signals import evenly, noise_std
 
 #: Joint states come tens to thousands of times a second; what lies outside is another unit.
 LEAST_RATE_HZ, MOST_RATE_HZ = 1.0, 10_000.0
