@@ -216,13 +216,16 @@ class Matching(BatchedEnvironment):
             (goal[:, :2] - centre[:2]) / _PLACE_M,
             (goal[:, :2] - scene.position[:, :2]) / _GOAL_M,
             (scene.position - scene.tip) / _GOAL_M,
-            (task.tool_place(scene.tip, scene.position, goal) - scene.tip) / _GOAL_M,
+            (self._tool_place(scene) - scene.tip) / _GOAL_M,
         ]
         if task.tolerance_rad is not None:
             left = wrapped(goal[:, 2] - yaw_of(scene.axes))
             angles = (np.cos(goal[:, 2]), np.sin(goal[:, 2]), np.cos(left), np.sin(left))
             parts.append(np.stack(angles, axis=1))
         return np.concatenate(parts, axis=1)
+
+    def _tool_place(self, scene: Scene) -> Array:
+        return self._task.tool_place(scene.tip, scene.position, scene.axes, self._goal)
 
     def _observation(self, scene: Scene) -> Array32:
         parts = (self._history.observed(_STEP), self._goal_features(scene))

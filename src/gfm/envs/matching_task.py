@@ -11,8 +11,9 @@ on the way to it, and a half for every step spent there,
 and -5 for what ends an episode early. e is how far the object is from its goal: the success test's
 tolerance in metres times the distance D in units of that tolerance (for a pose the norm of both
 parts). d is how far the tool is from where it should be: against the object's far side, seen from
-the goal, and above the object as long as it has to get there. Within the tolerance it counts as
-none. Who only ever goes where d points pushes the object to the goal: a test does.
+the goal, off its centre where it has to turn, and above the object as long as it has to get there.
+Within the tolerance it counts as none. Who only ever goes where d points pushes the object to the
+goal: a test does.
 
 A reward for where tool and object are would have the same optimum (shaping by a potential does not
 move it: Ng, Harada & Russell 1999) and cannot be learned from: in one step the tool moves 3 mm, so
@@ -29,8 +30,15 @@ from numpy.typing import NDArray
 
 from gfm.core import ConfigError, ShapeError
 from gfm.core.checks import Array
+from gfm.envs.tool_place import Pusher, Straight, Turning, tool_place
 from gfm.sim import sawyer_numbers as numbers
-from gfm.sim.cell import EndEffector, FreeObject, object_rest_position
+from gfm.sim.cell import (
+    BALL_RADIUS_M,
+    TEE_BOXES,
+    EndEffector,
+    FreeObject,
+    object_rest_position,
+)
 from gfm.sim.kinematics import wrapped, yaw_of
 
 RADIAL_GOALS = 10
@@ -39,12 +47,6 @@ _CENTRE = np.array(numbers.BASKET_XYZ)
 _OBJECT_WEIGHT, _UNIT_M, _REACHED_REWARD = 2.0, 0.02, 0.5
 #: Of what ends an episode before its time.
 FAILURE_REWARD = -5.0
-#: The tool's place: so far clear of the object as long as the tool is above it, and so far beyond
-#: first contact once it is beside it, so that to go there is to push. While it has to get there, it
-#: is so high above the object's centre; it comes down over the last centimetres.
-_CLEAR_M, _PRESS_M, _LIFT_M, _DESCENT_M = 0.02, 0.02, 0.06, 0.01
-#: Heights of the tip above the object's centre at which the tool is beside the object, and above.
-_BESIDE_M, _ABOVE_M = 0.01, 0.04
 #: From the basket's axis to where a wall leaves the floor, m.
 _FLOOR_M = numbers.BASKET_WALL_OFFSET - numbers.BASKET_WALL_HEIGHT / math.tan(numbers.BASKET_SLOPE)
 #: Lower and upper corner of where the tool's tip may be, and of where the object may be, relative
@@ -64,7 +66,7 @@ class MatchingTask:
         free_object: What is pushed.
         tolerance_m: Success: how near to the goal.
         tolerance_rad: Success: how near to its yaw; None where that does not matter.
-        contact_m: Between the centres of tool and object where they touch along x, and along y.
+        pusher: How the tool pushes the object.
         goal_radius_m: Of the radial goals, around the basket's centre.
         goal_yaw_rad: Largest yaw of a goal.
     """
@@ -75,7 +77,7 @@ class MatchingTask:
     free_object: FreeObject
     tolerance_m: float
     tolerance_rad: float | None
-    contact_m: tuple[float, float]
+    pusher: Pusher
     goal_radius_m: float
     goal_yaw_rad: float = 0.0
 
@@ -130,31 +132,14 @@ class MatchingTask:
             axes: As of `distance`.
             goal: As of `distance`.
         """
-        away = np.linalg.norm(tip - self.tool_place(tip, position, goal), axis=1)
+        away = np.linalg.norm(tip - self.tool_place(tip, position, axes, goal), axis=1)
         away = np.where(self.reached(position, axes, goal), 0.0, away)
         left = self.tolerance_m * self.distance(position, axes, goal)
         return np.asarray(-(away + _OBJECT_WEIGHT * left) / _UNIT_M)
 
-    def tool_place(self, tip: Array, position: Array, goal: Array) -> Array:
-        """Returns where the tool should be, m, shape (N, 3); arguments as of `potential`.
-
-        Within a centimetre of the goal it lets go: over the object.
-        """
-        way = goal[:, :2] - position[:, :2]
-        way = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 0.01)
-        contact = self._contact(way)
-        offset = tip - position
-        above = np.clip((offset[:, 2] - _BESIDE_M) / (_ABOVE_M - _BESIDE_M), 0.0, 1.0)
-        back = -(offset[:, :2] * way).sum(axis=1)
-        short = contact + _DESCENT_M * above - _PRESS_M * (1.0 - above) - back
-        place = position.copy()
-        place[:, :2] -= way * (contact + _CLEAR_M * above - _PRESS_M * (1.0 - above))[:, None]
-        place[:, 2] += _LIFT_M * np.clip(short / _DESCENT_M, 0.0, 1.0)
-        return place
-
-    def _contact(self, way: Array) -> Array:
-        """Returns about how far apart tool and object touch along directions (N, 2), m, (N,)."""
-        return np.asarray(1.0 / np.maximum(np.linalg.norm(way / self.contact_m, axis=1), 1.0))
+    def tool_place(self, tip: Array, position: Array, axes: Array, goal: Array) -> Array:
+        """Returns where the tool should be, m, shape (N, 3); arguments as of `potential`."""
+        return tool_place(self.pusher, tip, position, axes, goal)
 
 
 def reward(gained: Array, reached: NDArray[np.bool_], failed: NDArray[np.bool_]) -> Array:
@@ -213,7 +198,7 @@ POSITION_MATCHING = MatchingTask(
     free_object="brick",
     tolerance_m=0.025,
     tolerance_rad=None,
-    contact_m=(0.055, 0.09),  # the plate face on, or edge on
+    pusher=Straight(contact_m=(0.055, 0.09)),  # the plate face on, or edge on
     goal_radius_m=0.08,
 )
 POSE_MATCHING = MatchingTask(
@@ -223,7 +208,7 @@ POSE_MATCHING = MatchingTask(
     free_object="tee",
     tolerance_m=0.05,
     tolerance_rad=math.radians(20.0),
-    contact_m=(0.07, 0.07),
+    pusher=Turning(boxes=TEE_BOXES, radius_m=BALL_RADIUS_M),
     goal_radius_m=0.06,
     goal_yaw_rad=math.radians(60.0),
 )

@@ -27,10 +27,15 @@ _BASKET_RGBA = (0.35, 0.35, 0.4, 1.0)
 _OBJECT_RGBA = (0.9, 0.6, 0.1, 1.0)
 _OBJECT_FRICTION = (0.4, 0.005, 0.0001)  # sliding (plastic on plastic), torsional m, rolling m
 
-# Half sizes (m) and positions (m) of the boxes that make an object; mass in kg.
-_BRICK_HALF = (0.05, 0.03, 0.03)
-_TEE_BOXES = (((0.05, 0.02, 0.025), (0.0, 0.02, 0.0)), ((0.02, 0.04, 0.025), (0.0, -0.04, 0.0)))
-_OBJECT_MASS = 0.15
+#: Half sizes and position of a box that an object is made of, m.
+Box = tuple[tuple[float, float, float], tuple[float, float, float]]
+BALL_RADIUS_M = 0.025
+TEE_BOXES: tuple[Box, ...] = (
+    ((0.05, 0.02, 0.025), (0.0, 0.02, 0.0)),
+    ((0.02, 0.04, 0.025), (0.0, -0.04, 0.0)),
+)
+_BRICK_BOXES: tuple[Box, ...] = (((0.05, 0.03, 0.03), (0.0, 0.0, 0.0)),)
+_OBJECT_MASS = 0.15  # kg
 _REST_HEIGHT = {"brick": 0.03, "tee": 0.025}
 
 
@@ -56,7 +61,8 @@ def add_end_effector(hand: mujoco.MjsBody, kind: EndEffector) -> None:
     if kind == "plate":
         tip, shape, size = rod + 0.16, _BOX, (0.06, 0.005, 0.08)
     else:
-        tip, shape, size = rod + 0.05, mujoco.mjtGeom.mjGEOM_SPHERE, (0.025, 0.0, 0.0)
+        ball = (BALL_RADIUS_M, 0.0, 0.0)
+        tip, shape, size = rod + 2.0 * BALL_RADIUS_M, mujoco.mjtGeom.mjGEOM_SPHERE, ball
     centre = (0.0, 0.0, (rod + tip) / 2)
     tool.add_geom(name=kind, type=shape, size=size, pos=centre, mass=0.15, rgba=_TOOL_RGBA)
     tool.add_site(name=END_EFFECTOR_SITE, pos=(0.0, 0.0, tip))
@@ -138,7 +144,7 @@ def add_object(spec: mujoco.MjSpec, kind: FreeObject) -> None:
     """Adds the free body `object` at the basket's centre: a brick, or a tee that shows its yaw."""
     body = spec.worldbody.add_body(name=OBJECT_BODY, pos=object_rest_position(kind))
     body.add_freejoint(name=OBJECT_BODY)
-    boxes = ((_BRICK_HALF, (0.0, 0.0, 0.0)),) if kind == "brick" else _TEE_BOXES
+    boxes = _BRICK_BOXES if kind == "brick" else TEE_BOXES
     for number, (half, position) in enumerate(boxes):
         body.add_geom(
             name=f"{kind}_{number}",
