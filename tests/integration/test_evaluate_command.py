@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 
 from gfm.cli import main
-from gfm.core import EnvironmentSpec, Weights
+from gfm.core import EnvironmentSpec, UnknownNameError, Weights
 from gfm.envs.registry import EnvironmentSettings, make_environment
 from gfm.experiments import film
 from gfm.experiments.film import NoFilmError, write_film
+from gfm.policies import shipped_policy
 from gfm.recording.weights_file import write_weights
 from gfm.rl.learner import LearnerSettings, init_learner, policy_tensors
+
+#: Of ten goals once, so many at least; the share that was measured is nearer to all of them.
+POLICIES = {"position": 8}
 
 
 def policy_file(path, spec):
@@ -42,6 +46,21 @@ def test_evaluates_reports_and_degrades_without_a_renderer(tmp_path, capsys, spe
     assert len(document["notes"]) == 1
     assert "no_such_backend" in document["notes"][0]
     assert sorted(path.name for path in out.iterdir()) == ["report.html", "report.json"]
+
+
+@pytest.mark.parametrize("task", sorted(POLICIES))
+def test_the_policy_that_comes_with_gfm_solves_its_task(capsys, task):
+    words = ["evaluate", "--task", task, "--trials", "1", "--seed", "11", "--json"]
+    assert main(words) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["success"]["of"] == 10
+    assert document["success"]["reached"] >= POLICIES[task]
+    assert shipped_policy(f"{task}_matching").stat().st_size < 1e6
+
+
+def test_a_task_without_a_policy_is_refused():
+    with pytest.raises(UnknownNameError, match="unknown policy 'joint_tracking'; available: "):
+        shipped_policy("joint_tracking")
 
 
 def for_another_task(path):

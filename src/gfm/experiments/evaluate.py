@@ -19,6 +19,7 @@ from gfm.envs.matching_task import TASKS
 from gfm.envs.registry import EnvironmentSettings, arm_problem, furnished
 from gfm.experiments.film import NoFilmError, write_film
 from gfm.experiments.inputs import command_line, provenance
+from gfm.policies import shipped_policy
 from gfm.recording.weights_file import read_weights
 from gfm.report.evaluation import (
     Evaluation,
@@ -39,7 +40,7 @@ class EvaluationRequest:
 
     Attributes:
         task: Name of the environment.
-        policy: Of a file, or of a folder that holds one.
+        policy: Of a file, or of a folder that holds one; by default the one that comes with gfm.
         model: MJCF for velocity commands; None for the nominal cell.
         forces: Generalized force models.
         trials: Attempts per goal.
@@ -49,7 +50,7 @@ class EvaluationRequest:
     """
 
     task: str
-    policy: Path
+    policy: Path | None = None
     model: Path | None = None
     forces: tuple[Path, ...] = ()
     trials: int = 5
@@ -69,7 +70,7 @@ def evaluate_policy(request: EvaluationRequest) -> Evaluation:
         BadInputError: policy, model and task do not go together.
     """
     task = TASKS[request.task]
-    path = policy_path(request.policy)
+    path = policy_path(request.policy or shipped_policy(request.task))
     weights = read_weights(path)
     arm = load_arm(request)
     policy = policy_for(path, weights, Matching(task, arm, 1).spec)

@@ -26,9 +26,8 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--policy",
         type=Path,
-        required=True,
         metavar="CHECKPOINT",
-        help="policy.npz, or the folder of a training run",
+        help="policy.npz, or the folder of a training run (default: the one that comes with gfm)",
     )
     parser.add_argument(
         "--model",
