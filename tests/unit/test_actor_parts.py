@@ -320,19 +320,20 @@ def test_weights_that_do_not_fit_are_counted_and_left():
 
 @final
 class Teller(Transport):
-    """Answers `run/environment` with what it was given, as soon as it is asked."""
+    """Answers `run/environment` with what it was given, from the question `first` on."""
 
-    def __init__(self, hub, clock, answer):
+    def __init__(self, hub, clock, answer, first):
         self._transport = MemoryTransport(hub, clock=clock)
         self._other = MemoryTransport(hub, clock=clock)
         self._answer = answer
-        self._server = self._other.serve("run/environment") if answer else None
-        self.asked = []
+        self._server = self._other.serve("run/environment")
+        self._first = first
+        self.asked = 0
 
     def request(self, key, message, *, timeout_s):
         pending = self._transport.request(key, message, timeout_s=timeout_s)
-        if self._server is not None and (request := self._server.receive()) is not None:
-            self.asked.append(request.message)
+        request, self.asked = self._server.receive(), self.asked + 1
+        if self.asked >= self._first:
             self._answer(request)
         return pending
 
@@ -352,9 +353,9 @@ class Teller(Transport):
         self._transport.close()
 
 
-def completed(config, answer):
+def completed(config, answer, first=1):
     clock = ManualClock(10**9)
-    return complete(config, Teller(MemoryHub(), clock, answer), clock)
+    return complete(config, Teller(MemoryHub(), clock, answer, first), clock)
 
 
 def telling(settings):
@@ -372,8 +373,10 @@ def test_an_actor_that_was_told_does_not_ask():
     assert completed(told, telling('{"horizon": 30}')) == told
 
 
-def test_an_actor_whom_nobody_tells_keeps_the_defaults():
-    assert completed(ActorConfig(wait_s=1.0), None) == ActorConfig(wait_s=1.0)
+def test_an_actor_waits_for_its_learner_and_says_so(caplog):
+    config = completed(ActorConfig(), telling('{"horizon": 30}'), first=20)
+    assert config.environment == EnvironmentSettings(horizon=30)
+    assert "waiting for a learner to tell its environment" in caplog.text
 
 
 def test_an_actor_in_a_run_for_something_else_is_refused():

@@ -15,13 +15,16 @@ from gfm_wire import EnvironmentRequest, RunEnvironment
 
 _KEY = "run/environment"
 _TRY_S = 2.0
-_PAUSE_NS = 200_000_000
+_PAUSE_NS, _SAY_NS = 200_000_000, 10_000_000_000
 
 _log = logging.getLogger(__name__)
 
 
 def complete(config: ActorConfig, transport: Transport, clock: Clock) -> ActorConfig:
     """Returns the settings, with the run's environment where none was described.
+
+    Waits for the learner as long as it takes: there is nothing to do before there are weights, and
+    an environment of one's own would not be the one that is learned for.
 
     Raises:
         RefusedError: the run learns for another environment.
@@ -35,9 +38,6 @@ def complete(config: ActorConfig, transport: Transport, clock: Clock) -> ActorCo
 
 def _environment(config: ActorConfig, transport: Transport, clock: Clock) -> EnvironmentSettings:
     answer = _ask(config, transport, clock)
-    if answer is None:
-        _log.warning("no learner told its environment within %.0f s: using defaults", config.wait_s)
-        return config.environment
     _log.info("the run's environment: %s", answer.settings)
     try:
         return msgspec.json.decode(answer.settings, type=EnvironmentSettings)
@@ -45,9 +45,9 @@ def _environment(config: ActorConfig, transport: Transport, clock: Clock) -> Env
         raise ConfigError(f"the learner's environment settings: {exc}") from exc
 
 
-def _ask(config: ActorConfig, transport: Transport, clock: Clock) -> RunEnvironment | None:
+def _ask(config: ActorConfig, transport: Transport, clock: Clock) -> RunEnvironment:
     request = EnvironmentRequest(name=config.env)
-    deadline_ns = clock.now_ns() + round(config.wait_s * 1e9)
+    said_ns = clock.now_ns()
     while True:
         try:
             answer = ask(transport, _KEY, request, timeout_s=_TRY_S, clock=clock)
@@ -55,6 +55,7 @@ def _ask(config: ActorConfig, transport: Transport, clock: Clock) -> RunEnvironm
             answer = None
         if isinstance(answer, RunEnvironment):
             return answer
-        if clock.now_ns() >= deadline_ns:
-            return None
+        if clock.now_ns() - said_ns >= _SAY_NS:
+            said_ns = clock.now_ns()
+            _log.warning("waiting for a learner to tell its environment")
         clock.sleep_until_ns(clock.now_ns() + _PAUSE_NS)

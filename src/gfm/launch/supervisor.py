@@ -82,7 +82,7 @@ class Supervisor:
 
     def _start(self, processes: Sequence[ProcessSpec], stopped: Callable[[], bool]) -> None:
         self._log_dir.mkdir(parents=True, exist_ok=True)
-        # Actors ask the learner what they shall do, and give up asking after a while.
+        # Actors ask the learner what they shall do: before, they cannot answer.
         actors = [process for process in processes if process.role == "actor"]
         others = [process for process in processes if process.role != "actor"]
         for group in (others, actors):
