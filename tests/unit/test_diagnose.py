@@ -5,7 +5,6 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind, ConfigError, Trajectory, UnknownNameError
 from gfm.core.rounding import resolution
@@ -18,19 +17,8 @@ from gfm.diagnosis.result import Verdict
 from gfm.diagnosis.signals import noise_std, smooth_states
 from gfm.diagnosis.usual import usually_missing
 from gfm.effects import EffectInstance, effect_library
+from pendulum import MODEL, PERIOD_S, swung
 
-MASS, LENGTH, ROTOR, STIFFNESS, DAMPING = 0.5, 0.2, 0.02, 20.0, 1.0
-MODEL = f"""
-<mujoco>
-  <compiler angle="radian"/>
-  <worldbody><body>
-    <joint name="j" axis="0 -1 0" armature="{ROTOR}"/>
-    <inertial pos="0 0 -{LENGTH}" mass="{MASS}" diaginertia="1e-9 1e-9 1e-9"/>
-    <geom size="0.01" mass="0" pos="0 0 -{LENGTH}"/>
-  </body></worldbody>
-  <actuator><position name="j" joint="j" kp="{STIFFNESS}" kv="{DAMPING}"/></actuator>
-</mujoco>
-"""
 NOISE = 3e-4
 
 
@@ -41,34 +29,9 @@ def command(time_s, seed):
     return 0.25 * np.minimum(time_s, 1.0) * waves
 
 
-def recording(seed, torque=lambda _q, _v: 0.0, delay=0.0, duration=6.0, gain=1.0):
-    period = 0.01
-    stamps = np.arange(0.0, duration, period)
-    told = command(stamps, seed)
-
-    def motion(time_s, state):
-        index = int(np.floor((time_s - delay) / period + 1e-9))
-        q, v = state
-        drive = gain * (STIFFNESS * (told[max(index, 0)] - q) - DAMPING * v)
-        gravity = -MASS * 9.81 * LENGTH * np.sin(q)
-        return [v, (drive + gravity + torque(q, v)) / (MASS * LENGTH**2 + ROTOR)]
-
-    answer = solve_ivp(
-        motion, (0.0, stamps[-1]), [0.0, 0.0], t_eval=stamps, max_step=0.01, rtol=1e-7, atol=1e-9
-    )
-    noise = NOISE * np.random.default_rng(seed + 99).standard_normal(len(stamps))
-    stamp_ns = np.round(stamps * 1e9).astype(np.int64)
-    return Trajectory(
-        name=f"run {seed}",
-        joint_names=("j",),
-        stamp_ns=stamp_ns,
-        position=(answer.y[0] + noise)[:, None],
-        velocity=None,
-        effort=None,
-        command_kind=CommandKind.POSITION,
-        command_stamp_ns=stamp_ns,
-        command=told[:, None],
-    )
+def recording(seed, torque=lambda _q, _v: 0.0, duration=6.0, **truth):
+    stamps = np.arange(0.0, duration, PERIOD_S)
+    return swung(command(stamps, seed), seed=seed, noise=NOISE, torque=torque, **truth)
 
 
 def verdict_on(**truth):

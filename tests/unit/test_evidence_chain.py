@@ -7,9 +7,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
-from gfm.core import CommandKind, Trajectory
+from gfm.core import CommandKind
 from gfm.diagnosis.attribution import Attribution, Fit, Round
 from gfm.diagnosis.chain import evidence_chain
 from gfm.diagnosis.chain.adequacy import slow_share
@@ -21,51 +20,21 @@ from gfm.diagnosis.chain.stopping import CLEAN_ROBOTS, FALSE_ALARMS, largest_rat
 from gfm.diagnosis.chain.torques import torque_domain
 from gfm.diagnosis.problem import WHOLE, make_problem
 from gfm.effects import EffectInstance, find_effect
+from pendulum import MODEL, PERIOD_S, swung
 
-MASS, LENGTH, ROTOR, STIFFNESS, DAMPING = 0.5, 0.2, 0.02, 20.0, 1.0
-MODEL = f"""
-<mujoco>
-  <compiler angle="radian"/>
-  <worldbody><body>
-    <joint name="j" axis="0 -1 0" armature="{ROTOR}"/>
-    <inertial pos="0 0 -{LENGTH}" mass="{MASS}" diaginertia="1e-9 1e-9 1e-9"/>
-    <geom size="0.01" mass="0" pos="0 0 -{LENGTH}"/>
-  </body></worldbody>
-  <actuator><position name="j" joint="j" kp="{STIFFNESS}" kv="{DAMPING}"/></actuator>
-</mujoco>
-"""
 SPECS = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
 NOISE, FRICTION = 1e-4, 0.3
 
 
 def recording(seed=0, friction=0.0, inertia=0.0, duration=8.0):
-    period = 0.01
-    stamps = np.arange(0.0, duration, period)
+    stamps = np.arange(0.0, duration, PERIOD_S)
     speeds, phases = np.random.default_rng(seed).uniform(1.0, 5.0, (2, 3))
     told = 0.3 * np.minimum(stamps, 1.0) * np.sin(np.outer(stamps, speeds) + phases).sum(axis=1)
 
-    def motion(time_s, state):
-        q, v = state
-        drive = STIFFNESS * (told[int(time_s / period + 1e-9)] - q) - DAMPING * v
-        torque = drive - MASS * 9.81 * LENGTH * np.sin(q) - friction * np.tanh(v / 1e-3)
-        return [v, torque / (MASS * LENGTH**2 + ROTOR + inertia)]
+    def torque(_q, v):
+        return -friction * np.tanh(v / 1e-3)
 
-    answer = solve_ivp(
-        motion, (0.0, stamps[-1]), [0.0, 0.0], t_eval=stamps, max_step=0.01, rtol=1e-7, atol=1e-9
-    )
-    noise = NOISE * np.random.default_rng(seed + 99).standard_normal(len(stamps))
-    stamp_ns = np.round(stamps * 1e9).astype(np.int64)
-    return Trajectory(
-        name=f"run {seed}",
-        joint_names=("j",),
-        stamp_ns=stamp_ns,
-        position=(answer.y[0] + noise)[:, None],
-        velocity=None,
-        effort=None,
-        command_kind=CommandKind.POSITION,
-        command_stamp_ns=stamp_ns,
-        command=told[:, None],
-    )
+    return swung(told, seed=seed, noise=NOISE, torque=torque, inertia=inertia)
 
 
 def effect(name, joints=("j",), **values):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from gfm.rl.learner import (
     policy_tensors,
     state_arrays,
 )
+from gfm.service.config import differing
 from gfm_learner.config import LearnerConfig
 
 CHECKPOINT = "checkpoint.npz"
@@ -140,22 +141,12 @@ def _check_same(
 ) -> None:
     stored = {"spec": meta.get("spec", {}), "learning": meta.get("config", {}).get("learning", {})}
     wanted = {"spec": asdict(spec), "learning": json.loads(msgspec.json.encode(learning))}
-    differing = [
-        f"{name} is {here!r} here, {there!r} there" for name, here, there in _differ(wanted, stored)
+    others = [
+        f"{name} is {here!r} here, {there!r} there"
+        for name, here, there in differing(wanted, stored)
     ]
-    if differing:
+    if others:
         raise ConfigError(
-            f"{path} was made with other settings: {'; '.join(differing)}. Use the same, "
+            f"{path} was made with other settings: {'; '.join(others)}. Use the same, "
             "another folder, or --no-resume to begin anew"
         )
-
-
-def _differ(
-    here: Mapping[str, Any], there: Mapping[str, Any], prefix: str = ""
-) -> Iterator[tuple[str, object, object]]:
-    for name in sorted(here.keys() | there.keys()):
-        ours, theirs = here.get(name, "absent"), there.get(name, "absent")
-        if isinstance(ours, dict) and isinstance(theirs, dict):
-            yield from _differ(ours, theirs, f"{prefix}{name}.")
-        elif ours != theirs:
-            yield f"{prefix}{name}", ours, theirs

@@ -8,7 +8,6 @@ for it.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,7 +17,7 @@ from msgspec import Meta
 
 from gfm.core import BadInputError, ConfigError
 from gfm.envs.registry import check_name
-from gfm.service.config import read_config, read_toml
+from gfm.service.config import differing, read_config, read_toml
 
 Count = Annotated[int, Meta(ge=1)]
 
@@ -120,21 +119,10 @@ def _check_same(folder: RunFolder, config: Path) -> None:
     if not folder.config.is_file():
         raise BadInputError(f"{folder.path}: no run to resume, expected {folder.config.name} in it")
     begun, given = read_toml(folder.config), read_toml(config)
-    differing = [
+    others = [
         f"{name} is {here!r}, was {there!r}"
-        for name, here, there in _differing(given, begun)
+        for name, here, there in differing(given, begun)
         if name not in _FREE
     ]
-    if differing:
-        raise ConfigError(f"{config}: {folder.path} was begun with another: {'; '.join(differing)}")
-
-
-def _differing(
-    here: Mapping[str, Any], there: Mapping[str, Any], prefix: str = ""
-) -> Iterator[tuple[str, object, object]]:
-    for name in sorted(here.keys() | there.keys()):
-        ours, theirs = here.get(name, "absent"), there.get(name, "absent")
-        if isinstance(ours, dict) and isinstance(theirs, dict):
-            yield from _differing(ours, theirs, f"{prefix}{name}.")
-        elif ours != theirs:
-            yield f"{prefix}{name}", ours, theirs
+    if others:
+        raise ConfigError(f"{config}: {folder.path} was begun with another: {'; '.join(others)}")

@@ -9,7 +9,7 @@ import os
 import re
 import socket
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -118,3 +118,15 @@ def _set(settings: dict[str, Any], path: list[str], value: object) -> None:
     for name in path[:-1]:
         settings = settings.setdefault(name, {})
     settings[path[-1]] = value
+
+
+def differing(
+    here: Mapping[str, Any], there: Mapping[str, Any], prefix: str = ""
+) -> Iterator[tuple[str, object, object]]:
+    """Yields the path of every setting that differs, and both values; "absent" stands for none."""
+    for name in sorted(here.keys() | there.keys()):
+        ours, theirs = here.get(name, "absent"), there.get(name, "absent")
+        if isinstance(ours, dict) and isinstance(theirs, dict):
+            yield from differing(ours, theirs, f"{prefix}{name}.")
+        elif ours != theirs:
+            yield f"{prefix}{name}", ours, theirs

@@ -1,0 +1,58 @@
+"""A driven pendulum, integrated here: what tests of the diagnosis are made from.
+
+It shares neither code nor integrator with what is tested on it.
+"""
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from gfm.core import CommandKind, Trajectory
+
+MASS, LENGTH, ROTOR, STIFFNESS, DAMPING = 0.5, 0.2, 0.02, 20.0, 1.0
+MODEL = f"""
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody><body>
+    <joint name="j" axis="0 -1 0" armature="{ROTOR}"/>
+    <inertial pos="0 0 -{LENGTH}" mass="{MASS}" diaginertia="1e-9 1e-9 1e-9"/>
+    <geom size="0.01" mass="0" pos="0 0 -{LENGTH}"/>
+  </body></worldbody>
+  <actuator><position name="j" joint="j" kp="{STIFFNESS}" kv="{DAMPING}"/></actuator>
+</mujoco>
+"""
+PERIOD_S = 0.01
+
+
+def swung(
+    told, *, seed, noise, torque=lambda _q, _v: 0.0, delay=0.0, gain=1.0, inertia=0.0
+) -> Trajectory:
+    """Returns what it does when `told` positions every 10 ms, shape (T,).
+
+    Beside its servo (times `gain`, `delay` late) and gravity a `torque` of its state acts, and
+    `inertia` comes on top of what MODEL has.
+    """
+    stamps = PERIOD_S * np.arange(len(told))
+
+    def motion(time_s, state):
+        index = int(np.floor((time_s - delay) / PERIOD_S + 1e-9))
+        q, v = state
+        drive = gain * (STIFFNESS * (told[max(index, 0)] - q) - DAMPING * v)
+        gravity = -MASS * 9.81 * LENGTH * np.sin(q)
+        return [v, (drive + gravity + torque(q, v)) / (MASS * LENGTH**2 + ROTOR + inertia)]
+
+    answer = solve_ivp(
+        motion, (0.0, stamps[-1]), [0.0, 0.0], t_eval=stamps, max_step=0.01, rtol=1e-7, atol=1e-9
+    )
+    noisy = answer.y[0] + noise * np.random.default_rng(seed + 99).standard_normal(len(stamps))
+    stamp_ns = np.round(stamps * 1e9).astype(np.int64)
+    return Trajectory(
+        name=f"run {seed}",
+        joint_names=("j",),
+        stamp_ns=stamp_ns,
+        position=noisy[:, None],
+        velocity=None,
+        effort=None,
+        command_kind=CommandKind.POSITION,
+        command_stamp_ns=stamp_ns,
+        command=told[:, None],
+    )
