@@ -475,8 +475,8 @@ def _towards(model, data, qpos, velocity, limit):
     ("task", "number"),
     [
         *((POSITION_MATCHING, number) for number in (0, 3, 7)),
-        (POSE_MATCHING, 4),
-        (POSE_MATCHING, 8),
+        (POSE_MATCHING, 0),
+        (POSE_MATCHING, 3),
     ],
 )
 def test_to_follow_the_reward_is_to_reach_the_goal_in_time_without_a_gain(task, number):
