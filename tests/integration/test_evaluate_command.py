@@ -16,7 +16,7 @@ from gfm.recording.weights_file import write_weights
 from gfm.rl.learner import LearnerSettings, init_learner, policy_tensors
 
 #: Of ten goals once, so many at least; the share that was measured is nearer to all of them.
-POLICIES = {"position": 8}
+POLICIES = {"position": 8, "pose": 5}
 
 
 def policy_file(path, spec):

@@ -87,7 +87,9 @@ def test_random_goals_surround_the_radial_ones(task):
     assert radius.max() <= 1.2 * task.goal_radius_m
     assert radius.max() > task.goal_radius_m
     assert np.abs(goals[:, :2].mean(axis=0) - CENTRE[:2]).max() < 0.005
-    assert np.abs(goals[:, 2]).max() <= task.goal_yaw_rad
+    assert np.abs(goals[:, 2]).max() <= 1.2 * task.goal_yaw_rad
+    if task.goal_yaw_rad:
+        assert np.abs(goals[:, 2]).max() > task.goal_yaw_rad
 
 
 @pytest.mark.parametrize(("offset", "expected"), [(0.0249, True), (0.0251, False)])

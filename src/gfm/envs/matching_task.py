@@ -42,6 +42,8 @@ from gfm.sim.cell import (
 from gfm.sim.kinematics import wrapped, yaw_of
 
 RADIAL_GOALS = 10
+#: How far training goals go, in units of the radial goals' distance and yaw.
+_BEYOND = 1.2
 
 _CENTRE = np.array(numbers.BASKET_XYZ)
 _OBJECT_WEIGHT, _UNIT_M, _REACHED_REWARD = 2.0, 0.02, 0.5
@@ -87,10 +89,10 @@ class MatchingTask:
         return np.array(object_rest_position(self.free_object))
 
     def random_goals(self, count: int, rng: np.random.Generator) -> Array:
-        """Returns goals anywhere in a disc a little wider than the radial goals, shape (n, 3)."""
-        radius = 1.2 * self.goal_radius_m * np.sqrt(rng.uniform(size=count))
+        """Returns goals a little beyond the radial goals in place and yaw, shape (n, 3)."""
+        radius = _BEYOND * self.goal_radius_m * np.sqrt(rng.uniform(size=count))
         angle = rng.uniform(-np.pi, np.pi, size=count)
-        yaw = rng.uniform(-1.0, 1.0, size=count) * self.goal_yaw_rad
+        yaw = rng.uniform(-_BEYOND, _BEYOND, size=count) * self.goal_yaw_rad
         return _goals(radius, angle, yaw)
 
     def radial_goals(self) -> Array:
