@@ -15,9 +15,8 @@ the goal, off its centre where it has to turn, and above the object as long as i
 Within the tolerance it counts as none. Who only ever goes where d points pushes the object to the
 goal: a test does.
 
-A reward for where tool and object are would have the same optimum (shaping by a potential does not
-move it: Ng, Harada & Russell 1999) and cannot be learned from: in one step the tool moves 3 mm, so
-that what tells one action from another is less than the hundredth part of what the state is worth.
+A reward for where tool and object are can hardly be learned from: in one step the tool moves 3 mm,
+so that what tells one action from another is a small part of what the state is worth.
 """
 
 from __future__ import annotations

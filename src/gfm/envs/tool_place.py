@@ -3,7 +3,7 @@
 A tool pushes along a way, past the object's centre at a lateral offset that turns it: first from
 above to behind the object, then down, then against it.
 
-Shape letters: N states. Ways are horizontal unit vectors, shape (N, 2).
+Shape letters: N states. Ways are horizontal, of length 1 or, near the goal, less; shape (N, 2).
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ _LEVER_M, _TURN_RAD = 0.045, 0.35
 #: What the way to the goal is weighed against: the nearer it is, the more is pushed from where the
 #: tool is.
 _NEAR_M = 0.05
+#: From where rays are sent to find the first contact: outside of any object.
 _FAR_M = 0.3
 
 
