@@ -9,7 +9,7 @@ RUN_ARGS ?=
 export CONTAINER_ENGINE ?= docker
 IMAGES := router replay bridge robot actor learner
 
-.PHONY: help run test test-slow test-containers check format lock images clean bench-effects bench-diagnosis
+.PHONY: help run test test-slow test-containers check format lock images clean bench-effects bench-joint-control bench-fit bench-diagnosis
 
 help:  ## say what can be made
 	@sed -En 's/^([a-z-]+):.*## (.*)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -41,6 +41,12 @@ check: $(VENV)/.installed  ## check format, lint, imports and types
 
 bench-effects: $(VENV)/.installed  ## see whether runs name what their robots hide (20 runs)
 	$(BIN)/python benchmarks/effects_10_seeds.py
+
+bench-joint-control: $(VENV)/.installed build/peers  ## compare all models of the arm, 3 effects x 3 seeds (an hour)
+	PYTHONPATH=build/peers $(BIN)/python benchmarks/joint_control.py
+
+bench-fit: $(VENV)/.installed build/peers  ## fit generalized forces warm and from nothing (half an hour)
+	PYTHONPATH=build/peers $(BIN)/python benchmarks/fit_forces.py
 
 # Peers need packages that nothing else here does: they stay out of the lock and the environment.
 build/peers: benchmarks/peers/requirements.txt $(VENV)/.installed

@@ -77,7 +77,9 @@ def check_findings(report: dict) -> None:
     assert report["revealed"]["name_matches"]
     assert report["revealed"]["joint_matches"]
     overall = {row["model"]: row["overall"] for row in report["comparison"]["models"]}
-    assert set(overall) == {"nominal", "identified", "hybrid", "corrected"}
+    kinds = {"nominal", "identified", "hybrid", "corrected", "corrected_hybrid"}
+    assert set(overall) == kinds
+    assert overall["corrected_hybrid"] < 1.5 * report["comparison"]["noise_floor"]
     assert overall["corrected"] < 1.5 * report["comparison"]["noise_floor"]
     assert overall["hybrid"] < overall["nominal"]
     roles = [process["role"] for process in report["system"]["processes"]]

@@ -8,7 +8,7 @@ import pytest
 
 from gfm.core import CommandKind, Trajectory
 from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings
-from gfm.experiments.fit import LEARNER_TOML, environment_flags, force_model, training_error
+from gfm.experiments.fit import COLD_TOML, WARM_TOML, environment_flags, force_model, training_error
 from gfm.experiments.fit_warm import joint_errors, warm_start
 from gfm.rl.learner import LearnerSettings
 from gfm.rl.regression import RegressionSettings
@@ -105,9 +105,11 @@ def test_limits_grow_with_what_the_recordings_ask_for():
     assert (strong.problem.model.force_limit == strong.settings.joint_nm).all()
 
 
-def test_without_a_gap_every_joint_may_get_a_force():
+def test_without_a_gap_nothing_is_lacking(damped):
     begun = warm_start(SETTINGS, assets(0.2), seed=0, regression=HASTY)
-    assert begun.settings.forced_joints == ("a", "b")
+    assert damped.lacking
+    assert not begun.lacking
+    assert len(begun.settings.forced_joints) == 1
 
 
 def test_actors_and_learner_are_told_the_same_problem(damped):
@@ -127,8 +129,21 @@ def test_joints_without_forces_do_not_count(damped):
 
 
 def test_the_learner_understands_its_settings(tmp_path):
+    warm, cold = (learning_settings(tmp_path, text) for text in (WARM_TOML, COLD_TOML))
+    assert warm.critic_first_steps > cold.critic_first_steps
+    assert warm.policy_learning_rate < cold.policy_learning_rate < 1e-3
+
+
+def learning_settings(tmp_path, text: str) -> LearnerSettings:
     path = tmp_path / "learner.toml"
-    path.write_text(LEARNER_TOML, encoding="utf-8")
-    learning = read_config(LearnerConfig, path, {}).learning
-    assert learning.critic_first_steps > LearnerSettings().critic_first_steps
-    assert learning.policy_learning_rate < LearnerSettings().policy_learning_rate
+    path.write_text(text, encoding="utf-8")
+    return read_config(LearnerConfig, path, {}).learning
+
+
+def test_without_epochs_nothing_is_known_of_the_forces(damped):
+    """Where the paper begins: all inputs, any policy, and a scale that the nominal error sets."""
+    cold = warm_start(SETTINGS, assets(3.2), seed=0, regression=RegressionSettings(epochs=0))
+    assert cold.settings.forced_joints == damped.settings.forced_joints
+    assert (cold.tensors["first.weight"] != 0.0).all()
+    assert "everything observed; of the missing force 100% remains" in cold.about
+    assert (cold.problem.scale[1::2] > 3.0 * damped.problem.scale[1::2]).all()

@@ -105,7 +105,7 @@ def offset() -> Sequence[EffectInstance]:
 
 def test_a_hybrid_model_without_forces_errs_as_the_nominal_one(two_recordings):
     nominal = two_recordings.model_errors(ModelKind.NOMINAL, (), "")
-    without = two_recordings.hybrid_errors(None, hybrid(), "")
+    without = two_recordings.hybrid_errors(ModelKind.HYBRID, None, hybrid(), "")
     assert nominal.overall > 100 * NOISE_RAD
     assert without.overall == pytest.approx(nominal.overall, rel=1e-3)
 
@@ -114,7 +114,7 @@ def test_a_hybrid_model_with_the_missing_force_errs_as_the_corrected_one(two_rec
     model = hybrid()
     corrected = two_recordings.model_errors(ModelKind.CORRECTED, offset(), "")
     forces = constant_force(OFFSET_NM / 2.0, model)
-    learned = two_recordings.hybrid_errors(forces, model, "")
+    learned = two_recordings.hybrid_errors(ModelKind.HYBRID, forces, model, "")
     assert corrected.overall == pytest.approx(NOISE_RAD, rel=0.1)
     assert learned.overall == pytest.approx(corrected.overall, rel=0.1)
 
@@ -175,12 +175,13 @@ def snapshot(version: int, error: float) -> Snapshot:
     return Snapshot(weights=weights, time_s=float(version), error=error)
 
 
-def fitted(*snapshots: Snapshot) -> FittedForces:
+def fitted(*snapshots: Snapshot, lacking: bool = True) -> FittedForces:
     # What is kept does not depend on the problem.
     return FittedForces(
         problem=None,  # type: ignore[arg-type]
         about="forces on a",
         nominal_error=0.5,
+        lacking=lacking,
         snapshots=snapshots,
         curves=(),
     )
@@ -213,6 +214,14 @@ def test_no_force_is_kept_where_none_does_any_good():
     assert outcome.detail == (
         "no force kept: none did any good; training error 0.5 rad without forces, 0.6 with the "
         "warm start; forces on a"
+    )
+
+
+def test_no_force_is_kept_where_only_noise_is_left():
+    outcome = fitted(snapshot(0, 0.1), lacking=False)
+    assert (outcome.kept.tensors["mean.weight"] == 0.0).all()
+    assert outcome.detail == (
+        "no force kept: nothing but noise is left on any joint (0.5 rad in training recordings)"
     )
 
 

@@ -25,6 +25,7 @@ class Findings:
         identified: The baseline.
         diagnosis: The verdict.
         fitted: Generalized forces; None where that was left out.
+        rest: Those for what the named effects leave; None also where nothing was named.
         facts: About the services, at the end.
     """
 
@@ -33,6 +34,7 @@ class Findings:
     identified: Identified
     diagnosis: Diagnosis
     fitted: FittedForces | None
+    rest: FittedForces | None
     facts: SystemFacts
 
     @cached_property
@@ -44,12 +46,16 @@ class Findings:
         """Returns every model's errors on the held-out recordings."""
         test, found = self.test, self.identified
         identified = test.model_errors(ModelKind.IDENTIFIED, found.effects, _identified(found))
-        fitted = [] if self.fitted is None else [self._hybrid(self.fitted)]
         corrected = test.model_errors(ModelKind.CORRECTED, self.effects, _corrected(self.diagnosis))
-        return [self.nominal, identified, *fitted, corrected]
+        alone = self._hybrid(ModelKind.HYBRID, self.fitted)
+        beside = self._hybrid(ModelKind.CORRECTED_HYBRID, self.rest)
+        return [self.nominal, identified, *alone, corrected, *beside]
 
-    def _hybrid(self, fitted: FittedForces) -> ModelErrors:
-        return self.test.hybrid_errors(fitted.forces, fitted.problem.model, fitted.detail)
+    def _hybrid(self, model: ModelKind, fitted: FittedForces | None) -> list[ModelErrors]:
+        if fitted is None:
+            return []
+        forces, hybrid = fitted.forces, fitted.problem.model
+        return [self.test.hybrid_errors(model, forces, hybrid, fitted.detail)]
 
     def report(
         self,

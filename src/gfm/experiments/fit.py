@@ -27,6 +27,7 @@ from gfm.launch import Supervisor, actor_processes, learner_process
 from gfm.recording.weights_file import write_weights
 from gfm.report import TrainingCurve
 from gfm.rl.policy_numpy import GaussianPolicy
+from gfm.rl.regression import RegressionSettings
 from gfm.service.assets import load_assets
 from gfm.service.force_files import write_forces
 from gfm.sim.rollout import rollouts
@@ -38,13 +39,19 @@ WARM_START, BEST, FORCES = "warm_start.npz", "gfm.npz", "forces.npz"
 #: The learner's settings, for a policy that begins close to its goal: the critic, which has to tell
 #: small differences, goes first, and the policy follows it in small steps with a steady stddev.
 CRITIC_FIRST_STEPS = 1500
-LEARNER_TOML = f"""\
+WARM_TOML = f"""\
 [learning]
 policy_learning_rate = 1e-4
 samples = 20
 critic_first_steps = {CRITIC_FIRST_STEPS}
 initial_log_alpha_mean = 3.0
 limits = {{ epsilon_mean = 3e-3, epsilon_stddev = 1e-6 }}
+"""
+#: Those for a policy that begins anywhere.
+COLD_TOML = """\
+[learning]
+policy_learning_rate = 3e-4
+samples = 20
 """
 _POLL_NS = 500_000_000
 _ASK_S = 30.0
@@ -63,6 +70,8 @@ class FitInputs:
         control_period_s: Between two decisions about forces. The paper's 50 ms are too long for
             friction that reverses and torque that repeats along the way; commands come every 20 ms.
         horizon: Control periods per episode.
+        warm: Whether to begin with the regressed policy; else, as in the paper, with one that has
+            learned nothing.
     """
 
     models: Mapping[CommandKind, Path]
@@ -72,6 +81,7 @@ class FitInputs:
     actors: int
     control_period_s: float = 0.02
     horizon: int = 40
+    warm: bool = True
 
     @property
     def environment(self) -> EnvironmentSettings:
@@ -122,6 +132,7 @@ class FittedForces:
         problem: The model, features and recordings that were fitted with.
         about: What the warm start chose, in words.
         nominal_error: Training error without any forces, rad.
+        lacking: Whether that is more than noise on any joint.
         snapshots: In order of time; the first is the warm start.
         curves: How the fit went.
     """
@@ -129,6 +140,7 @@ class FittedForces:
     problem: FitProblem
     about: str
     nominal_error: float
+    lacking: bool
     snapshots: tuple[Snapshot, ...]
     curves: tuple[TrainingCurve, ...]
 
@@ -139,8 +151,8 @@ class FittedForces:
 
     @property
     def helps(self) -> bool:
-        """Whether the best one is better than no force."""
-        return self.best.error < self.nominal_error
+        """Whether there was something to learn, and the best one is better than no force."""
+        return self.lacking and self.best.error < self.nominal_error
 
     @property
     def kept(self) -> Weights:
@@ -160,6 +172,9 @@ class FittedForces:
         # Until then only the critic learned: the policy is the warm start still.
         learned = [one for one in self.snapshots if one.weights.version > CRITIC_FIRST_STEPS]
         figures = f"training error {self.nominal_error:.3g} rad without forces, {warm.error:.3g}"
+        if not self.lacking:
+            left = f"{self.nominal_error:.3g} rad in training recordings"
+            return f"no force kept: nothing but noise is left on any joint ({left})"
         if not self.helps:
             return f"no force kept: none did any good; {figures} with the warm start; {self.about}"
         if not learned:
@@ -197,7 +212,8 @@ class ForceFit:
         self._inputs, self._clock = inputs, clock
         assets = load_assets(inputs.environment)
         self._trajectories: Sequence[Trajectory] = assets.trajectories
-        self._warm: WarmStart = warm_start(inputs.environment, assets, inputs.seed)
+        regression = RegressionSettings() if inputs.warm else RegressionSettings(epochs=0)
+        self._warm: WarmStart = warm_start(inputs.environment, assets, inputs.seed, regression)
         settings = self._warm.settings
         spec = make_environment(NAME, settings, num_envs=1, seed=0, assets=assets).spec
         weights = Weights(
@@ -216,7 +232,7 @@ class ForceFit:
         folder, seed = self._inputs.folder, self._inputs.seed
         environment = environment_flags(self._warm.settings)
         settings = folder / "learner.toml"
-        settings.write_text(LEARNER_TOML, encoding="utf-8")
+        settings.write_text(WARM_TOML if self._inputs.warm else COLD_TOML, encoding="utf-8")
         learner = (
             *("--config", str(settings)),
             *("--init", str(folder / WARM_START), "--seed", str(seed)),
@@ -268,6 +284,7 @@ class ForceFit:
             problem=self._warm.problem,
             about=self._warm.about,
             nominal_error=self._nominal_error,
+            lacking=self._warm.lacking,
             snapshots=tuple(self._snapshots),
             curves=(
                 *learning_curves(metric_rows(self._inputs.folder), self._began_utc_s),

@@ -40,6 +40,7 @@ _SPREAD = 2.0
 #: Groups of recordings that are left out in turn.
 _FOLDS = 3
 _TRIAL_SHARE = 0.25  # of the epochs, for those fits
+_EVERYTHING = "everything observed"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +52,7 @@ class WarmStart:
         problem: The same, loaded.
         tensors: The policy.
         nominal_errors: Training error of every joint without forces, rad, shape (J,).
+        lacking: Whether any of them is more than noise.
         about: What was chosen, in words with figures.
     """
 
@@ -58,6 +60,7 @@ class WarmStart:
     problem: FitProblem
     tensors: Mapping[str, Array32]
     nominal_errors: Array
+    lacking: bool
     about: str
 
 
@@ -73,7 +76,7 @@ def warm_start(
         settings: Period, horizon and least limit of the forces.
         assets: The training recordings and the nominal models.
         seed: Of the regression.
-        regression: How to regress.
+        regression: How to regress; without epochs, the policy is one that has learned nothing.
     """
     recordings = assets.trajectories
     nominal = HybridModel(
@@ -84,8 +87,9 @@ def warm_start(
     )
     errors = joint_errors(nominal, recordings)
     forced = np.flatnonzero(errors > _ABOVE_NOISE * measure_noise(recordings).position)
-    if not len(forced):  # nothing to gain: what is learned will not be kept
-        forced = np.arange(len(errors))
+    lacking = bool(len(forced))
+    if not lacking:  # what is learned will not be kept
+        forced = np.array([errors.argmax()])
     forces = [residual_forces(nominal, one) for one in recordings]
     chosen = _with_joints(settings, nominal, forced, np.concatenate(forces))
     problem = fit_problem(chosen, assets)
@@ -94,13 +98,14 @@ def warm_start(
     how = regression or RegressionSettings()
     best, left = _choose_inputs(problem, examples, how, seed)
     fitted = fit_policy(*examples, how, seed, _candidates(problem)[best])
-    scale = _reward_scale(problem, how.least_stddev)
+    scale = _reward_scale(problem, how.least_stddev) if how.epochs else problem.scale
     chosen = msgspec.structs.replace(chosen, scale=tuple(scale.tolist()))
     return WarmStart(
         settings=chosen,
         problem=replace(problem, scale=scale),
         tensors=fitted.tensors,
         nominal_errors=errors,
+        lacking=lacking,
         about=_about(chosen, best, left, examples[1]),
     )
 
@@ -119,13 +124,13 @@ def _candidates(problem: FitProblem) -> dict[str, Mask]:
     features, model = problem.features, problem.model
     everything = np.ones((problem.action_size, features.size), bool)
     if model.layout.has_object:
-        return {"everything observed": everything}
+        return {_EVERYTHING: everything}
     own = np.array([features.of_joint(joint) for joint in model.forced])
     newest = np.arange(features.size) < len(model.layout.joint_names)
     return {
         "its joint's states and drive": own,
         "its joint's states and drive and the pose": own | newest,
-        "everything observed": everything,
+        _EVERYTHING: everything,
     }
 
 
@@ -155,6 +160,8 @@ def _choose_inputs(
     problem: FitProblem, examples: tuple[Array32, Array32], how: RegressionSettings, seed: int
 ) -> tuple[str, Array]:
     """Returns the candidate that predicts best what it has not seen, and its error, (A,)."""
+    if not how.epochs:
+        return _EVERYTHING, np.sqrt(np.square(examples[1], dtype=np.float64).mean(axis=0))
     fold = problem.windows.recording[example_states(problem)] % _FOLDS
     trial = msgspec.structs.replace(how, epochs=max(1, round(_TRIAL_SHARE * how.epochs)))
     left = {

@@ -88,7 +88,7 @@ class JointControlTest:
         return ModelErrors(model=model, detail=detail, errors=tuple(errors))
 
     def hybrid_errors(
-        self, forces: ForceModel | None, model: HybridModel, detail: str
+        self, kind: ModelKind, forces: ForceModel | None, model: HybridModel, detail: str
     ) -> ModelErrors:
         """Returns the errors of a hybrid model; of its nominal part alone without `forces`."""
         predictions = rollouts(
@@ -103,7 +103,7 @@ class JointControlTest:
             error = np.zeros_like(recording.position)
             error[prediction.first :] = recording.position[prediction.first :] - prediction.position
             errors.append(self._without_initial_state(i, error))
-        return ModelErrors(model=ModelKind.HYBRID, detail=detail, errors=tuple(errors))
+        return ModelErrors(model=kind, detail=detail, errors=tuple(errors))
 
     def _without_initial_state(self, index: int, error: Array) -> Array:
         """Takes out of (T, J) what the initial state could explain, as the problem does."""

@@ -53,19 +53,20 @@ from gfm.launch import (
     replay_process,
     robot_processes,
 )
-from gfm.report import ModelKind, RunReport, print_run, write_run
+from gfm.report import ModelKind, RunReport, print_run, write_models, write_run
 from gfm.report.files import model_texts, write_texts
 from gfm.sim.plant import check_joints
 from gfm.sim.sawyer import JOINT_NAMES, sawyer_spec
 
 KINDS = (CommandKind.POSITION, CommandKind.VELOCITY)
-START, DRIVE, MEASURE, IDENTIFY, DIAGNOSE, LEARN, EVALUATE = (
+START, DRIVE, MEASURE, IDENTIFY, DIAGNOSE, LEARN, LEARN_REST, EVALUATE = (
     "start the services",
     "drive and record the robot",
     "measure the nominal model",
     "identify gain and damping (SLSQP)",
     "diagnose",
     "learn generalized forces",
+    "learn what the named effects leave",
     "compare the models and report",
 )
 _EXPECTED_S = {
@@ -75,10 +76,11 @@ _EXPECTED_S = {
     IDENTIFY: 30.0,
     DIAGNOSE: 90.0,
     LEARN: 240.0,
+    LEARN_REST: 15.0,
     EVALUATE: 15.0,
 }
 #: Learning ends so long before the budget does, and is not begun for less than the second, s.
-_RESERVE_S, _LEAST_LEARNING_S = 30.0, 20.0
+_RESERVE_S, _LEAST_LEARNING_S = 50.0, 20.0
 #: Longest time that is spent on learning, and between two looks at the policy, s.
 _MOST_LEARNING_S, _SNAPSHOT_S = 240.0, 15.0
 _IDLE_NS, _CHECK_NS = 100_000, 100_000_000
@@ -127,7 +129,7 @@ class _Run:
         self._nominal = nominal_arm(settings.models)
         for line in self._nominal.about:
             console.print(Text(line), soft_wrap=True)
-        left_out = {LEARN} if settings.skip_gfm else set()
+        left_out = {LEARN, LEARN_REST} if settings.skip_gfm else set()
         phases = [Phase(name=n, expected_s=s) for n, s in _EXPECTED_S.items() if n not in left_out]
         self._progress = RunProgress(phases, console=console, clock=clock)
 
@@ -139,8 +141,9 @@ class _Run:
                 recorded = self._drive(supervisor)
                 test, nominal = self._measure(recorded)
                 identified = self._identify(recorded)
-                diagnosis = self._diagnose(recorded)
+                diagnosis, corrected = self._diagnose(recorded)
                 fitted = self._learn(supervisor, recorded)
+                rest = self._learn_rest(recorded, corrected) if diagnosis.effects else None
                 facts = system_facts(supervisor)
             return self._compare(
                 Findings(
@@ -149,6 +152,7 @@ class _Run:
                     identified=identified,
                     diagnosis=diagnosis,
                     fitted=fitted,
+                    rest=rest,
                     facts=facts,
                 )
             )
@@ -226,14 +230,15 @@ class _Run:
             specs, given = self._nominal.specs, self._nominal.effects
             return identify(specs, recorded.training, given=given)
 
-    def _diagnose(self, recorded: Recorded) -> Diagnosis:
+    def _diagnose(self, recorded: Recorded) -> tuple[Diagnosis, Mapping[CommandKind, Path]]:
+        """Returns the diagnosis and the files of the corrected models."""
         files = {
             "model": tuple(self._models.values()),
             "recording": recorded.paths[Purpose.TRAINING],
             "held-out recording": recorded.paths[Purpose.HELDOUT],
         }
         with self._progress.phase(DIAGNOSE):
-            return diagnose(
+            diagnosis = diagnose(
                 self._nominal.specs,
                 recorded.training,
                 recorded.held_out,
@@ -241,26 +246,42 @@ class _Run:
                 provenance=provenance(files, self._settings.seed, command_line()),
                 given=self._nominal.effects,
             )
+        return diagnosis, write_models(self._settings.folder / "models", diagnosis.twins)
 
     def _learn(self, supervisor: Supervisor, recorded: Recorded) -> FittedForces | None:
         if self._settings.skip_gfm:
             return None
-        inputs = FitInputs(
-            models=self._models,
-            recordings=recorded.paths[Purpose.TRAINING],
-            folder=self._settings.folder / "checkpoints",
-            seed=self._settings.seed,
-            actors=self._settings.actors,
-        )
         with self._progress.phase(LEARN):
             self._progress.say("warm start: inverse dynamics, regressed")
-            fit = ForceFit(inputs, self._clock)
+            fit = ForceFit(self._fit_inputs(recorded, self._models, "checkpoints"), self._clock)
             left_s = self._settings.budget_s - _RESERVE_S - self._progress.time_s
             if left_s >= _LEAST_LEARNING_S:
                 self._progress.say("starting learner and actors")
                 fit.start(supervisor)
                 self._follow(supervisor, fit, min(left_s, _MOST_LEARNING_S))
             return fit.finish()
+
+    def _learn_rest(
+        self, recorded: Recorded, corrected: Mapping[CommandKind, Path]
+    ) -> FittedForces | None:
+        """Returns forces for what the corrected model still lacks, by the warm start alone."""
+        if self._settings.skip_gfm:
+            return None
+        with self._progress.phase(LEARN_REST):
+            self._progress.say("inverse dynamics of the corrected model, regressed")
+            inputs = self._fit_inputs(recorded, corrected, "checkpoints/corrected")
+            return ForceFit(inputs, self._clock).finish()
+
+    def _fit_inputs(
+        self, recorded: Recorded, models: Mapping[CommandKind, Path], folder: str
+    ) -> FitInputs:
+        return FitInputs(
+            models=models,
+            recordings=recorded.paths[Purpose.TRAINING],
+            folder=self._settings.folder / folder,
+            seed=self._settings.seed,
+            actors=self._settings.actors,
+        )
 
     def _follow(self, supervisor: Supervisor, fit: ForceFit, whole_s: float) -> None:
         """Watches learning until its time is up, and measures the policy now and then."""

@@ -1,7 +1,7 @@
 """What a person reads: one offline HTML page, `report.json`, and tables for a terminal."""
 
 from gfm.report.document import diagnosis_html, diagnosis_json
-from gfm.report.files import write_diagnosis, write_run
+from gfm.report.files import write_diagnosis, write_models, write_run
 from gfm.report.plan_document import PlanReport, plan_html, plan_json, write_plan
 from gfm.report.run import (
     Comparison,
@@ -41,6 +41,7 @@ __all__ = [
     "run_html",
     "run_json",
     "write_diagnosis",
+    "write_models",
     "write_plan",
     "write_run",
 ]

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+from gfm.core import CommandKind
 from gfm.diagnosis.result import Diagnosis, ModelPair
 from gfm.report.document import diagnosis_html, diagnosis_json, effect_json
 from gfm.report.run import RunReport
@@ -23,14 +24,16 @@ def write_diagnosis(folder: Path, diagnosis: Diagnosis) -> tuple[Path, ...]:
 
 
 def write_run(folder: Path, report: RunReport) -> tuple[Path, ...]:
-    """Writes the run's files into `folder`, made where it is missing; returns their paths.
-
-    The corrected models of all kinds of command go to `models/`.
-    """
+    """Writes the run's files into `folder`, made where it is missing; returns their paths."""
     texts = _report_texts(run_json(report), run_html(report))
-    for kind, model in report.diagnosis.twins.items():
-        write_texts(folder / "models", model_texts(f"corrected_{kind}", model))
     return write_texts(folder, texts | _corrected_texts(report.diagnosis))
+
+
+def write_models(folder: Path, models: Mapping[CommandKind, ModelPair]) -> dict[CommandKind, Path]:
+    """Writes the corrected model of each kind of command; returns where they are."""
+    for kind, model in models.items():
+        write_texts(folder, model_texts(f"corrected_{kind}", model))
+    return {kind: folder / f"corrected_{kind}.xml" for kind in models}
 
 
 def model_texts(stem: str, model: ModelPair) -> dict[str, str]:

@@ -24,6 +24,7 @@ class ModelKind(StrEnum):
     IDENTIFIED = "identified"
     HYBRID = "hybrid"
     CORRECTED = "corrected"
+    CORRECTED_HYBRID = "corrected_hybrid"
 
 
 class CurveGroup(StrEnum):

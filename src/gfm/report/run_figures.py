@@ -21,6 +21,7 @@ from gfm.report.figures import (
     INK,
     ORANGE,
     PURPLE,
+    SKY,
     Dots,
     Picture,
     dots_figure,
@@ -42,12 +43,14 @@ MODEL_TITLES = {
     ModelKind.IDENTIFIED: "identified (SLSQP)",
     ModelKind.HYBRID: "hybrid (GFM)",
     ModelKind.CORRECTED: "corrected (named effect)",
+    ModelKind.CORRECTED_HYBRID: "corrected + GFM",
 }
 _MODEL_COLOURS = {
     ModelKind.NOMINAL: ORANGE,
     ModelKind.IDENTIFIED: PURPLE,
     ModelKind.HYBRID: GREEN,
     ModelKind.CORRECTED: BLUE,
+    ModelKind.CORRECTED_HYBRID: SKY,
 }
 
 

@@ -14,10 +14,12 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Annotated
 
 import msgspec
 import numpy as np
 import torch
+from msgspec import Meta
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -40,7 +42,7 @@ class RegressionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
         hidden: Widths of the policy's hidden layers; the learner's, if it shall go on from here.
         learning_rate: Adam's at its height: it rises, then falls to nothing (one cycle).
         batch_size: Examples per step.
-        epochs: Times that every example is seen.
+        epochs: Times that every example is seen; 0 leaves the policy as it is drawn.
         least_stddev: The policy's stddev is what the fit leaves, but at least this.
         greatest_stddev: And at most this.
     """
@@ -48,7 +50,7 @@ class RegressionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
     hidden: Widths = (200, 200)
     learning_rate: Positive = 2e-3
     batch_size: Count = 256
-    epochs: Count = 120
+    epochs: Annotated[int, Meta(ge=0)] = 120
     least_stddev: Positive = 0.05
     greatest_stddev: Positive = 0.5
 
@@ -88,7 +90,8 @@ def fit_policy(
     policy, masks = _first_policy(features.shape[1], targets.shape[1], settings, seed, inputs)
     scaled = normaliser(features)
     with _one_thread():
-        _train(policy, masks, (scaled, targets), settings, seed)
+        if settings.epochs:
+            _train(policy, masks, (scaled, targets), settings, seed)
     with torch.no_grad():
         rmse = (policy(scaled).mean - targets).square().mean(0).sqrt()
     _set_stddev(policy, rmse, settings)

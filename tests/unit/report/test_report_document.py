@@ -29,6 +29,7 @@ from gfm.report import (
     run_html,
     run_json,
     write_diagnosis,
+    write_models,
     write_run,
 )
 from gfm.report.document import jsonable
@@ -310,9 +311,12 @@ def test_a_diagnosis_writes_a_model_for_every_kind_of_command(diagnosis_with, tm
     ]
 
 
-def test_a_run_writes_them_beside_the_nominal_ones(run_with, diagnosis_with, tmp_path):
-    plain = diagnosis_with()
-    write_run(tmp_path, run_with(diagnosis=replace(plain, twins=twins(plain))))
+def test_corrected_models_are_written_for_others_to_load(diagnosis_with, tmp_path):
+    written = write_models(tmp_path / "models", twins(diagnosis_with()))
+    assert {kind: path.name for kind, path in written.items()} == {
+        CommandKind.POSITION: "corrected_position.xml",
+        CommandKind.VELOCITY: "corrected_velocity.xml",
+    }
     assert sorted(path.name for path in (tmp_path / "models").iterdir()) == [
         "corrected_position.effects.json",
         "corrected_position.xml",
