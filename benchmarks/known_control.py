@@ -36,7 +36,7 @@ from gfm.rl.policy_numpy import GaussianPolicy
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "results" / "known_control.md"
 #: Environment: our configuration, and the steps that SAC is given.
-PROBLEMS = {"Pendulum-v1": ("pendulum.toml", 20_000), "Reacher-v5": ("reacher.toml", 30_000)}
+PROBLEMS = {"Pendulum-v1": ("pendulum.toml", 20_000), "Reacher-v5": ("reacher.toml", 20_000)}
 EPISODES, FIRST_SEED = 100, 10_000
 
 Act = Callable[[NDArray[Any]], NDArray[Any]]

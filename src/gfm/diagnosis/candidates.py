@@ -16,7 +16,7 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.problem import Problem
 from gfm.diagnosis.signals import smooth_states
-from gfm.effects import Effect, Motion, Scales, Scope
+from gfm.effects import Effect, EffectInstance, Motion, Scales, Scope
 from gfm.effects.effect import sign
 from gfm.sim.plant import Plant, make_plant
 from gfm.sim.predict import Segment, applied_commands
@@ -123,9 +123,16 @@ def _command_at(plant: Plant, recording: Trajectory) -> Array:
     return np.asarray(held[np.minimum((recording.time_s / period_s).astype(int), steps - 1)])
 
 
-def torque_views(problem: Problem, recordings: Sequence[Trajectory]) -> list[TorqueView]:
-    """Returns every recording seen as torques."""
-    plants = {kind: make_plant(spec, problem.joints) for kind, spec in problem.specs.items()}
+def torque_views(
+    problem: Problem,
+    recordings: Sequence[Trajectory],
+    effects: Sequence[EffectInstance] = (),
+) -> list[TorqueView]:
+    """Returns every recording seen as torques under the nominal model with `effects` in it."""
+    plants = {
+        kind: make_plant(spec, problem.joints, (*problem.given, *effects))
+        for kind, spec in problem.specs.items()
+    }
     return [torque_view(plants[recording.command_kind], recording) for recording in recordings]
 
 

@@ -43,13 +43,16 @@ from gfm.diagnosis.result import (
     Verdict,
 )
 from gfm.diagnosis.usual import usually_missing
-from gfm.effects import EffectInstance, effect_library
+from gfm.effects import EffectInstance, Scope, effect_library
 from gfm.excitation.blind_spots import blind_spots
 from gfm.sim.learned import LearnedForces
 from gfm.sim.plant import native_spec
 
 #: Held-out RMSE, in units of the sensor noise, up to which a model counts as adequate.
 ADEQUATE_RATIO = 1.25
+#: The same for what is claimed of one effect, where it acts: what leaves more stands, perhaps, for
+#: something that no known effect describes.
+CREDIBLE_RATIO = 1.5
 #: Share of the held-out gap that must be closed to call it explained although some is left.
 EXPLAINED_SHARE = 0.99
 #: Share of the gap that has to be closed to name anything.
@@ -58,6 +61,8 @@ LEAST_SHARE = 0.05
 LEAST_MOTION_RAD, LEAST_TIME_S, LEAST_RATE_HZ = 0.01, 1.5, 10.0
 #: Recorded time in which effects are looked for (of an arm; of smaller robots more).
 LOOKED_AT_S = 72.0
+#: Recorded time on which the profiles of amounts are drawn (of an arm; of smaller robots more).
+PROFILED_S = 12.0
 #: Two candidates are equal when the runner-up leaves so little more of what the best explains.
 EQUAL, CLEAR = 0.01, 0.10
 #: How sure one may be, by the ratio of the runner-up's cost to that of a best that leaves noise.
@@ -71,6 +76,12 @@ class HeldOut:
     problem: Problem
     before: list[Array]
     after: list[Array]
+
+    @property
+    def left(self) -> dict[str, float]:
+        """Returns what the corrected model leaves on each joint, in units of its noise."""
+        ratios = evidence.rmse(self.after) / self.problem.noise.position
+        return dict(zip(self.problem.joints, ratios.tolist(), strict=True))
 
     @property
     def summary(self) -> ErrorSummary:
@@ -131,7 +142,7 @@ def diagnose(
     )
     if found and _closed(errors.summary) < LEAST_SHARE:
         instances, errors = (), HeldOut(problem=held, before=errors.before, after=errors.before)
-    named = _named(long.slices(), found, instances, errors.summary) if found else ()
+    named = _named(long.slices(), found, instances, errors.summary, errors.left) if found else ()
     verdict = Verdict.INSUFFICIENT_DATA if lack else _verdict(errors.summary, named)
     both = (*named, *pushed)
     corrected = {kind: corrected_model(spec, both, given) for kind, spec in specs.items()}
@@ -265,12 +276,20 @@ def _named(
     found: Attribution,
     instances: Sequence[EffectInstance],
     error: ErrorSummary,
+    left: Mapping[str, float] | None = None,
 ) -> tuple[NamedEffect, ...]:
-    """Returns the accepted effects with intervals, in the order in which they were found."""
+    """Returns the accepted effects with intervals, in the order in which they were found.
+
+    Args:
+        blocks: Rows of the fit's residual that belong together.
+        found: What was accepted, and when.
+        instances: The same with their amounts.
+        error: Held-out, of everything together.
+        left: The same after the correction by joint, in units of its noise.
+    """
     if not instances:
         return ()
     fitted = found.fit
-    adequate = error.after <= 1.5 * error.noise_floor
     free = free_parameters(instances)
     values = np.array([instances[i].values[name] for i, name in free])
     widths = half_widths(values, fitted.jacobian, fitted.residual, blocks)
@@ -278,6 +297,7 @@ def _named(
     named = []
     for i, instance in enumerate(instances):
         parameters = {}
+        adequate = credible(instance, error, left or {})
         for p in instance.effect.parameters:
             value, width = instance.values[p.name], float(by_place.get((i, p.name), np.inf))
             told = adequate and np.isfinite(width)
@@ -288,11 +308,18 @@ def _named(
                 effect=instance.effect.name,
                 joints=instance.joints,
                 parameters=parameters,
-                confidence=_confidence(_found_in(instance, found.rounds), error),
+                confidence=_confidence(_found_in(instance, found.rounds), error, adequate=adequate),
                 native=instance.effect.native,
             )
         )
     return tuple(named)
+
+
+def credible(instance: EffectInstance, error: ErrorSummary, left: Mapping[str, float]) -> bool:
+    """Returns whether little more than noise is left, in all and on every joint that is touched."""
+    here = instance.joints if instance.effect.scope in (Scope.JOINT, Scope.PAIR) else tuple(left)
+    ratios = [left[joint] for joint in here if joint in left]
+    return max([error.after / error.noise_floor, *ratios]) <= CREDIBLE_RATIO
 
 
 def clearness(fits: Sequence[Fit], before: float, *, adequate: bool) -> float:
@@ -335,13 +362,12 @@ def _found_in(instance: EffectInstance, rounds: Sequence[Round]) -> Round:
     return (here or [r for r, _ in alike])[0]
 
 
-def _confidence(this: Round, error: ErrorSummary) -> float:
+def _confidence(this: Round, error: ErrorSummary, *, adequate: bool) -> float:
     """Returns 0..1: high where the runner-up explains clearly less and only noise is left.
 
     Half where the runner-up explains as much. Half at most where more than noise is left: what is
     named may then stand for something that no known effect describes.
     """
-    adequate = error.after <= 1.5 * error.noise_floor
     clear = clearness(this.fits, this.before, adequate=adequate)
     closed = np.clip(_closed(error), 0.0, 1.0)
     return round(float(clear * (1.0 if adequate else 0.5 * closed)), 3)
@@ -414,9 +440,30 @@ def _sentence(
         return f"The model explains the recordings to within the sensor noise ({figures})."
     if verdict is Verdict.UNEXPLAINED:
         return f"The model misses something that no known effect explains ({figures})."
-    names = "; ".join(_in_words(effect) for effect in named)
+    names = "; ".join(effects_in_words(named))
     part = "misses" if verdict is Verdict.EXPLAINED else "misses, among what stays unexplained,"
     return f"The model {part} {names} ({figures})."
+
+
+def effects_in_words(named: Sequence[NamedEffect]) -> list[str]:
+    """Returns the effects in words, those of one kind on several joints as one."""
+    kinds: dict[str, list[NamedEffect]] = {}
+    for effect in named:
+        kinds.setdefault(effect.effect, []).append(effect)
+    return [_in_words(alike[0]) if len(alike) == 1 else _of_kind(alike) for alike in kinds.values()]
+
+
+def _of_kind(alike: Sequence[NamedEffect]) -> str:
+    first = alike[0]
+    joints = ", ".join(joint for effect in alike for joint in effect.joints)
+    ranges = []
+    for name, parameter in first.parameters.items():
+        values = [effect.parameters[name].value for effect in alike]
+        unit = "" if parameter.unit == "1" else parameter.unit
+        ranges.append(
+            f"{name.replace('_', ' ')} {min(values):.3g} to {max(values):.3g} {unit}".rstrip()
+        )
+    return f"{first.effect.replace('_', ' ')} on {joints} ({', '.join(ranges)})"
 
 
 def _in_words(effect: NamedEffect) -> str:
@@ -489,14 +536,11 @@ def _plots(
     instances: Sequence[EffectInstance],
     errors: HeldOut,
 ) -> tuple[EvidencePlot, ...]:
-    views = torque_views(problem, recordings)
-    laws = [
-        evidence.force_plot(e, [o for o in instances if o is not e], problem, views)
-        for e in instances
-    ]
+    part = problem.subset(problem.sample(PROFILED_S))
     worst = np.argsort(-evidence.rmse(errors.before) / errors.problem.noise.position)[:2]
     return (
-        *(plot for plot in laws if plot is not None),
+        *evidence.law_plots(instances, problem, recordings),
+        *evidence.profile_plots(instances, part),
         evidence.misfit_plot(errors.problem, errors.before, errors.after),
         *(evidence.error_plot(int(j), errors.problem, errors.before, errors.after) for j in worst),
     )

@@ -6,17 +6,23 @@ Shape letters: T measurements.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.candidates import TorqueView
+from gfm.diagnosis.candidates import TorqueView, torque_views
 from gfm.diagnosis.problem import Problem
 from gfm.diagnosis.result import EvidencePlot, Series
-from gfm.effects import EffectInstance
+from gfm.effects import EffectInstance, Motion
 
 #: Points of a cloud at most.
 MOST_POINTS = 1500
+#: Amounts at which a profile is looked at; the one in the middle is the fitted one.
+PROFILE_POINTS = 9
+#: Label of what rollouts leave.
+MISFIT = "position error of rollouts on training data, RMS / noise [1]"
 #: Labels of the signals over which laws are drawn.
 AXES = {
     "velocity": "velocity [rad/s]",
@@ -25,34 +31,56 @@ AXES = {
 }
 
 
-def force_plot(
+def law_plots(
+    instances: Sequence[EffectInstance], problem: Problem, recordings: Sequence[Trajectory]
+) -> list[EvidencePlot]:
+    """Returns a picture of every effect that is a force of position, velocity and drive.
+
+    It shows the torque that the model lacks with all effects in it but this one (a partial
+    residual), against what the law depends on, with the fitted law over it.
+    """
+    plots = []
+    seen: dict[tuple[int, ...], list[TorqueView]] = {}
+    for instance in instances:
+        others = [one for one in instances if one is not instance]
+        # Inverse dynamics have to be told of those that have no law in closed form.
+        told = [one for one in others if not _has_law(one) and not one.effect.separates_motor]
+        key = tuple(id(one) for one in told)
+        if _has_law(instance):
+            if key not in seen:
+                seen[key] = torque_views(problem, recordings, told)
+            plots.append(_law_plot(instance, others, problem, seen[key]))
+    return plots
+
+
+def _has_law(instance: EffectInstance) -> bool:
+    nothing = np.zeros(1)
+    motion = Motion(position=nothing, velocity=nothing, drive=nothing, other_velocity=nothing)
+    return bool(instance.joints) and instance.effect.torque(motion, instance.values) is not None
+
+
+def _law_plot(
     instance: EffectInstance,
     others: Sequence[EffectInstance],
     problem: Problem,
     views: Sequence[TorqueView],
-) -> EvidencePlot | None:
-    """Returns the missing torque against what the law depends on, with the fitted law over it.
-
-    What the other accepted forces explain is taken off first. None for an effect that is no force
-    of position, velocity and drive.
-    """
-    joint, other = _indices(instance, problem)
-    laws = [view.motion(joint, other) for view in views]
-    fitted = [instance.effect.torque(motion, instance.values) for motion in laws]
-    if any(part is None for part in fitted):
-        return None
-    law = np.concatenate([part for part in fitted if part is not None])
+) -> EvidencePlot:
+    joint = problem.joints.index(instance.joints[0])
     missing = np.concatenate([view.missing[:, joint] for view in views])
-    missing = missing - _explained(others, joint, problem, views)
-    label, axis = _axis(instance, views, joint)
+    for other in others:
+        missing = missing - _law_on(joint, other, problem, views)
+    law = _law_on(joint, instance, problem, views)
+    signal = instance.effect.seen_over
+    axis = np.concatenate([getattr(view, signal)[:, joint] for view in views])
     order = np.argsort(axis)
     keep = order[:: max(len(order) // MOST_POINTS, 1)]
     name = instance.effect.name.replace("_", " ")
+    beside = ", the other effects in it" if others else ""
     return EvidencePlot(
-        title=f"{name} on {instance.joints[0]}: torque that the nominal model lacks",
+        title=f"{name} on {instance.joints[0]}: torque that the model lacks without it{beside}",
         effect=instance.effect.name,
         joint=instance.joints[0],
-        x_label=label,
+        x_label=AXES[signal],
         y_label="missing torque [N m]",
         series=(
             Series(label="measured", x=axis[keep], y=missing[keep], style="points"),
@@ -61,32 +89,68 @@ def force_plot(
     )
 
 
-def _indices(instance: EffectInstance, problem: Problem) -> tuple[int, int | None]:
-    if not instance.joints:
-        return 0, None
-    places = [problem.joints.index(name) for name in instance.joints]
-    return places[0], places[1] if len(places) == 2 else None
-
-
-def _explained(
-    others: Sequence[EffectInstance], joint: int, problem: Problem, views: Sequence[TorqueView]
+def _law_on(
+    joint: int, instance: EffectInstance, problem: Problem, views: Sequence[TorqueView]
 ) -> Array:
-    total = np.zeros(sum(len(view.missing) for view in views))
-    for instance in others:
-        first, second = _indices(instance, problem)
-        if first != joint or not instance.joints:
+    """Returns the torque of an effect's law on a joint along all views; zero without a law."""
+    places = [problem.joints.index(name) for name in instance.joints]
+    if joint not in places or not _has_law(instance):
+        return np.zeros(sum(len(view.missing) for view in views))
+    second = places[1] if len(places) == 2 else None
+    parts = [
+        instance.effect.torque(view.motion(places[0], second), instance.values) for view in views
+    ]
+    torque = np.concatenate([part for part in parts if part is not None])
+    return -torque if joint == second else torque
+
+
+def profile_plots(instances: Sequence[EffectInstance], problem: Problem) -> list[EvidencePlot]:
+    """Returns a picture of every other effect: what rollouts leave if its amount is another one.
+
+    All else stays as fitted. From none of it to twice the amount; from half of it where none of it
+    is not zero (a gain, a stiffness, a limit).
+    """
+    plots = []
+    for place, instance in enumerate(instances):
+        if _has_law(instance):
             continue
-        parts = [
-            instance.effect.torque(view.motion(first, second), instance.values) for view in views
-        ]
-        if all(part is not None for part in parts):
-            total += np.concatenate([part for part in parts if part is not None])
-    return total
+        first = instance.effect.parameters[0]
+        low = 0.0 if first.lower <= 0.0 else 0.5
+        amounts = instance.values[first.name] * np.linspace(low, 2.0 - low, PROFILE_POINTS)
+        sets = [_with_amount(instances, place, float(amount)) for amount in amounts]
+        left = np.sqrt(np.mean(problem.residuals(sets) ** 2, axis=1))
+        middle = PROFILE_POINTS // 2
+        where = instance.joints[0] if len(instance.joints) == 1 else ""
+        name = instance.effect.name.replace("_", " ")
+        plots.append(
+            EvidencePlot(
+                title=f"{name}{f' on {where}' if where else ''}: what other amounts would leave",
+                effect=instance.effect.name,
+                joint=where,
+                x_label=f"{first.name.replace('_', ' ')} [{first.unit}]",
+                y_label=MISFIT,
+                series=(
+                    Series(label="all else as fitted", x=amounts, y=left, style="line"),
+                    Series(
+                        label="fitted",
+                        x=amounts[middle : middle + 1],
+                        y=left[middle : middle + 1],
+                        style="points",
+                    ),
+                ),
+            )
+        )
+    return plots
 
 
-def _axis(instance: EffectInstance, views: Sequence[TorqueView], joint: int) -> tuple[str, Array]:
-    signal = instance.effect.seen_over
-    return AXES[signal], np.concatenate([getattr(v, signal)[:, joint] for v in views])
+def _with_amount(
+    instances: Sequence[EffectInstance], place: int, amount: float
+) -> tuple[EffectInstance, ...]:
+    """Returns the effects, one of them with another value of its first parameter."""
+    one = instances[place]
+    first = one.effect.parameters[0]
+    values = dict(one.values) | {first.name: min(max(amount, first.lower), first.upper)}
+    return (*instances[:place], replace(one, values=values), *instances[place + 1 :])
 
 
 def error_plot(

@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from gfm.diagnosis.evidence import MISFIT
 from gfm.diagnosis.quality import FindingRow
 from gfm.diagnosis.result import EvidencePlot, NamedEffect, ParameterEstimate, Suspect, Verdict
 from gfm.effects import effect_library
@@ -118,47 +119,13 @@ EFFECTS = {
         look_for="a straight line against position that falls through zero at the rest angle; its "
         "slope is the stiffness. A wave would be cogging or a wrong mass.",
     ),
-    "payload": EffectWords(
-        law="point mass on the last link",
-        axis="position",
-        look_for="a residual that follows gravity: it changes with posture and keeps its sign "
-        "whichever way the joint moves.",
-    ),
-    "gravity_direction": EffectWords(
-        law="the base is tilted: gravity points elsewhere",
-        axis="position",
-        look_for="a residual that depends on posture alone and is there at rest.",
-    ),
-    "armature": EffectWords(
-        law="inertia of the motor side, seen at the joint",
-        axis="acceleration",
-        look_for="a straight line against acceleration through the origin; its slope is the "
-        "missing inertia.",
-    ),
-    "actuator_gain": EffectWords(
-        law="drive torque times scale (1 = as in the model)",
-        axis="torque",
-        look_for="a straight line against the model's drive torque through the origin; its slope "
-        "is scale − 1.",
-    ),
-    "command_delay": EffectWords(
-        law="commands take effect later",
-        axis="delay",
-        look_for="where the curve has its extremum: that shift of the commands fits the motion "
-        "best. A sharp extremum away from zero is a delay.",
-    ),
-    "actuator_lag": EffectWords(
-        law="first-order lag of the command",
-        axis="time",
-        look_for="a response that sets in at once and approaches its target exponentially. A pure "
-        "delay would first stand still.",
-    ),
-    "torque_saturation": EffectWords(
-        law="drive torque limited: |drive| ≤ limit",
-        axis="torque",
-        look_for="a line that follows the demanded torque and then goes flat; the plateau is the "
-        "limit.",
-    ),
+    "payload": EffectWords(law="point mass on the last link"),
+    "gravity_direction": EffectWords(law="the base is tilted: gravity points elsewhere"),
+    "armature": EffectWords(law="inertia of the motor side, seen at the joint"),
+    "actuator_gain": EffectWords(law="drive torque times scale (1 = as in the model)"),
+    "command_delay": EffectWords(law="commands take effect later"),
+    "actuator_lag": EffectWords(law="first-order lag of the command"),
+    "torque_saturation": EffectWords(law="drive torque limited: |drive| ≤ limit"),
     "torque_offset": EffectWords(
         law="constant torque",
         axis="velocity",
@@ -170,23 +137,9 @@ EFFECTS = {
         look_for="a wave that repeats a whole number of times per revolution and does not change "
         "with velocity.",
     ),
-    "backlash": EffectWords(
-        law="free play between motor side and link",
-        axis="time",
-        look_for="the link standing still just after the motor reverses, then catching up with "
-        "a knock.",
-    ),
-    "joint_elasticity": EffectWords(
-        law="spring between motor side and link",
-        axis="frequency",
-        look_for="a resonance peak that the rigid model lacks.",
-    ),
-    "encoder_offset": EffectWords(
-        law="reported position = true position + offset",
-        axis="position",
-        look_for="a residual shaped like the derivative of gravity over position: a shift of the "
-        "posture, not of the torque.",
-    ),
+    "backlash": EffectWords(law="free play between motor side and link"),
+    "joint_elasticity": EffectWords(law="spring between motor side and link"),
+    "encoder_offset": EffectWords(law="reported position = true position + offset"),
     "object_friction": EffectWords(law="friction of the pushed object"),
     "object_mass": EffectWords(law="mass of the pushed object"),
     "object_com": EffectWords(law="centre of mass of the pushed object"),
@@ -224,6 +177,12 @@ def named(effect: NamedEffect | Suspect) -> str:
 
 def look_for(plot: EvidencePlot) -> str:
     """Returns the caption of an evidence plot: what it shows and what to look for."""
+    if plot.y_label == MISFIT:
+        return (
+            "Line: what is left if this number is another one, all else as fitted. Point: the "
+            "fitted value. Look for a valley at the point: the flatter it is, the less the "
+            "recordings say about this number."
+        )
     drawn = {series.style for series in plot.series}
     legend = {
         frozenset({"points", "line"}): "Points: measured. Line: the fitted law.",

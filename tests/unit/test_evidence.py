@@ -1,0 +1,101 @@
+"""The pictures of effects, on a pendulum that SciPy integrates: nothing of it is MuJoCo's."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from gfm.core import CommandKind
+from gfm.diagnosis.diagnose import credible, effects_in_words
+from gfm.diagnosis.evidence import MISFIT, law_plots, profile_plots
+from gfm.diagnosis.problem import make_problem
+from gfm.diagnosis.result import ErrorSummary, NamedEffect, ParameterEstimate
+from gfm.effects import EffectInstance, effect_library
+from pendulum import MODEL, PERIOD_S, swung
+
+FRICTION, GAIN, DELAY_S = 0.2, 0.15, 0.03
+
+
+@pytest.fixture(scope="module")
+def runs():
+    stamps = np.arange(0.0, 6.0, PERIOD_S)
+    command = 0.25 * np.minimum(stamps, 1.0) * (np.sin(3.1 * stamps) + np.sin(1.3 * stamps))
+
+    def dry(_q, v):
+        return -FRICTION * np.tanh(v / 1e-3)
+
+    return [swung(command, seed=3, noise=1e-4, torque=dry, delay=DELAY_S, gain=GAIN)]
+
+
+@pytest.fixture(scope="module")
+def problem(runs):
+    return make_problem({CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}, runs)
+
+
+def instance(name, *joints, **values):
+    return EffectInstance(effect=effect_library()[name], joints=joints or ("j",), values=values)
+
+
+TRUTH = (
+    instance("command_delay", delay=DELAY_S),
+    instance("actuator_gain", scale=GAIN),
+    instance("coulomb_friction", torque=FRICTION),
+)
+
+
+def test_the_picture_of_a_law_has_the_other_effects_in_its_model(problem, runs):
+    """A servo seven times too stiff in the model would hide a friction of any size."""
+    (plot,) = law_plots(TRUTH, problem, runs)
+    points, law = plot.series
+    moving = np.abs(points.x) > 0.1
+    assert plot.title.endswith("lacks without it, the other effects in it")
+    np.testing.assert_allclose(np.abs(law.y[moving]), FRICTION, rtol=1e-6)
+    assert np.median(np.abs(points.y - law.y)[moving]) < 0.05 * FRICTION
+
+    (alone,) = law_plots(TRUTH[2:], problem, runs)
+    assert np.median(np.abs(alone.series[0].y - alone.series[1].y)[moving]) > 2.0 * FRICTION
+
+
+def test_the_profile_of_an_amount_has_its_valley_where_it_was_fitted(problem):
+    delay, gain = profile_plots(TRUTH, problem)
+    assert (delay.effect, gain.effect) == ("command_delay", "actuator_gain")
+    for plot, none in ((delay, 0.0), (gain, 0.5 * GAIN)):
+        line, point = plot.series
+        assert plot.y_label == MISFIT
+        assert line.x[0] == none
+        assert line.x[np.argmin(line.y)] == point.x[0]
+        assert point.y[0] < 2.0
+        assert line.y[0] > 3.0 * point.y[0]
+
+
+def test_a_name_is_credible_where_noise_is_left_on_its_own_joint():
+    """Six quiet joints beside it would make the error of all of them look like noise."""
+    error = ErrorSummary(before=1.0, after=1.3e-3, noise_floor=1e-3)
+    left = {"a": 0.9, "b": 2.5}
+    friction = effect_library()["coulomb_friction"]
+    on = {joint: EffectInstance(effect=friction, joints=(joint,)) for joint in left}
+    assert credible(on["a"], error, left)
+    assert not credible(on["b"], error, left)
+    assert not credible(
+        EffectInstance(effect=effect_library()["payload"], joints=("a",)), error, left
+    )
+    assert not credible(on["a"], ErrorSummary(before=1.0, after=2e-3, noise_floor=1e-3), left)
+
+
+def named(effect, joint, **values):
+    return NamedEffect(
+        effect=effect,
+        joints=(joint,),
+        parameters={
+            n: ParameterEstimate(value=v, unit="N m", ci95=None) for n, v in values.items()
+        },
+        confidence=0.9,
+        native=True,
+    )
+
+
+def test_one_effect_on_several_joints_is_one_phrase():
+    both = [named("coulomb_friction", "a", torque=0.2), named("coulomb_friction", "b", torque=0.35)]
+    assert effects_in_words([*both, named("torque_offset", "b", torque=0.1)]) == [
+        "coulomb friction on a, b (torque 0.2 to 0.35 N m)",
+        "torque offset on b (torque 0.1 N m)",
+    ]
