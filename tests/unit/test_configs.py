@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from gfm.envs.registry import GYMNASIUM, episode_steps
-from gfm.experiments.train_config import TrainConfig
+from gfm.experiments.train_config import TrainConfig, open_run
 from gfm.service import read_config
+from gfm.service.config import read_toml
 from gfm_actor.config import ActorConfig
 from gfm_learner.config import LearnerConfig
 from gfm_replay.config import ReplayConfig
@@ -31,3 +32,10 @@ def test_every_service_takes_its_table(path):
     curriculum = learner.environment.control.curriculum
     assert curriculum.gain(experiment.learner_steps) == 1.0
     assert (len(curriculum.gains) - 1) * curriculum.stage_steps < experiment.learner_steps
+
+
+def test_a_run_s_folder_has_all_that_its_experiment_says(tmp_path):
+    config = next(path for path in CONFIGS if path.stem == "pose_matching")
+    told, folder = open_run(tmp_path / "run", config, resume=False)
+    assert read_toml(folder.config) == read_toml(config)
+    assert (told.env, told.learner_steps) == ("pose_matching", 100_000)

@@ -30,6 +30,7 @@ from gfm.service import (
     read_config,
     run_service,
 )
+from gfm.service.config import read_toml
 from gfm.service.presence import Presence
 from gfm.service.service import nap_ns
 from gfm.service.signals import StopRequested
@@ -110,6 +111,33 @@ def test_a_bad_settings_file_is_refused_with_the_place(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(ConfigError, match=message):
         read_config(LearningConfig, path, {})
+
+
+def test_a_file_says_only_what_differs_from_its_base(tmp_path):
+    (tmp_path / "base.toml").write_text("rate = 0.1\nlist = [1, 2]\n[inner]\ndepth = 3\nwide = 5\n")
+    (tmp_path / "own.toml").write_text('base = "base.toml"\nlist = [3]\n[inner]\ndepth = 4\n')
+    told = {"rate": 0.1, "list": [3], "inner": {"depth": 4, "wide": 5}}
+    assert read_toml(tmp_path / "own.toml") == told
+
+
+@pytest.mark.parametrize(
+    ("base", "error", "message"),
+    [
+        (
+            "own.toml",
+            ConfigError,
+            "own.toml: base is 'own.toml', expected the name of another file",
+        ),
+        ("../a.toml", ConfigError, "own.toml: base is '../a.toml', expected the name of another"),
+        ("none.toml", BadInputError, "none.toml: cannot be read"),
+        ("next.toml", ConfigError, "next.toml: is the base of own.toml and names one itself"),
+    ],
+)
+def test_a_base_that_is_none_is_refused(tmp_path, base, error, message):
+    (tmp_path / "next.toml").write_text('base = "own.toml"')
+    (tmp_path / "own.toml").write_text(f'base = "{base}"')
+    with pytest.raises(error, match=message):
+        read_toml(tmp_path / "own.toml")
 
 
 def test_a_missing_settings_file_is_bad_input(tmp_path):

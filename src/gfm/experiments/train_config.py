@@ -2,7 +2,7 @@
 
 The file's tables `learner`, `actor` and `replay` are the settings of these services, which refuse
 what they do not know; the environment stands in the learner's table, and the actors ask the learner
-for it.
+for it. `base` names a file beside it whose settings hold where it says nothing.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from msgspec import Meta
 
 from gfm.core import BadInputError, ConfigError
 from gfm.envs.registry import check_name
-from gfm.service.config import differing, read_config, read_toml
+from gfm.service.config import base_of, differing, read_config, read_toml
 
 Count = Annotated[int, Meta(ge=1)]
 
@@ -112,6 +112,8 @@ def open_run(path: Path, config: Path, *, resume: bool) -> tuple[TrainConfig, Ru
     path.mkdir(parents=True, exist_ok=True)
     if config.resolve() != folder.config.resolve():
         shutil.copyfile(config, folder.config)
+        if (base := base_of(config)) is not None:
+            shutil.copyfile(base, path / base.name)
     return experiment, folder
 
 

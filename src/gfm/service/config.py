@@ -105,7 +105,53 @@ def read_config(
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Returns what a TOML file says; raises BadInputError where it cannot be read."""
+    """Returns what a TOML file says, over what the file says that it names as its `base`.
+
+    A base stands beside its file and has none itself; tables are merged, all else is replaced.
+
+    Raises:
+        BadInputError: a file cannot be read.
+        ConfigError: one is no TOML, or names a base that is none.
+    """
+    settings = _parsed(path)
+    below = base_of(path)
+    settings.pop("base", None)
+    if below is None:
+        return settings
+    first = _parsed(below)
+    if "base" in first:
+        raise ConfigError(
+            f"{below}: is the base of {path.name} and names one itself, expected none"
+        )
+    return _merged(first, settings)
+
+
+def base_of(path: Path) -> Path | None:
+    """Returns the file that a TOML file names as its `base`, or None.
+
+    Raises:
+        BadInputError, ConfigError: as `read_toml` does.
+    """
+    name = _parsed(path).get("base")
+    if name is None:
+        return None
+    if not isinstance(name, str) or Path(name).name != name or name == path.name:
+        raise ConfigError(f"{path}: base is {name!r}, expected the name of another file beside it")
+    return path.with_name(name)
+
+
+def _merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(below)
+    for name, value in above.items():
+        here = merged.get(name)
+        if isinstance(here, dict) and isinstance(value, dict):
+            merged[name] = _merged(here, value)
+        else:
+            merged[name] = value
+    return merged
+
+
+def _parsed(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as exc:
