@@ -52,6 +52,12 @@ SUBCOMMANDS = (
         summary="find what a model lacks to explain recordings",
     ),
     Subcommand(
+        name="fit",
+        module="gfm.experiments.fit_command",
+        adder="add_parser",
+        summary="learn forces for what a model lacks",
+    ),
+    Subcommand(
         name="excite",
         module="gfm.experiments.excite",
         adder="add_parser",

@@ -90,7 +90,7 @@ def _diagnosed(request: DiagnoseRequest, progress: Console) -> Diagnosis:
         say(line)
     paths = [*request.recordings, *request.holdout]
     recordings = read_recordings(paths, joint_states=request.joint_states, command=request.command)
-    _check_different(paths)
+    check_different(paths)
     count, read = len(request.recordings), list(zip(paths, recordings, strict=True))
     check_together(nominal.specs, read)
     check_usable(nominal.specs, read[:count], read[count:])
@@ -138,7 +138,7 @@ def _say(progress: Console, words: str) -> None:
     progress.print(Text(f"  {words}", style="dim"), soft_wrap=True)
 
 
-def _check_different(paths: Sequence[Path]) -> None:
+def check_different(paths: Sequence[Path]) -> None:
     """Raises ConfigError where two files have the same content."""
     seen: dict[str, Path] = {}
     for path in paths:

@@ -8,7 +8,7 @@ does any good. Held-out recordings are never looked at here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import final
@@ -54,6 +54,8 @@ policy_learning_rate = 3e-4
 samples = 20
 """
 _POLL_NS = 500_000_000
+#: Between two looks at the policy, s.
+SNAPSHOT_S = 15.0
 _ASK_S = 30.0
 
 
@@ -115,7 +117,7 @@ class Snapshot:
 
     Attributes:
         weights: Its parameters; version 0 is the warm start.
-        time_s: Since the services began to learn.
+        time_s: Since the fit began.
         error: Rollout position RMSE on the training recordings, rad.
     """
 
@@ -205,11 +207,16 @@ def force_model(problem: FitProblem, weights: Weights | Mapping[str, Array32]) -
 
 @final
 class ForceFit:
-    """A fit under way: `start`, then `wait` and `snapshot` until time is up, then `finish`."""
+    """A fit under way: `start` and `follow`, or nothing of it, then `finish`."""
 
     def __init__(self, inputs: FitInputs, clock: Clock) -> None:
-        """Fits the warm start and writes it for the learner."""
+        """Makes the first policy and writes it for the learner.
+
+        Raises:
+            BadInputError: a file cannot be used, or files do not belong together.
+        """
         self._inputs, self._clock = inputs, clock
+        self._began_ns, self._began_utc_s = clock.now_ns(), clock.utc_ns() * 1e-9
         assets = load_assets(inputs.environment)
         self._trajectories: Sequence[Trajectory] = assets.trajectories
         regression = RegressionSettings() if inputs.warm else RegressionSettings(epochs=0)
@@ -224,8 +231,8 @@ class ForceFit:
         )
         write_weights(inputs.folder / WARM_START, weights)
         self._nominal_error = float(np.sqrt(np.square(self._warm.nominal_errors).mean()))
-        self._snapshots = [Snapshot(weights=weights, time_s=0.0, error=self._error(weights))]
-        self._began_ns, self._began_utc_s = clock.now_ns(), clock.utc_ns() * 1e-9
+        first_s = self.time_s
+        self._snapshots = [Snapshot(weights=weights, time_s=first_s, error=self._error(weights))]
 
     def start(self, supervisor: Supervisor) -> None:
         """Starts learner and actors in a running system."""
@@ -239,8 +246,6 @@ class ForceFit:
             *("--checkpoint-dir", str(folder)),
             *environment,
         )
-        self._began_ns = self._clock.now_ns()
-        self._began_utc_s = self._clock.utc_ns() * 1e-9
         supervisor.add(
             learner_process(learner),
             *actor_processes(self._inputs.actors, seed, environment),
@@ -248,10 +253,29 @@ class ForceFit:
 
     @property
     def time_s(self) -> float:
-        """Since learner and actors were started."""
+        """Since the fit began."""
         return (self._clock.now_ns() - self._began_ns) * 1e-9
 
-    def wait(self) -> str:
+    def follow(
+        self, supervisor: Supervisor, seconds: float, say: Callable[[str, float], None]
+    ) -> None:
+        """Lets the services learn for so long, and measures the policy now and then.
+
+        Args:
+            supervisor: Of the services.
+            seconds: How long.
+            say: Told how it goes, in words, and which share of the time has passed.
+        """
+        end_s, due_s = self.time_s + seconds, self.time_s + SNAPSHOT_S
+        while self.time_s < end_s:
+            supervisor.check()
+            say(self._wait(), 1.0 - (end_s - self.time_s) / seconds)
+            if self.time_s >= due_s:
+                self.snapshot(supervisor)
+                due_s = self.time_s + SNAPSHOT_S
+        self.snapshot(supervisor)
+
+    def _wait(self) -> str:
         """Waits a moment; returns how learning goes, in words."""
         self._clock.sleep_until_ns(self._clock.now_ns() + _POLL_NS)
         rows = metric_rows(self._inputs.folder)

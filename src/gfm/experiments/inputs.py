@@ -41,12 +41,14 @@ class NominalModel:
 
     Attributes:
         specs: By the kind of command that their actuators take.
+        paths: Where they are; empty for those that are in no file.
         effects: What the specs cannot say; the same for all of them.
         files: Everything that was read.
         about: What was found beside MJCF files, in lines.
     """
 
     specs: Mapping[CommandKind, mujoco.MjSpec]
+    paths: Mapping[CommandKind, Path]
     effects: tuple[EffectInstance, ...]
     files: tuple[Path, ...]
     about: tuple[str, ...]
@@ -72,6 +74,7 @@ def load_nominal(paths: Sequence[Path]) -> NominalModel:
     beside = [effects_path(file.path) for file in files.values() if file.effects]
     return NominalModel(
         specs={kind: file.spec for kind, file in files.items()},
+        paths={kind: file.path for kind, file in files.items()},
         effects=shared_effects(files.values()),
         files=(*paths, *beside),
         about=tuple(file.about for file in files.values() if file.about),

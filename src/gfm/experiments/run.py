@@ -81,8 +81,8 @@ _EXPECTED_S = {
 }
 #: Learning ends so long before the budget does, and is not begun for less than the second, s.
 _RESERVE_S, _LEAST_LEARNING_S = 50.0, 20.0
-#: Longest time that is spent on learning, and between two looks at the policy, s.
-_MOST_LEARNING_S, _SNAPSHOT_S = 240.0, 15.0
+#: Longest time that is spent on learning, s.
+_MOST_LEARNING_S = 240.0
 _IDLE_NS, _CHECK_NS = 100_000, 100_000_000
 
 
@@ -258,7 +258,7 @@ class _Run:
             if left_s >= _LEAST_LEARNING_S:
                 self._progress.say("starting learner and actors")
                 fit.start(supervisor)
-                self._follow(supervisor, fit, min(left_s, _MOST_LEARNING_S))
+                fit.follow(supervisor, min(left_s, _MOST_LEARNING_S), self._learning)
             return fit.finish()
 
     def _learn_rest(
@@ -283,16 +283,8 @@ class _Run:
             actors=self._settings.actors,
         )
 
-    def _follow(self, supervisor: Supervisor, fit: ForceFit, whole_s: float) -> None:
-        """Watches learning until its time is up, and measures the policy now and then."""
-        looks = 0
-        while fit.time_s < whole_s:
-            supervisor.check()
-            self._progress.say(fit.wait(), share=fit.time_s / whole_s)
-            if fit.time_s >= _SNAPSHOT_S * (looks + 1):
-                fit.snapshot(supervisor)
-                looks = int(fit.time_s // _SNAPSHOT_S)
-        fit.snapshot(supervisor)
+    def _learning(self, words: str, share: float) -> None:
+        self._progress.say(words, share=share)
 
     def _compare(self, findings: Findings) -> RunReport:
         with self._progress.phase(EVALUATE):
@@ -326,7 +318,7 @@ def nominal_arm(models: Sequence[Path]) -> NominalModel:
     """
     if not models:
         specs = {kind: sawyer_spec(command=kind) for kind in KINDS}
-        return NominalModel(specs=specs, effects=(), files=(), about=())
+        return NominalModel(specs=specs, paths={}, effects=(), files=(), about=())
     nominal = load_nominal(models)
     if set(nominal.specs) != set(KINDS):
         raise ConfigError(
