@@ -12,9 +12,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from gfm.core import BadInputError, ConfigError
+from gfm.core import ConfigError
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.result import Diagnosis
+from gfm.experiments.folders import check_folder
 from gfm.experiments.inputs import (
     check_together,
     command_line,
@@ -149,13 +150,6 @@ def check_different(paths: Sequence[Path]) -> None:
 
 def _resolved(paths: Sequence[Path]) -> list[Path]:
     return [path.resolve() for path in paths]
-
-
-def check_folder(out: Path) -> None:
-    """Raises BadInputError where a file is in the way of a folder to write to."""
-    there = next(place for place in (out, *out.absolute().parents) if place.exists())
-    if not there.is_dir():
-        raise BadInputError(f"{there}: is a file; expected a folder to write to")
 
 
 def write_whole(out: Path, diagnosis: Diagnosis) -> tuple[Path, ...]:

@@ -25,8 +25,8 @@ from gfm.excitation.motion import Purpose
 from gfm.excitation.plan import Plan, Request, make_plan
 from gfm.excitation.programme import FAMILIES, Family
 from gfm.excitation.safety import SafetyCheck
-from gfm.experiments.diagnose_command import check_folder
 from gfm.experiments.drive import Driven, drive
+from gfm.experiments.folders import check_folder
 from gfm.experiments.inputs import command_line, load_specs, provenance
 from gfm.report import PlanReport, write_plan
 from gfm.report.words import joints_title

@@ -13,10 +13,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from gfm.core import BadInputError, Clock, ConfigError, MonotonicClock
+from gfm.core import Clock, ConfigError, MonotonicClock
 from gfm.diagnosis.problem import measure_noise
 from gfm.experiments.diagnose_command import check_different
 from gfm.experiments.fit import FORCES, FitInputs, FittedForces, ForceFit, force_model
+from gfm.experiments.folders import check_new_folder
 from gfm.experiments.inputs import (
     check_together,
     command_line,
@@ -68,8 +69,7 @@ class FitRequest:
             value = getattr(self, name)
             if not least <= value <= most:
                 raise ConfigError(f"{name} is {value:g}, expected {least:g} to {most:g}")
-        if self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
-            raise BadInputError(f"{self.out}: exists; expected a new or an empty folder")
+        check_new_folder(self.out)
         if not self.holdout and len(self.recordings) < 2:
             raise ConfigError(
                 "1 recording and none to hold out; expected at least 2, or --holdout: forces that "

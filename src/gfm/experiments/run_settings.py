@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from gfm.core import BadInputError, ConfigError
+from gfm.core import ConfigError
+from gfm.experiments.folders import check_new_folder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,5 +44,4 @@ class RunSettings:
             value = getattr(self, name)
             if not least <= value <= most:
                 raise ConfigError(f"{name} is {value:g}, expected {least:g} to {most:g}")
-        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
-            raise BadInputError(f"{self.folder}: exists; expected a new or an empty folder")
+        check_new_folder(self.folder)
