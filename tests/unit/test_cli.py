@@ -105,5 +105,5 @@ def test_run_settings_out_of_range_are_refused(tmp_path, setting, message):
 
 def test_a_run_s_folder_must_not_be_a_file(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(BadInputError, match="expected a new or an empty folder"):
+    with pytest.raises(BadInputError, match="is a file; expected a folder to write to"):
         RunSettings(folder=tmp_path / "file")
