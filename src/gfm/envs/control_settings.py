@@ -46,7 +46,8 @@ class ControlSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         randomisation: Each episode draws masses, friction, damping and servo gains between 1 / (1 +
             this) and 1 + this times the model's; another baseline.
         variants: How many such models are drawn once, for episodes to choose from.
-        ensemble: Files of generalized force models; each episode draws one of them.
+        ensemble: Generalized force models, files or names of some that come with gfm; each episode
+            draws one of them.
     """
 
     curriculum: Curriculum = Curriculum()

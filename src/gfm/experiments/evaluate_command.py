@@ -38,11 +38,11 @@ def add_parser(subparsers: Subparsers) -> None:
     )
     parser.add_argument(
         "--forces",
-        type=Path,
         action="append",
         default=[],
         metavar="FILE",
-        help="generalized force model on top; of several, each attempt draws one",
+        help="generalized force model on top, a file or the name of one that comes with gfm; of "
+        "several, each attempt draws one",
     )
     parser.add_argument(
         "--trials", type=int, default=5, metavar="N", help="attempts per goal (default: 5)"
@@ -60,13 +60,14 @@ def add_parser(subparsers: Subparsers) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Evaluates."""
     from gfm.experiments.evaluate import EvaluationRequest, evaluate_policy
+    from gfm.policies import forces_path
 
     evaluate_policy(
         EvaluationRequest(
             task=f"{arguments.task}_matching",
             policy=arguments.policy,
             model=arguments.model,
-            forces=tuple(arguments.forces),
+            forces=tuple(forces_path(name) for name in arguments.forces),
             trials=arguments.trials,
             seed=arguments.seed,
             as_json=arguments.json,

@@ -1,4 +1,4 @@
-"""Policies that come with gfm: trained on the nominal cell, see docs/results/policies.md."""
+"""Policies and learned forces that come with gfm: how they were made is in docs/results."""
 
 from __future__ import annotations
 
@@ -19,3 +19,9 @@ def shipped_policy(task: str) -> Path:
     if not path.is_file():
         raise UnknownNameError("policy", task, [file.stem for file in _FOLDER.glob("*.npz")])
     return path
+
+
+def forces_path(given: str) -> Path:
+    """Returns the file of a force model: one at that path, or one of that name from gfm."""
+    path, shipped = Path(given), _FOLDER / "forces" / f"{given}.npz"
+    return shipped if shipped.is_file() and not path.exists() else path

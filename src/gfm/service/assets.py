@@ -20,6 +20,7 @@ from gfm.envs.registry import (
     furnished,
     make_environment,
 )
+from gfm.policies import forces_path
 from gfm.recording import read_recording
 from gfm.service.force_files import read_forces
 from gfm.service.model_files import ModelFile, read_robot, shared_effects
@@ -59,7 +60,7 @@ def load_assets(
         models={kind: _compiled(file, complete) for kind, file in files.items()},
         effects=shared_effects(files.values()),
         trajectories=tuple(read_recording(Path(path)) for path in settings.recordings),
-        ensemble=tuple(read_forces(Path(path)) for path in settings.control.ensemble),
+        ensemble=tuple(read_forces(forces_path(path)) for path in settings.control.ensemble),
     )
 
 
