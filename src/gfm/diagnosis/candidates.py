@@ -23,8 +23,10 @@ from gfm.sim.predict import Segment, applied_commands
 
 #: Orders of a cogging torque that are looked for, per revolution of the joint.
 COGGING_ORDERS = range(2, 101)
-#: How many of them are taken to the rollouts.
+#: How many of them are taken to the rollouts, with a spring beside them and without.
 COGGING_KEPT = 3
+#: Periods that the motion has to cover: both a crest and a trough.
+LEAST_PERIODS = 0.75
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,21 +162,30 @@ def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:
 def cogging_orders(views: Sequence[TorqueView], joint: int) -> tuple[int, ...]:
     """Returns the orders of a cogging torque that stand out in one joint's missing torque.
 
-    Sines of the angle are weighed against what friction laws and a spring leave over; orders whose
-    period the motion does not cover are left out.
+    Sines of the angle are weighed by what they explain beside friction laws: those that are best
+    beside a spring, too, and those without (over about a period, most of a sine is a slope). Orders
+    of whose period the motion covers too little are left out.
     """
     q, v, r = (_joined(views, name, joint) for name in ("position", "velocity", "missing"))
-    smooth = np.stack([np.ones_like(q), q, v, sign(v, 0.01)], axis=1)
-    rest = r - smooth @ np.linalg.lstsq(smooth, r, rcond=None)[0]
+    friction = [np.ones_like(q), v, sign(v, 0.01)]
     span = float(np.ptp(q))
-    powers = {}
-    for order in COGGING_ORDERS:
-        if order * span < 2.0 * np.pi:
-            continue
-        waves = np.stack([np.sin(order * q), np.cos(order * q)], axis=1)
-        fit = waves @ np.linalg.lstsq(waves, rest, rcond=None)[0]
-        powers[order] = float(fit @ fit)
-    return tuple(sorted(powers, key=lambda order: -powers[order])[:COGGING_KEPT])
+    orders = [order for order in COGGING_ORDERS if order * span >= 2.0 * np.pi * LEAST_PERIODS]
+    kept: dict[int, None] = {}
+    for smooth in ([*friction, q], friction):
+        basis = np.linalg.qr(np.stack(smooth, axis=1))[0]
+        rest = r - basis @ (basis.T @ r)
+        powers = {order: _power(order * q, rest, basis) for order in orders}
+        best = sorted(powers, key=lambda order: -powers[order])
+        kept |= dict.fromkeys(best[:COGGING_KEPT])
+    return tuple(kept)
+
+
+def _power(angle: Array, rest: Array, basis: Array) -> float:
+    """Returns the sum of squares of `rest` that sines of an angle explain beside a basis."""
+    waves = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    waves -= basis @ (basis.T @ waves)
+    fitted = waves @ np.linalg.lstsq(waves, rest, rcond=None)[0]
+    return float(fitted @ fitted)
 
 
 def _joined(views: Sequence[TorqueView], name: str, joint: int) -> Array:

@@ -50,9 +50,10 @@ from gfm.sim.plant import native_spec
 
 #: Held-out RMSE, in units of the sensor noise, up to which a model counts as adequate.
 ADEQUATE_RATIO = 1.25
-#: The same for what is claimed of one effect, where it acts: what leaves more stands, perhaps, for
-#: something that no known effect describes.
-CREDIBLE_RATIO = 1.5
+#: The same for what is claimed of one effect, where it acts, and the share of the gap there that
+#: laws which are not quite exact may leave: what leaves more stands, perhaps, for something that no
+#: known effect describes.
+CREDIBLE_RATIO, INEXACT_SHARE = 1.5, 0.003
 #: Share of the held-out gap that must be closed to call it explained although some is left.
 EXPLAINED_SHARE = 0.99
 #: Share of the gap that has to be closed to name anything.
@@ -78,10 +79,14 @@ class HeldOut:
     after: list[Array]
 
     @property
-    def left(self) -> dict[str, float]:
-        """Returns what the corrected model leaves on each joint, in units of its noise."""
-        ratios = evidence.rmse(self.after) / self.problem.noise.position
-        return dict(zip(self.problem.joints, ratios.tolist(), strict=True))
+    def by_joint(self) -> dict[str, ErrorSummary]:
+        """Returns the same three numbers of every joint."""
+        both = evidence.rmse(self.before), evidence.rmse(self.after)
+        rows = zip(self.problem.joints, *both, self.problem.noise.position, strict=True)
+        return {
+            joint: ErrorSummary(before=float(b), after=float(a), noise_floor=float(n))
+            for joint, b, a, n in rows
+        }
 
     @property
     def summary(self) -> ErrorSummary:
@@ -142,7 +147,9 @@ def diagnose(
     )
     if found and _closed(errors.summary) < LEAST_SHARE:
         instances, errors = (), HeldOut(problem=held, before=errors.before, after=errors.before)
-    named = _named(long.slices(), found, instances, errors.summary, errors.left) if found else ()
+    named = (
+        _named(long.slices(), found, instances, errors.summary, errors.by_joint) if found else ()
+    )
     verdict = Verdict.INSUFFICIENT_DATA if lack else _verdict(errors.summary, named)
     both = (*named, *pushed)
     corrected = {kind: corrected_model(spec, both, given) for kind, spec in specs.items()}
@@ -276,7 +283,7 @@ def _named(
     found: Attribution,
     instances: Sequence[EffectInstance],
     error: ErrorSummary,
-    left: Mapping[str, float] | None = None,
+    by_joint: Mapping[str, ErrorSummary] | None = None,
 ) -> tuple[NamedEffect, ...]:
     """Returns the accepted effects with intervals, in the order in which they were found.
 
@@ -285,7 +292,7 @@ def _named(
         found: What was accepted, and when.
         instances: The same with their amounts.
         error: Held-out, of everything together.
-        left: The same after the correction by joint, in units of its noise.
+        by_joint: The same of every joint.
     """
     if not instances:
         return ()
@@ -297,7 +304,8 @@ def _named(
     named = []
     for i, instance in enumerate(instances):
         parameters = {}
-        adequate = credible(instance, error, left or {})
+        here = [error, *_where_it_acts(instance, by_joint or {})]
+        adequate = all(one.after <= CREDIBLE_RATIO * one.noise_floor for one in here)
         for p in instance.effect.parameters:
             value, width = instance.values[p.name], float(by_place.get((i, p.name), np.inf))
             told = adequate and np.isfinite(width)
@@ -308,18 +316,29 @@ def _named(
                 effect=instance.effect.name,
                 joints=instance.joints,
                 parameters=parameters,
-                confidence=_confidence(_found_in(instance, found.rounds), error, adequate=adequate),
+                confidence=_confidence(
+                    _found_in(instance, found.rounds), error, adequate=credible(here)
+                ),
                 native=instance.effect.native,
             )
         )
     return tuple(named)
 
 
-def credible(instance: EffectInstance, error: ErrorSummary, left: Mapping[str, float]) -> bool:
-    """Returns whether little more than noise is left, in all and on every joint that is touched."""
-    here = instance.joints if instance.effect.scope in (Scope.JOINT, Scope.PAIR) else tuple(left)
-    ratios = [left[joint] for joint in here if joint in left]
-    return max([error.after / error.noise_floor, *ratios]) <= CREDIBLE_RATIO
+def _where_it_acts(
+    instance: EffectInstance, by_joint: Mapping[str, ErrorSummary]
+) -> list[ErrorSummary]:
+    """Returns the errors of the joints on which an effect acts: all, unless it is of some."""
+    local = instance.effect.scope in (Scope.JOINT, Scope.PAIR)
+    return [one for joint, one in by_joint.items() if not local or joint in instance.joints]
+
+
+def credible(errors: Sequence[ErrorSummary]) -> bool:
+    """Returns whether noise is left, or next to nothing of what was there, by all of `errors`."""
+    return all(
+        one.after <= CREDIBLE_RATIO * one.noise_floor or _closed(one) >= 1.0 - INEXACT_SHARE
+        for one in errors
+    )
 
 
 def clearness(fits: Sequence[Fit], before: float, *, adequate: bool) -> float:
