@@ -34,7 +34,7 @@ from gfm.excitation.motion import Purpose
 from gfm.excitation.waypoints import motions
 from gfm.experiments.drive import drive, sawyer_ranges
 from gfm.experiments.run import KINDS, nominal_arm
-from gfm.launch import Supervisor, SystemSpec, free_endpoint, robot_processes
+from gfm.launch import Supervisor, SystemSpec, free_endpoint, replay_process, robot_processes
 from gfm.report.files import model_texts, write_texts
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -76,7 +76,7 @@ def record(folder: Path, effect: str, seed: int) -> dict[Purpose, list[str]]:
     if not found.exists():
         target = ("--recordings", str((folder / "recordings").absolute()))
         robot = ("--hidden-effect", effect, "--seed", str(seed))
-        processes = tuple(robot_processes(target, robot))
+        processes = (replay_process(), *robot_processes(target, robot))
         system = SystemSpec(run="drive", endpoint=free_endpoint(), processes=processes)
         with Supervisor(system, folder / "logs") as running:
             running.start()
