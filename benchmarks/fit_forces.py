@@ -72,6 +72,13 @@ WAYS = {
 
 def record(folder: Path, effect: str, seed: int) -> dict[Purpose, list[str]]:
     """Drives the robot, unless it was driven, and returns the recordings in order of time."""
+    rounds = [drive_round(folder / f"round_{k}", effect, seed, k) for k in range(ROUNDS)]
+    rows = [row for one in rounds for row in one]
+    return {kind: [path for purpose, path in rows if purpose == str(kind)] for kind in Purpose}
+
+
+def drive_round(folder: Path, effect: str, seed: int, motion_seed: int) -> list[tuple[str, str]]:
+    """Drives all motions once, unless they were, and returns purpose and path of each."""
     found = folder / "driven.json"
     if not found.exists():
         target = ("--recordings", str((folder / "recordings").absolute()))
@@ -80,16 +87,13 @@ def record(folder: Path, effect: str, seed: int) -> dict[Purpose, list[str]]:
         system = SystemSpec(run="drive", endpoint=free_endpoint(), processes=processes)
         with Supervisor(system, folder / "logs") as running:
             running.start()
+            chosen = motions(sawyer_ranges(), seed=motion_seed)
             driven = [
                 (str(one.purpose), str(one.path))
-                for k in range(ROUNDS)
-                for one in drive(
-                    running.transport, MonotonicClock(), motions(sawyer_ranges(), seed=k)
-                )
+                for one in drive(running.transport, MonotonicClock(), chosen)
             ]
         found.write_text(json.dumps(driven))
-    rows = json.loads(found.read_text())
-    return {kind: [path for purpose, path in rows if purpose == str(kind)] for kind in Purpose}
+    return [(purpose, path) for purpose, path in json.loads(found.read_text())]
 
 
 def write_models(folder: Path) -> list[Path]:
