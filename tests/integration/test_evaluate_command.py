@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from gfm.core import EnvironmentSpec, UnknownNameError, Weights
 from gfm.envs.registry import EnvironmentSettings, make_environment
 from gfm.experiments import film
 from gfm.experiments.film import NoFilmError, write_film
-from gfm.policies import shipped_policy
+from gfm.policies import forces_path, shipped_policy
 from gfm.recording.weights_file import write_weights
 from gfm.rl.learner import LearnerSettings, init_learner, policy_tensors
+from gfm.service.force_files import read_forces
 
 #: Of ten goals once, so many at least; the share that was measured is nearer to all of them.
 POLICIES = {"position": 8, "pose": 5}
@@ -56,6 +58,17 @@ def test_the_policy_that_comes_with_gfm_solves_its_task(capsys, task):
     assert document["success"]["of"] == 10
     assert document["success"]["reached"] >= POLICIES[task]
     assert shipped_policy(f"{task}_matching").stat().st_size < 1e6
+
+
+def test_forces_that_come_with_gfm_are_called_by_name(tmp_path, monkeypatch):
+    for number in (1, 2, 3):
+        path = forces_path(f"coulomb_j6_{number}")
+        assert path.stat().st_size < 1e6
+        assert read_forces(path).forced_joints == ("right_j6",)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "coulomb_j6_1").touch()
+    assert forces_path("coulomb_j6_1") == Path("coulomb_j6_1")  # one's own comes first
+    assert forces_path("another.npz") == Path("another.npz")
 
 
 def test_a_task_without_a_policy_is_refused():
