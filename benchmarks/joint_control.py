@@ -152,8 +152,8 @@ with gfm {gfm.__version__} at commit {commit()}, {time.strftime("%Y-%m-%d")}, Py
 
 {table(cases)}
 
-- GFM at most half of the nominal error: {halved} of {len(cases)}; below SLSQP: {below} of {len(cases)}.
-- Reinforcement learning improved on the warm start in {learned} of {len(cases)} runs; else that is kept.
+- GFM at most half of the nominal error: {halved} of {len(cases)}; below SLSQP: {below}.
+- Reinforcement learning improved on the warm start in {learned} runs; else that is kept.
 - A dash: nothing was named, so that there was nothing to put forces beside.
 """
 
