@@ -88,7 +88,7 @@ def warm_start(
     errors = joint_errors(nominal, recordings)
     forced = np.flatnonzero(errors > _ABOVE_NOISE * measure_noise(recordings).position)
     lacking = bool(len(forced))
-    if not lacking:  # what is learned will not be kept
+    if not lacking:  # no force will be kept
         forced = np.array([errors.argmax()])
     forces = [residual_forces(nominal, one) for one in recordings]
     chosen = _with_joints(settings, nominal, forced, np.concatenate(forces))
@@ -96,6 +96,8 @@ def warm_start(
     columns = np.concatenate([forced, np.arange(len(errors), len(nominal.force_dof))])
     examples = warm_start_examples(problem, [one[:, columns] for one in forces])
     how = regression or RegressionSettings()
+    if not lacking:
+        how = msgspec.structs.replace(how, epochs=0)
     best, left = _choose_inputs(problem, examples, how, seed)
     fitted = fit_policy(*examples, how, seed, _candidates(problem)[best])
     scale = _reward_scale(problem, how.least_stddev) if how.epochs else problem.scale

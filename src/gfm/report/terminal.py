@@ -120,16 +120,19 @@ def _print_remarks(console: Console, diagnosis: Diagnosis) -> None:
 
 
 def _comparison_table(comparison: Comparison) -> Table:
-    columns = (*(row.model.value for row in comparison.models), "noise floor")
+    # Five models and their joints have to fit into 80 columns.
+    names = (row.model.value.replace("_", "\n+ ") for row in comparison.models)
+    columns = (*names, "noise\nfloor")
     title = "Held-out position error by model (rad)"
     table = _table(title, "joint", *columns, figures=columns)
+    table.padding = (0, 0, 0, 1)
     for line in comparison.lines():
         cells = (_comparison_cell(line, error) for error in line.errors)
         table.add_row(Text(line.joint), *cells, Text(words.number(line.floor)))
     every = comparison.lines()[0]
     shares = (words.times(error, every.floor) for error in every.errors)
     table.add_section()
-    table.add_row("all joints, in noise floors", *shares, "1")
+    table.add_row("in noise floors", *shares, "1")
     return table
 
 
