@@ -9,6 +9,7 @@ import msgspec
 
 from gfm.core import EnvironmentSpec, Weights
 from gfm.envs.registry import EnvironmentSettings
+from gfm.policies import forces_path
 from gfm.transport import Request, Transport
 from gfm_learner.config import LearnerConfig
 from gfm_wire import EnvironmentRequest, RunEnvironment, WeightsRequest
@@ -73,7 +74,7 @@ class Answers:
 
 def _with_absolute_paths(settings: EnvironmentSettings) -> str:
     """Returns the settings as JSON that means the same in any working directory."""
-    ensemble = tuple(str(Path(path).resolve()) for path in settings.control.ensemble)
+    ensemble = tuple(str(forces_path(path).resolve()) for path in settings.control.ensemble)
     absolute = msgspec.structs.replace(
         settings,
         control=msgspec.structs.replace(settings.control, ensemble=ensemble),
