@@ -76,19 +76,25 @@ class Outcome:
 
 def run_once(seed: int, asked: str, folder: Path) -> Outcome:
     """Runs the loop, unless its report is there, and returns what it found."""
+    words = ("--skip-gfm", "--seed", str(seed), "--hidden-effect", asked)
+    return outcome(seed, asked, report_of(words, folder))
+
+
+def report_of(flags: Sequence[str], folder: Path) -> dict[str, Any]:
+    """Returns the report of `gfm run` with these flags, made unless it is there."""
     if not (folder / "report.json").exists():
         shutil.rmtree(folder, ignore_errors=True)
-        words = [*("run", "--skip-gfm", "--seed", str(seed)), "--hidden-effect", asked]
         log = folder.with_suffix(".log")
         log.parent.mkdir(parents=True, exist_ok=True)
         with log.open("w") as out:
             subprocess.run(
-                [sys.executable, "-m", "gfm.cli", *words, "--out", str(folder)],
+                [sys.executable, "-m", "gfm.cli", "run", *flags, "--out", str(folder)],
                 stdout=out,
                 stderr=subprocess.STDOUT,
                 check=True,
             )
-    return outcome(seed, asked, json.loads((folder / "report.json").read_text()))
+    report: dict[str, Any] = json.loads((folder / "report.json").read_text())
+    return report
 
 
 def outcome(seed: int, asked: str, report: dict[str, Any]) -> Outcome:

@@ -10,10 +10,7 @@ already there are not repeated. The robot is a simulated one, written apart from
 from __future__ import annotations
 
 import argparse
-import json
 import platform
-import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Sequence
@@ -26,7 +23,7 @@ import matplotlib
 matplotlib.use("svg")
 import matplotlib.pyplot as plt
 import numpy as np
-from effects_10_seeds import commit, places, words_of
+from effects_10_seeds import commit, places, report_of, words_of
 
 import gfm
 
@@ -69,20 +66,8 @@ class Case:
 
 def run_once(effect: str, seed: int, minutes: float, folder: Path) -> Case:
     """Runs the loop, unless its report is there, and returns what it found."""
-    if not (folder / "report.json").exists():
-        shutil.rmtree(folder, ignore_errors=True)
-        words = [*("run", "--seed", str(seed)), "--hidden-effect", effect]
-        words += ["--budget-minutes", str(minutes), "--out", str(folder)]
-        log = folder.with_suffix(".log")
-        log.parent.mkdir(parents=True, exist_ok=True)
-        with log.open("w") as out:
-            subprocess.run(
-                [sys.executable, "-m", "gfm.cli", *words],
-                stdout=out,
-                stderr=subprocess.STDOUT,
-                check=True,
-            )
-    report = json.loads((folder / "report.json").read_text())
+    words = ("--seed", str(seed), "--hidden-effect", effect, "--budget-minutes", str(minutes))
+    report = report_of(words, folder)
     rows = {row["model"]: row for row in report["comparison"]["models"]}
     return Case(
         effect=effect,

@@ -10,20 +10,16 @@ TIME_S = np.arange(0.0, 12.0, 0.01)
 
 def view(span, torque):
     """Returns a joint's way back and forth over `span`, and what is missing along it."""
-    position = -1.2 + 0.5 * span * np.sin(1.7 * TIME_S) * np.sin(0.31 * TIME_S + 0.5)
-    position = -1.2 + (position + 1.2) * span / np.ptp(position)
+    way = np.sin(1.7 * TIME_S) * np.sin(0.31 * TIME_S + 0.5)
+    position = -1.2 + span * way / np.ptp(way)
     velocity = np.gradient(position, TIME_S)
     noise = 0.02 * np.random.default_rng(0).standard_normal(len(TIME_S))
     missing = torque(position, velocity) + noise
-    columns = (position, velocity, np.zeros_like(position), missing)
     return TorqueView(
-        **dict(
-            zip(
-                ("position", "velocity", "drive", "missing"),
-                (column[:, None] for column in columns),
-                strict=True,
-            )
-        )
+        position=position[:, None],
+        velocity=velocity[:, None],
+        drive=np.zeros((len(position), 1)),
+        missing=missing[:, None],
     )
 
 

@@ -495,15 +495,9 @@ def _in_words(effect: NamedEffect) -> str:
 
 
 def _joint_errors(errors: HeldOut) -> tuple[JointError, ...]:
-    before, after = evidence.rmse(errors.before), evidence.rmse(errors.after)
     return tuple(
-        JointError(
-            joint=name,
-            before=float(before[j]),
-            after=float(after[j]),
-            noise_floor=float(errors.problem.noise.position[j]),
-        )
-        for j, name in enumerate(errors.problem.joints)
+        JointError(joint=joint, before=one.before, after=one.after, noise_floor=one.noise_floor)
+        for joint, one in errors.by_joint.items()
     )
 
 

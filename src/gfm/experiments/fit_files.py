@@ -19,6 +19,7 @@ from gfm.experiments.diagnose_command import check_different
 from gfm.experiments.fit import FORCES, FitInputs, FittedForces, ForceFit, force_model
 from gfm.experiments.folders import check_new_folder
 from gfm.experiments.inputs import (
+    NominalModel,
     check_together,
     command_line,
     load_nominal,
@@ -106,12 +107,13 @@ def fit_files(request: FitRequest, clock: Clock | None = None) -> None:
     training, held_out = request.recordings, request.holdout
     if not held_out:
         training, held_out = training[:-1], training[-1:]
-    test, nominal = _test(request, training, held_out)
+    robot = load_nominal(request.models)
+    test, nominal = _test(robot, training, held_out)
     phases = [Phase(name=_BEGIN, expected_s=30.0), Phase(name=_COMPARE, expected_s=10.0)]
     if request.learning_s > 0.0:
         phases.insert(1, Phase(name=_LEARN, expected_s=request.learning_s))
     with RunProgress(phases, console=Console(stderr=True), clock=clock) as progress:
-        fitted = _fit(request, training, progress, clock)
+        fitted = _fit(request, robot, training, progress, clock)
         with progress.phase(_COMPARE):
             points = [_point(test, fitted, i) for i in range(len(fitted.snapshots))]
             hybrid = _errors(test, fitted)
@@ -133,26 +135,29 @@ def fit_files(request: FitRequest, clock: Clock | None = None) -> None:
 
 
 def _test(
-    request: FitRequest, training: Sequence[Path], held_out: Sequence[Path]
+    robot: NominalModel, training: Sequence[Path], held_out: Sequence[Path]
 ) -> tuple[JointControlTest, ModelErrors]:
     """Returns what forces are compared on, and the nominal model on it."""
-    nominal = load_nominal(request.models)
     paths = [*training, *held_out]
     check_different(paths)
     recordings = read_recordings(paths)
     read = list(zip(paths, recordings, strict=True))
-    check_together(nominal.specs, read)
-    check_usable(nominal.specs, read[: len(training)], read[len(training) :])
+    check_together(robot.specs, read)
+    check_usable(robot.specs, read[: len(training)], read[len(training) :])
     noise = measure_noise(recordings[: len(training)])
-    test = make_test(nominal.specs, recordings[len(training) :], noise, nominal.effects)
+    test = make_test(robot.specs, recordings[len(training) :], noise, robot.effects)
     return test, test.model_errors(ModelKind.NOMINAL, (), "as given")
 
 
 def _fit(
-    request: FitRequest, training: Sequence[Path], progress: RunProgress, clock: Clock
+    request: FitRequest,
+    robot: NominalModel,
+    training: Sequence[Path],
+    progress: RunProgress,
+    clock: Clock,
 ) -> FittedForces:
     inputs = FitInputs(
-        models=load_nominal(request.models).paths,
+        models=robot.paths,
         recordings=tuple(training),
         folder=request.out,
         seed=request.seed,

@@ -114,8 +114,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         ConfigError: one is no TOML, or names a base that is none.
     """
     settings = _parsed(path)
-    below = base_of(path)
-    settings.pop("base", None)
+    below = _beside(path, settings.pop("base", None))
     if below is None:
         return settings
     first = _parsed(below)
@@ -132,7 +131,10 @@ def base_of(path: Path) -> Path | None:
     Raises:
         BadInputError, ConfigError: as `read_toml` does.
     """
-    name = _parsed(path).get("base")
+    return _beside(path, _parsed(path).get("base"))
+
+
+def _beside(path: Path, name: object) -> Path | None:
     if name is None:
         return None
     if not isinstance(name, str) or Path(name).name != name or name == path.name:
