@@ -7,6 +7,9 @@ import signal
 from collections.abc import Callable
 from pathlib import Path
 
+# As the command `gfm` does, and before NumPy is loaded: arrays are small, threads would only wait.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 import pytest
 
 from gfm.core import Trajectory

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -123,6 +124,9 @@ def make_parser(chosen: str = "") -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command to its exit status."""
+    # Here and in the services that a command starts, arrays are small: more threads than one per
+    # process only wait for each other, and do so busily. Before anything loads NumPy or torch.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     words = list(sys.argv[1:] if argv is None else argv)
     arguments = make_parser(words[0] if words else "").parse_args(words)
 

@@ -8,7 +8,7 @@ import pytest
 
 from gfm.core import CommandKind, Trajectory
 from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings
-from gfm.experiments.fit import COLD_TOML, WARM_TOML, environment_flags, force_model, training_error
+from gfm.experiments.fit import COLD, WARM, environment_flags, force_model, training_error
 from gfm.experiments.fit_warm import joint_errors, warm_start
 from gfm.rl.learner import LearnerSettings
 from gfm.rl.regression import RegressionSettings
@@ -129,8 +129,9 @@ def test_joints_without_forces_do_not_count(damped):
 
 
 def test_the_learner_understands_its_settings(tmp_path):
-    warm, cold = (learning_settings(tmp_path, text) for text in (WARM_TOML, COLD_TOML))
-    assert warm.critic_first_steps > cold.critic_first_steps
+    warm, cold = (learning_settings(tmp_path, one.settings) for one in (WARM, COLD))
+    assert warm.critic_first_steps == WARM.critic_first_steps
+    assert cold.critic_first_steps == COLD.critic_first_steps < warm.critic_first_steps
     assert warm.policy_learning_rate < cold.policy_learning_rate < 1e-3
 
 

@@ -14,7 +14,7 @@ import pytest
 from gfm.core import BadInputError, CommandKind, ConfigError, Trajectory, Weights
 from gfm.diagnosis.problem import measure_noise
 from gfm.effects import EffectInstance, find_effect
-from gfm.experiments.fit import CRITIC_FIRST_STEPS, FittedForces, Snapshot
+from gfm.experiments.fit import COLD, WARM, Beginning, FittedForces, Snapshot
 from gfm.experiments.fit_curves import error_curves, learning_curves, metric_rows
 from gfm.experiments.joint_control import (
     ForceModel,
@@ -175,11 +175,12 @@ def snapshot(version: int, error: float) -> Snapshot:
     return Snapshot(weights=weights, time_s=float(version), error=error)
 
 
-def fitted(*snapshots: Snapshot, lacking: bool = True) -> FittedForces:
+def fitted(*snapshots: Snapshot, lacking: bool = True, began: Beginning = WARM) -> FittedForces:
     # What is kept does not depend on the problem.
     return FittedForces(
         problem=None,  # type: ignore[arg-type]
         about="forces on a",
+        began=began,
         nominal_error=0.5,
         lacking=lacking,
         snapshots=snapshots,
@@ -191,8 +192,17 @@ def test_the_policy_with_the_smallest_training_error_is_kept():
     outcome = fitted(snapshot(0, 0.2), snapshot(1600, 0.1), snapshot(1700, 0.3))
     assert outcome.best.weights.version == 1600
     assert outcome.detail == (
-        "warm start refined by 1600 learner steps; training error 0.5 rad without forces, 0.2 with "
-        "the warm start, 0.1 after learning; forces on a"
+        "warm start (inverse dynamics, regressed) refined by 1600 learner steps; training error "
+        "0.5 rad without forces, 0.2 at first, 0.1 after learning; forces on a"
+    )
+
+
+def test_a_policy_that_had_learned_nothing_is_called_so():
+    """Its critic learns alone for fewer steps than that of a warm start."""
+    outcome = fitted(snapshot(0, 0.5), snapshot(1200, 0.4), began=COLD)
+    assert outcome.detail == (
+        "policy that had learned nothing refined by 1200 learner steps; training error "
+        "0.5 rad without forces, 0.5 at first, 0.4 after learning; forces on a"
     )
 
 
@@ -200,8 +210,9 @@ def test_the_warm_start_is_kept_where_learning_does_not_improve_it():
     outcome = fitted(snapshot(0, 0.2), snapshot(1600, 0.25), snapshot(1700, 0.3))
     assert outcome.best.weights.version == 0
     assert outcome.detail == (
-        "warm start kept: reinforcement learning did not improve it; training error 0.5 rad "
-        "without forces, 0.2 with the warm start, 0.25 at best after learning; forces on a"
+        "warm start (inverse dynamics, regressed) kept: reinforcement learning did not improve it; "
+        "training error 0.5 rad without forces, 0.2 at first, 0.25 at best after learning; "
+        "forces on a"
     )
 
 
@@ -212,8 +223,8 @@ def test_no_force_is_kept_where_none_does_any_good():
     assert (outcome.kept.tensors["mean.bias"] == 0.0).all()
     assert (outcome.kept.tensors["first.bias"] == 1.0).all()
     assert outcome.detail == (
-        "no force kept: none did any good; training error 0.5 rad without forces, 0.6 with the "
-        "warm start; forces on a"
+        "no force kept: none did any good; training error 0.5 rad without forces, 0.6 at first; "
+        "forces on a"
     )
 
 
@@ -303,5 +314,5 @@ def test_a_missing_sealed_file_is_said():
 
 
 def test_what_was_seen_while_only_the_critic_learned_does_not_count_as_learned():
-    outcome = fitted(snapshot(0, 0.2), snapshot(CRITIC_FIRST_STEPS, 0.2))
+    outcome = fitted(snapshot(0, 0.2), snapshot(WARM.critic_first_steps, 0.2))
     assert outcome.detail.startswith("warm start (inverse dynamics, regressed);")

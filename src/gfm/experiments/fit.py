@@ -36,27 +36,53 @@ from gfm_wire import WeightsRequest
 
 #: Policies; and the best one with all that is needed to use it elsewhere.
 WARM_START, BEST, FORCES = "warm_start.npz", "gfm.npz", "forces.npz"
-#: The learner's settings, for a policy that begins close to its goal: the critic, which has to tell
-#: small differences, goes first, and the policy follows it in small steps with a steady stddev.
-CRITIC_FIRST_STEPS = 1500
-WARM_TOML = f"""\
-[learning]
-policy_learning_rate = 1e-4
-samples = 20
-critic_first_steps = {CRITIC_FIRST_STEPS}
-initial_log_alpha_mean = 3.0
-limits = {{ epsilon_mean = 3e-3, epsilon_stddev = 1e-6 }}
-"""
-#: Those for a policy that begins anywhere.
-COLD_TOML = """\
-[learning]
-policy_learning_rate = 3e-4
-samples = 20
-"""
 _POLL_NS = 500_000_000
 #: Between two looks at the policy, s.
 SNAPSHOT_S = 15.0
 _ASK_S = 30.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beginning:
+    """What learning begins with, and how it goes on from there.
+
+    Attributes:
+        words: What the first policy is called.
+        critic_first_steps: In which only the critic learns: the policy is the first one still.
+        learning: The learner's other settings, lines of TOML.
+    """
+
+    words: str
+    critic_first_steps: int
+    learning: str
+
+    @property
+    def settings(self) -> str:
+        """The learner's settings, as TOML."""
+        return f"[learning]\ncritic_first_steps = {self.critic_first_steps}\n{self.learning}"
+
+
+#: A policy that is close to its goal: the critic, which has to tell small differences, goes first,
+#: and the policy follows it in small steps with a steady stddev.
+WARM = Beginning(
+    words="warm start (inverse dynamics, regressed)",
+    critic_first_steps=1500,
+    learning="""\
+policy_learning_rate = 1e-4
+samples = 20
+initial_log_alpha_mean = 3.0
+limits = { epsilon_mean = 3e-3, epsilon_stddev = 1e-6 }
+""",
+)
+#: One that may be anywhere.
+COLD = Beginning(
+    words="policy that had learned nothing",
+    critic_first_steps=200,
+    learning="""\
+policy_learning_rate = 3e-4
+samples = 20
+""",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,8 +98,7 @@ class FitInputs:
         control_period_s: Between two decisions about forces. The paper's 50 ms are too long for
             friction that reverses and torque that repeats along the way; commands come every 20 ms.
         horizon: Control periods per episode.
-        warm: Whether to begin with the regressed policy; else, as in the paper, with one that has
-            learned nothing.
+        began: With the regressed policy or, as in the paper, with one that has learned nothing.
     """
 
     models: Mapping[CommandKind, Path]
@@ -83,7 +108,7 @@ class FitInputs:
     actors: int
     control_period_s: float = 0.02
     horizon: int = 40
-    warm: bool = True
+    began: Beginning = WARM
 
     @property
     def environment(self) -> EnvironmentSettings:
@@ -132,15 +157,17 @@ class FittedForces:
 
     Attributes:
         problem: The model, features and recordings that were fitted with.
-        about: What the warm start chose, in words.
+        about: What forces act and what they depend on, in words.
+        began: What learning began with.
         nominal_error: Training error without any forces, rad.
         lacking: Whether that is more than noise on any joint.
-        snapshots: In order of time; the first is the warm start.
+        snapshots: In order of time; the first is the one that learning began with.
         curves: How the fit went.
     """
 
     problem: FitProblem
     about: str
+    began: Beginning
     nominal_error: float
     lacking: bool
     snapshots: tuple[Snapshot, ...]
@@ -169,27 +196,25 @@ class FittedForces:
 
     @property
     def detail(self) -> str:
-        """What was kept, and what learning added to the warm start, in words."""
-        warm, best = self.snapshots[0], self.best
-        # Until then only the critic learned: the policy is the warm start still.
-        learned = [one for one in self.snapshots if one.weights.version > CRITIC_FIRST_STEPS]
-        figures = f"training error {self.nominal_error:.3g} rad without forces, {warm.error:.3g}"
+        """What was kept, and what learning added to the first policy, in words."""
         if not self.lacking:
             left = f"{self.nominal_error:.3g} rad in training recordings"
             return f"no force kept: nothing but noise is left on any joint ({left})"
+        first, best = self.snapshots[0], self.best
+        waited = self.began.critic_first_steps
+        learned = [one for one in self.snapshots if one.weights.version > waited]
+        outcome, after = self.began.words, ""
         if not self.helps:
-            return f"no force kept: none did any good; {figures} with the warm start; {self.about}"
-        if not learned:
-            return f"warm start (inverse dynamics, regressed); {figures} with it; {self.about}"
-        if best is warm:
-            least = min(one.error for one in learned)
-            return (
-                f"warm start kept: reinforcement learning did not improve it; {figures} with the "
-                f"warm start, {least:.3g} at best after learning; {self.about}"
-            )
+            outcome = "no force kept: none did any good"
+        elif learned and best is first:
+            outcome = f"{self.began.words} kept: reinforcement learning did not improve it"
+            after = f", {min(one.error for one in learned):.3g} at best after learning"
+        elif learned:
+            outcome = f"{self.began.words} refined by {best.weights.version} learner steps"
+            after = f", {best.error:.3g} after learning"
         return (
-            f"warm start refined by {best.weights.version} learner steps; {figures} with the warm "
-            f"start, {best.error:.3g} after learning; {self.about}"
+            f"{outcome}; training error {self.nominal_error:.3g} rad without forces, "
+            f"{first.error:.3g} at first{after}; {self.about}"
         )
 
 
@@ -219,7 +244,7 @@ class ForceFit:
         self._began_ns, self._began_utc_s = clock.now_ns(), clock.utc_ns() * 1e-9
         assets = load_assets(inputs.environment)
         self._trajectories: Sequence[Trajectory] = assets.trajectories
-        regression = RegressionSettings() if inputs.warm else RegressionSettings(epochs=0)
+        regression = RegressionSettings(epochs=0) if inputs.began is COLD else RegressionSettings()
         self._warm: WarmStart = warm_start(inputs.environment, assets, inputs.seed, regression)
         settings = self._warm.settings
         spec = make_environment(NAME, settings, num_envs=1, seed=0, assets=assets).spec
@@ -239,7 +264,7 @@ class ForceFit:
         folder, seed = self._inputs.folder, self._inputs.seed
         environment = environment_flags(self._warm.settings)
         settings = folder / "learner.toml"
-        settings.write_text(WARM_TOML if self._inputs.warm else COLD_TOML, encoding="utf-8")
+        settings.write_text(self._inputs.began.settings, encoding="utf-8")
         learner = (
             *("--config", str(settings)),
             *("--init", str(folder / WARM_START), "--seed", str(seed)),
@@ -307,6 +332,7 @@ class ForceFit:
         fitted = FittedForces(
             problem=self._warm.problem,
             about=self._warm.about,
+            began=self._inputs.began,
             nominal_error=self._nominal_error,
             lacking=self._warm.lacking,
             snapshots=tuple(self._snapshots),

@@ -64,6 +64,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fits."""
+    from gfm.experiments.fit import COLD, WARM
     from gfm.experiments.fit_files import FitRequest, fit_files
 
     fit_files(
@@ -73,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
             models=tuple(arguments.models),
             out=arguments.out,
             learning_s=60.0 * arguments.minutes,
-            warm=not arguments.from_nothing,
+            began=COLD if arguments.from_nothing else WARM,
             period_s=1e-3 * arguments.period_ms,
             actors=arguments.actors,
             seed=arguments.seed,

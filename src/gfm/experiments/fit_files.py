@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -16,7 +15,15 @@ from rich.text import Text
 from gfm.core import Clock, ConfigError, MonotonicClock
 from gfm.diagnosis.problem import measure_noise
 from gfm.experiments.diagnose_command import check_different
-from gfm.experiments.fit import FORCES, FitInputs, FittedForces, ForceFit, force_model
+from gfm.experiments.fit import (
+    FORCES,
+    WARM,
+    Beginning,
+    FitInputs,
+    FittedForces,
+    ForceFit,
+    force_model,
+)
 from gfm.experiments.folders import check_new_folder
 from gfm.experiments.inputs import (
     NominalModel,
@@ -49,7 +56,7 @@ class FitRequest:
         models: One MJCF file per kind of command.
         out: A new folder for everything.
         learning_s: Reinforcement learning, s; 0 for the first policy alone.
-        warm: Whether to begin with inverse dynamics, regressed.
+        began: What with.
         period_s: Between two decisions about forces.
         actors: Processes.
         seed: Of everything random.
@@ -60,7 +67,7 @@ class FitRequest:
     models: tuple[Path, ...]
     out: Path
     learning_s: float = 240.0
-    warm: bool = True
+    began: Beginning = WARM
     period_s: float = 0.02
     actors: int = 1
     seed: int = 0
@@ -102,7 +109,6 @@ def fit_files(request: FitRequest, clock: Clock | None = None) -> None:
         BadInputError: something given cannot be used; nothing was written.
         GfmError: a service failed.
     """
-    os.environ.setdefault("OMP_NUM_THREADS", "1")  # the services would get into each other's way
     clock = clock or MonotonicClock()
     training, held_out = request.recordings, request.holdout
     if not held_out:
@@ -163,10 +169,10 @@ def _fit(
         seed=request.seed,
         actors=request.actors,
         control_period_s=request.period_s,
-        warm=request.warm,
+        began=request.began,
     )
     with progress.phase(_BEGIN):
-        progress.say("inverse dynamics, regressed" if request.warm else "nothing is known yet")
+        progress.say(request.began.words)
         fit = ForceFit(inputs, clock)
     if request.learning_s > 0.0:
         system = SystemSpec(run="fit", endpoint=free_endpoint(), processes=(replay_process(),))

@@ -6,7 +6,6 @@ which the simulated robot sealed what it hides is opened after everything else i
 
 from __future__ import annotations
 
-import os
 import shutil
 import signal
 from collections.abc import Callable, Mapping, Sequence
@@ -110,8 +109,6 @@ def close_the_loop(settings: RunSettings, console: Console) -> RunReport:
     """
     # SIGTERM ends a run as Ctrl-C does: by leaving the block that owns the processes.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    # Every service computes in one thread; more of them would only get into each other's way.
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
     report = _Run(settings, console, MonotonicClock()).report()
     paths = write_run(settings.folder, report)
     print_run(console, report)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,8 +56,6 @@ def train(
         BadInputError: the experiment cannot be used, or a service refuses its settings.
         GfmError: a service failed.
     """
-    # Every service computes in one thread; more of them would only get into each other's way.
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
     config, folder = open_run(request.out, request.config, resume=request.resume)
     curves = SystemCurves(folder)
     system = training_system(config, folder, curves.life)
