@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -16,6 +17,7 @@ from gfm.core import (
     RefusedError,
     Weights,
 )
+from gfm.envs.control_settings import ControlSettings
 from gfm.envs.registry import EnvironmentSettings
 from gfm.recording.weights_file import read_weights, write_weights
 from gfm.rl.learner import LearnerSettings, state_arrays
@@ -190,7 +192,11 @@ def test_another_environment_is_refused_with_both_values():
 
 def test_tells_actors_what_it_learns_for_with_paths_that_hold_anywhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    environment = EnvironmentSettings(recordings=("a.mcap",), models={"velocity": "m.xml"})
+    environment = EnvironmentSettings(
+        recordings=("a.mcap",),
+        models={"velocity": "m.xml"},
+        control=ControlSettings(ensemble=("coulomb_j6_1", "own.npz")),
+    )
     bench = Bench(config(env="gfm_fit", environment=environment))
     request = EnvironmentRequest(name="gfm_fit")
     reply = bench.actor.request("run/environment", request, timeout_s=5.0)
@@ -198,6 +204,10 @@ def test_tells_actors_what_it_learns_for_with_paths_that_hold_anywhere(tmp_path,
     told = msgspec.json.decode(reply.poll().settings, type=EnvironmentSettings)
     assert told.recordings == (str(tmp_path / "a.mcap"),)
     assert told.models == {"velocity": str(tmp_path / "m.xml")}
+    shipped, own = map(Path, told.control.ensemble)
+    assert shipped.is_file()
+    assert shipped.is_absolute()
+    assert own == tmp_path / "own.npz"
 
 
 def test_an_actor_for_another_environment_is_told_which_one_this_is():

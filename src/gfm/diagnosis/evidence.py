@@ -117,6 +117,7 @@ def profile_plots(instances: Sequence[EffectInstance], problem: Problem) -> list
         first = instance.effect.parameters[0]
         low = 0.0 if first.lower <= 0.0 else 0.5
         amounts = instance.values[first.name] * np.linspace(low, 2.0 - low, PROFILE_POINTS)
+        amounts = np.clip(amounts, first.lower, first.upper)
         sets = [_with_amount(instances, place, float(amount)) for amount in amounts]
         left = np.sqrt(np.mean(problem.residuals(sets) ** 2, axis=1))
         middle = PROFILE_POINTS // 2
@@ -149,8 +150,8 @@ def _with_amount(
     """Returns the effects, one of them with another value of its first parameter."""
     one = instances[place]
     first = one.effect.parameters[0]
-    values = dict(one.values) | {first.name: min(max(amount, first.lower), first.upper)}
-    return (*instances[:place], replace(one, values=values), *instances[place + 1 :])
+    changed = replace(one, values=dict(one.values) | {first.name: amount})
+    return (*instances[:place], changed, *instances[place + 1 :])
 
 
 def error_plot(
