@@ -24,8 +24,11 @@ import numpy as np
 from effects_10_seeds import commit
 
 import gfm
+from gfm.core import Trajectory
 from gfm.core.checks import Array
+from gfm.diagnosis.evidence import torque_left
 from gfm.diagnosis.problem import WHOLE, Problem, make_problem
+from gfm.effects import EffectInstance
 from gfm.experiments.inputs import load_specs, read_recordings
 from gfm.service.effects_file import read_effects
 
@@ -134,7 +137,8 @@ def section(name: str, data: Path, out: Path) -> str:
 def written(name: str, rig: Rig, model: Path, report: Path, held: Sequence[Path], made: str) -> str:
     """Returns a set's part of the page."""
     specs, effects = load_specs([model]), read_effects(report)
-    problem = make_problem(specs, read_recordings(held), windows_s=WHOLE)
+    recordings = read_recordings(held)
+    problem = make_problem(specs, recordings, windows_s=WHOLE)
     measured = replace(problem, state_basis=tuple(basis[:, :0] for basis in problem.state_basis))
     document = json.loads(report.read_text())
     error = document["error"]
@@ -146,7 +150,7 @@ def written(name: str, rig: Rig, model: Path, report: Path, held: Sequence[Path]
 |---|---|---|
 {line("initial state fitted (two numbers per joint and rollout)", rig, problem, effects)}
 {line("initial state as measured", rig, measured, effects)}
-
+{torque_table(problem, recordings, effects)}
 Verdict {document["verdict"]}; position RMSE {error["before"]:.4f} -> {error["after"]:.4f} rad,
 sensor noise {error["noise_floor"]:.2g} rad; {len(held)} held-out recordings; {made}.
 
@@ -154,10 +158,35 @@ sensor noise {error["noise_floor"]:.2g} rad; {len(held)} held-out recordings; {m
 """
 
 
-def line(words: str, rig: Rig, problem: Problem, effects: Sequence[object]) -> str:
+def line(words: str, rig: Rig, problem: Problem, effects: Sequence[EffectInstance]) -> str:
     """Returns a row with the figure of the nominal and the corrected model."""
     both = [rig.measure(problem.position_errors(chosen)) for chosen in ((), effects)]
     return f"| {words} | {both[0]} | {both[1]} |"
+
+
+def torque_table(
+    problem: Problem, recordings: Sequence[Trajectory], effects: Sequence[EffectInstance]
+) -> str:
+    """Returns how far inverse dynamics are from the measured torques; nothing without those."""
+    if any(recording.effort is None for recording in recordings):
+        return ""
+    rows = []
+    for one in recordings:
+        both = (_sizes(torque_left(chosen, problem, [one])) for chosen in ((), effects))
+        rows.append(f"| {one.name} | {' | '.join(both)} |")
+    return "\n".join(
+        [
+            "",
+            f"| torque, MAE, {' / '.join(problem.joints)}, N m | nominal | corrected |",
+            "|---|---|---|",
+            *rows,
+            "",
+        ]
+    )
+
+
+def _sizes(torque: Array) -> str:
+    return " / ".join(f"{value:.4f}" for value in np.abs(torque).mean(axis=0))
 
 
 def effects_table(document: dict[str, list[dict[str, object]]]) -> str:

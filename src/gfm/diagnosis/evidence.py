@@ -43,14 +43,34 @@ def law_plots(
     seen: dict[tuple[int, ...], list[TorqueView]] = {}
     for instance in instances:
         others = [one for one in instances if one is not instance]
-        # Inverse dynamics have to be told of those that have no law in closed form.
-        told = [one for one in others if not _has_law(one) and not one.effect.separates_motor]
+        told = _without_law(others)
         key = tuple(id(one) for one in told)
         if _has_law(instance):
             if key not in seen:
                 seen[key] = torque_views(problem, recordings, told)
             plots.append(_law_plot(instance, others, problem, seen[key]))
     return plots
+
+
+def torque_left(
+    instances: Sequence[EffectInstance], problem: Problem, recordings: Sequence[Trajectory]
+) -> Array:
+    """Returns the torque that the model with `instances` still lacks, N m, shape (T of all, J).
+
+    Needed by inverse dynamics along the smoothed motion, minus what the drives gave: the measured
+    effort, where there is one.
+    """
+    views = torque_views(problem, recordings, _without_law(instances))
+    left = np.concatenate([view.missing for view in views])
+    for joint, column in enumerate(left.T):
+        for instance in instances:
+            column -= _law_on(joint, instance, problem, views)
+    return left
+
+
+def _without_law(instances: Sequence[EffectInstance]) -> list[EffectInstance]:
+    """Returns the effects without a law in closed form: inverse dynamics have to be told."""
+    return [one for one in instances if not _has_law(one) and not one.effect.separates_motor]
 
 
 def _has_law(instance: EffectInstance) -> bool:
