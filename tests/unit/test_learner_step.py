@@ -7,11 +7,9 @@ from msgspec.structs import replace
 
 from gfm.core import Batch, EnvironmentSpec
 from gfm.rl.learner import (
-    SETTLED,
     LearnerSettings,
     init_learner,
     learner_step,
-    learning_rates,
     load_state_arrays,
     policy_tensors,
     state_arrays,
@@ -130,33 +128,6 @@ def test_the_policy_waits_for_the_critic_where_it_is_told_to():
     assert (state.networks.critic.value.weight != critic).any()
     state, _ = learn(state, [batch(2)], settings)
     assert (policy_tensors(state)["mean.bias"] != first).any()
-
-
-def test_learning_rates_fall_in_a_straight_line_where_it_is_told_to_settle():
-    settings = replace(PLAIN, settle_after=100, settle_steps=200)
-    policy, critic, duals = zip(
-        *(learning_rates(settings, steps) for steps in (0, 100, 200, 300, 10**6)), strict=True
-    )
-    shares = np.array([1.0, 1.0, (1.0 + SETTLED) / 2, SETTLED, SETTLED])
-    np.testing.assert_allclose(policy, shares * settings.policy_learning_rate)
-    np.testing.assert_allclose(critic, shares * settings.critic_learning_rate)
-    assert set(duals) == {settings.dual_learning_rate}
-    assert learning_rates(PLAIN, 10**6) == learning_rates(PLAIN, 0)
-
-
-def test_a_settled_step_is_a_small_one():
-    def moved(settings):
-        state = init_learner(SPEC, settings, 0)
-        first = state.networks.policy.mean.weight.detach().clone()
-        state, _ = learn(state, [batch(0)], settings)
-        return (state.networks.policy.mean.weight.detach() - first).abs().max().item()
-
-    settled = replace(PLAIN, settle_after=0, settle_steps=1)
-    begun = learn(init_learner(SPEC, settled, 0), [batch(0)], settled)[0]
-    before = begun.networks.policy.mean.weight.detach().clone()
-    after, _ = learn(begun, [batch(0)], settled)
-    step = (after.networks.policy.mean.weight.detach() - before).abs().max().item()
-    assert 0.0 < step < 0.1 * moved(PLAIN)
 
 
 def test_the_critic_learns_the_value_of_a_constant_reward():

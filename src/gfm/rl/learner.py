@@ -32,9 +32,6 @@ Widths = Annotated[tuple[Count, ...], Meta(min_length=1)]
 
 Stats = Mapping[str, Tensor]
 
-#: Share of a learning rate that is left in the end: much less, and learning would stand still.
-SETTLED = 0.03
-
 _CPU = torch.device("cpu")
 
 
@@ -65,9 +62,6 @@ class LearnerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         normaliser_steps: Steps whose observations shape the normaliser; it is fixed afterwards.
         critic_first_steps: Steps in which only the critic learns: a policy that begins well would
             unlearn it while its critic is still random.
-        settle_after: Learner steps after which the learning rates of policy and critic fall, so
-            that the last policy is no better or worse by chance than those before; None for never.
-        settle_steps: Over so many steps, in a straight line, to `SETTLED` of what they were.
     """
 
     policy_hidden: Widths = (200, 200)
@@ -87,8 +81,6 @@ class LearnerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     gradient_limit: Positive = 40.0
     normaliser_steps: Annotated[int, Meta(ge=0)] = 1000
     critic_first_steps: Annotated[int, Meta(ge=0)] = 200
-    settle_after: Annotated[int, Meta(ge=0)] | None = None
-    settle_steps: Count = 10_000
 
 
 class Networks(nn.Module):
@@ -160,25 +152,12 @@ def init_learner(
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         networks = Networks(spec, settings).to(device)
-    parts = (networks.policy, networks.critic, networks.duals)
     groups = [
-        {"params": part.parameters(), "lr": rate}
-        for part, rate in zip(parts, learning_rates(settings, steps=0), strict=True)
+        {"params": networks.policy.parameters(), "lr": settings.policy_learning_rate},
+        {"params": networks.critic.parameters(), "lr": settings.critic_learning_rate},
+        {"params": networks.duals.parameters(), "lr": settings.dual_learning_rate},
     ]
     return LearnerState(networks=networks, optimiser=torch.optim.Adam(groups, fused=True))
-
-
-def learning_rates(settings: LearnerSettings, steps: int) -> tuple[float, float, float]:
-    """Returns those of policy, critic and duals after so many steps."""
-    share = 1.0
-    if settings.settle_after is not None:
-        passed = (steps - settings.settle_after) / settings.settle_steps
-        share = float(np.interp(passed, (0.0, 1.0), (1.0, SETTLED)))
-    return (
-        share * settings.policy_learning_rate,
-        share * settings.critic_learning_rate,
-        settings.dual_learning_rate,
-    )
 
 
 def learner_step(
@@ -215,9 +194,6 @@ def learner_step(
         nn.utils.clip_grad_norm_(network.parameters(), settings.gradient_limit)
         for network in (networks.policy, networks.critic)
     ]
-    rates = learning_rates(settings, state.steps)
-    for group, rate in zip(state.optimiser.param_groups, rates, strict=True):
-        group["lr"] = rate
     state.optimiser.step()
     networks.duals.clamp()
     steps = state.steps + 1
