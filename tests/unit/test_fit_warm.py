@@ -9,8 +9,9 @@ import pytest
 from gfm.core import CommandKind, Trajectory
 from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings
 from gfm.experiments.fit import COLD, WARM, environment_flags, force_model, training_error
-from gfm.experiments.fit_warm import joint_errors, warm_start
+from gfm.experiments.fit_warm import joint_errors, rollout_rmse, warm_start
 from gfm.rl.learner import LearnerSettings
+from gfm.rl.policy_numpy import GaussianPolicy
 from gfm.rl.regression import RegressionSettings
 from gfm.service import make_parser
 from gfm.service.config import read_config
@@ -93,9 +94,26 @@ def test_only_the_joint_that_errs_gets_a_force_and_it_predicts_the_robot(damped)
 
 
 def test_the_force_begins_with_its_own_joint_alone(damped):
-    assert "beginning with its joint's states and drive;" in damped.about
+    assert "beginning with its joint's states and drive" in damped.about
     seen = (damped.tensors["first.weight"] != 0.0).any(axis=0)
     np.testing.assert_array_equal(seen, damped.problem.features.of_joint(1))
+
+
+def test_a_single_recording_leaves_none_to_choose_by():
+    alone = EnvironmentAssets(
+        models={CommandKind.POSITION: NOMINAL}, trajectories=[recording(0, 3.2)]
+    )
+    begun = warm_start(SETTINGS, alone, seed=0, regression=HASTY)
+    assert "smoothed" not in begun.about
+    assert "of the missing force 100% remains" in begun.about
+
+
+def test_policies_are_compared_by_what_they_leave_of_each_recording(damped):
+    recordings = assets(3.2).trajectories
+    policy = GaussianPolicy.from_weights(damped.tensors)
+    each = rollout_rmse(damped.problem, policy, recordings)
+    together = training_error(force_model(damped.problem, damped.tensors), recordings)
+    assert np.sqrt(np.mean(each**2)) == pytest.approx(together)
 
 
 def test_limits_grow_with_what_the_recordings_ask_for():

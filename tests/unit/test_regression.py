@@ -31,6 +31,29 @@ def test_recovers_a_smooth_function_and_its_noise():
     np.testing.assert_allclose((sampled - truth).std(0), 0.1, rtol=0.3)
 
 
+def test_what_is_finer_than_the_input_noise_is_not_followed():
+    x = np.linspace(-1.0, 1.0, 600)[:, None]
+    wave = np.hstack([0.5 * np.sin(2.0 * x), 0.5 * np.sin(12.0 * x)])
+    sharp, blurred = (
+        fit_policy(x, wave, RegressionSettings(epochs=200, batch_size=64, input_noise=noise), 0)
+        for noise in (0.0, 0.2)
+    )
+    assert (sharp.rmse < 0.05).all()
+    assert blurred.rmse[0] < 0.05
+    assert blurred.rmse[1] > 0.1
+
+
+def test_decaying_weights_make_a_flatter_policy():
+    observation, action = examples(noise=0.3, count=200)
+    plain, decayed = (
+        fit_policy(observation, action, RegressionSettings(weight_decay=decay), 0)
+        for decay in (0.0, 3.0)
+    )
+    assert (decayed.rmse > plain.rmse).all()
+    sizes = [np.linalg.norm(one.tensors["first.weight"]) for one in (plain, decayed)]
+    assert sizes[1] < 0.8 * sizes[0]
+
+
 def test_is_the_same_under_the_same_seed_and_another_under_another():
     observation, action = examples(count=200)
     settings = RegressionSettings(hidden=(8,), epochs=3)

@@ -1,17 +1,19 @@
 """Where a fit of generalized forces begins: which joints, how strong, what they depend on.
 
 Forces by inverse dynamics along the training recordings are regressed onto the policy network.
-Joints that the nominal model predicts down to the noise get none. What each force may depend on is
-chosen by predicting training recordings that the regression has not seen; to begin with, that is
-mostly the joint's own motion and drive, for the motions of the others in a few recordings are
-enough to explain anything with.
+Joints that the nominal model predicts down to the noise get none. What each force may depend on,
+and how smooth it is, are chosen by training recordings that the regression has not seen: by
+predicting their missing forces, and by rolling them out. To begin with, forces depend mostly on the
+joint's own motion and drive, for the motions of the others in a few recordings are enough to
+explain anything with. Dry friction has to change sharply with speed; what changes with the angle,
+as cogging does, does better on other motions when it is smooth.
 
 Shape letters: J joints, A generalized forces, O observation size, M examples.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -40,6 +42,8 @@ _SPREAD = 2.0
 #: Groups of recordings that are left out in turn.
 _FOLDS = 3
 _TRIAL_SHARE = 0.25  # of the epochs, for those fits
+#: Noise on scaled inputs and decay of weights between which is chosen.
+_SMOOTHINGS = ((0.0, 0.0), (0.1, 0.0), (0.05, 1.0))
 _EVERYTHING = "everything observed"
 
 
@@ -99,7 +103,10 @@ def warm_start(
     if not lacking:
         how = msgspec.structs.replace(how, epochs=0)
     best, left = _choose_inputs(problem, examples, how, seed)
-    fitted = fit_policy(*examples, how, seed, _candidates(problem)[best])
+    inputs = _candidates(problem)[best]
+    if how.epochs:
+        how = _choose_smoothing(problem, recordings, examples, how, seed, inputs)
+    fitted = fit_policy(*examples, how, seed, inputs)
     scale = _reward_scale(problem, how.least_stddev) if how.epochs else problem.scale
     chosen = msgspec.structs.replace(chosen, scale=tuple(scale.tolist()))
     return WarmStart(
@@ -108,7 +115,7 @@ def warm_start(
         tensors=fitted.tensors,
         nominal_errors=errors,
         lacking=lacking,
-        about=_about(chosen, best, left, examples[1]),
+        about=_about(chosen, best, how, left, examples[1]),
     )
 
 
@@ -164,40 +171,109 @@ def _choose_inputs(
     """Returns the candidate that predicts best what it has not seen, and its error, (A,)."""
     if not how.epochs:
         return _EVERYTHING, np.sqrt(np.square(examples[1], dtype=np.float64).mean(axis=0))
-    fold = problem.windows.recording[example_states(problem)] % _FOLDS
-    trial = msgspec.structs.replace(how, epochs=max(1, round(_TRIAL_SHARE * how.epochs)))
     left = {
-        name: _left_out_rmse(examples, fold, trial, seed, inputs)
+        name: _left_out_rmse(problem, examples, _briefly(how), seed, inputs)
         for name, inputs in _candidates(problem).items()
     }
     best = min(left, key=lambda name: float(np.square(left[name]).sum()))
     return best, left[best]
 
 
-def _left_out_rmse(
+def _choose_smoothing(
+    problem: FitProblem,
+    recordings: Sequence[Trajectory],
     examples: tuple[Array32, Array32],
-    fold: NDArray[np.intp],
+    how: RegressionSettings,
+    seed: int,
+    inputs: Mask,
+) -> RegressionSettings:
+    """Returns how to regress so that recordings which are left out are followed best.
+
+    By the mean logarithm of their errors: one of them that runs away would decide everything.
+    """
+    if len(recordings) == 1:
+        return how
+    chosen = [
+        msgspec.structs.replace(how, input_noise=noise, weight_decay=decay)
+        for noise, decay in _SMOOTHINGS
+    ]
+    errors = []
+    for one in chosen:
+        followed = [
+            rollout_rmse(problem, policy, [recordings[i] for i in out])
+            for out, policy in _folds(problem, examples, _briefly(one), seed, inputs)
+        ]
+        errors.append(float(np.log(np.concatenate(followed)).mean()))
+    return chosen[int(np.argmin(errors))]
+
+
+def rollout_rmse(
+    problem: FitProblem, policy: GaussianPolicy, recordings: Sequence[Trajectory]
+) -> Array:
+    """Returns the position RMSE of each recording in open loop with a policy's forces, rad."""
+    answers = rollouts(
+        problem.model, recordings, policy=policy.mean_action, features=problem.features
+    )
+    return np.array(
+        [
+            np.sqrt(np.mean((recording.position[answer.first :] - answer.position) ** 2))
+            for recording, answer in zip(recordings, answers, strict=True)
+        ]
+    )
+
+
+def _briefly(how: RegressionSettings) -> RegressionSettings:
+    return msgspec.structs.replace(how, epochs=max(1, round(_TRIAL_SHARE * how.epochs)))
+
+
+def _folds(
+    problem: FitProblem,
+    examples: tuple[Array32, Array32],
+    how: RegressionSettings,
+    seed: int,
+    inputs: Mask,
+) -> Iterator[tuple[list[int], GaussianPolicy]]:
+    """Yields groups of recordings, each with a policy regressed on the others; none of one."""
+    observation, action = examples
+    recording = problem.windows.recording[example_states(problem)]
+    count = len(problem.windows.models)
+    for fold in range(min(_FOLDS, count) if count > 1 else 0):
+        others = recording % _FOLDS != fold
+        fitted = fit_policy(observation[others], action[others], how, seed, inputs)
+        out = list(range(fold, count, _FOLDS))
+        yield out, GaussianPolicy.from_weights(fitted.tensors)
+
+
+def _left_out_rmse(
+    problem: FitProblem,
+    examples: tuple[Array32, Array32],
     how: RegressionSettings,
     seed: int,
     inputs: Mask,
 ) -> Array:
     """Returns the error in recordings that nothing was learned from, unit forces, shape (A,)."""
     observation, action = examples
+    recording = problem.windows.recording[example_states(problem)]
     error = action.astype(np.float64)
-    folds = np.unique(fold)
-    for out in folds if len(folds) > 1 else ():
-        left = fold == out
-        fitted = fit_policy(observation[~left], action[~left], how, seed, inputs)
-        policy = GaussianPolicy.from_weights(fitted.tensors)
+    for out, policy in _folds(problem, examples, how, seed, inputs):
+        left = np.isin(recording, out)
         error[left] -= policy.mean_action(observation[left])
     return np.asarray(np.sqrt(np.square(error).mean(axis=0)))
 
 
-def _about(settings: EnvironmentSettings, inputs: str, left: Array, action: Array32) -> str:
+def _about(
+    settings: EnvironmentSettings,
+    inputs: str,
+    how: RegressionSettings,
+    left: Array,
+    action: Array32,
+) -> str:
     rms = np.sqrt(np.square(action, dtype=np.float64).sum(axis=1).mean())
     share = float(np.sqrt(np.square(left).sum()) / max(float(rms), 1e-12))
+    smooth = f" (smoothed: input noise {how.input_noise:g}, weight decay {how.weight_decay:g})"
     return (
         f"forces on {', '.join(settings.forced_joints)}, at most {settings.joint_nm:g} N m, every "
-        f"{1e3 * settings.control_period_s:g} ms, beginning with {inputs}; of the missing force "
+        f"{1e3 * settings.control_period_s:g} ms, beginning with {inputs}"
+        f"{smooth if how.input_noise or how.weight_decay else ''}; of the missing force "
         f"{share:.0%} remains in recordings left out"
     )

@@ -43,6 +43,9 @@ class RegressionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
         learning_rate: Adam's at its height: it rises, then falls to nothing (one cycle).
         batch_size: Examples per step.
         epochs: Times that every example is seen; 0 leaves the policy as it is drawn.
+        input_noise: Standard deviation of what is added to scaled inputs, anew each time: the
+            policy cannot follow what is finer (Bishop 1995: as a penalty on its slope).
+        weight_decay: Adam's, apart from the gradient (Loshchilov and Hutter 2019).
         least_stddev: The policy's stddev is what the fit leaves, but at least this.
         greatest_stddev: And at most this.
     """
@@ -51,6 +54,8 @@ class RegressionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
     learning_rate: Positive = 2e-3
     batch_size: Count = 256
     epochs: Annotated[int, Meta(ge=0)] = 120
+    input_noise: Annotated[float, Meta(ge=0.0)] = 0.0
+    weight_decay: Annotated[float, Meta(ge=0.0)] = 0.0
     least_stddev: Positive = 0.05
     greatest_stddev: Positive = 0.5
 
@@ -178,7 +183,12 @@ def _train(
     """Fits the policy in place."""
     generator = torch.Generator().manual_seed(seed)
     inputs, targets = examples
-    optimiser = torch.optim.Adam(policy.parameters(), lr=settings.learning_rate, fused=True)
+    optimiser = torch.optim.AdamW(
+        policy.parameters(),
+        lr=settings.learning_rate,
+        weight_decay=settings.weight_decay,
+        fused=True,
+    )
     cycle = torch.optim.lr_scheduler.OneCycleLR(
         optimiser,
         max_lr=settings.learning_rate,
@@ -189,7 +199,8 @@ def _train(
     for _ in range(settings.epochs):
         order = torch.randperm(len(inputs), generator=generator)
         for rows in torch.split(order, settings.batch_size):
-            error = policy(inputs[rows]).mean - targets[rows]
+            noise = torch.randn(inputs[rows].shape, generator=generator)
+            error = policy(inputs[rows] + settings.input_noise * noise).mean - targets[rows]
             optimiser.zero_grad()
             error.square().sum(-1).mean().backward()
             with torch.no_grad():
