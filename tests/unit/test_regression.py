@@ -32,10 +32,10 @@ def test_recovers_a_smooth_function_and_its_noise():
 
 
 def test_what_is_finer_than_the_input_noise_is_not_followed():
-    x = np.linspace(-1.0, 1.0, 600)[:, None]
-    wave = np.hstack([0.5 * np.sin(2.0 * x), 0.5 * np.sin(12.0 * x)])
+    x = np.linspace(-1.0, 1.0, 2000)[:, None]
+    wave = np.hstack([0.5 * np.sin(2.0 * x), 0.5 * np.sin(8.0 * x)])
     sharp, blurred = (
-        fit_policy(x, wave, RegressionSettings(epochs=200, batch_size=64, input_noise=noise), 0)
+        fit_policy(x, wave, RegressionSettings(epochs=60, batch_size=64, input_noise=noise), 0)
         for noise in (0.0, 0.2)
     )
     assert (sharp.rmse < 0.05).all()
