@@ -22,7 +22,7 @@ MOST_POINTS = 1500
 #: Amounts at which a profile is looked at; the one in the middle is the fitted one.
 PROFILE_POINTS = 9
 #: Label of what rollouts leave.
-MISFIT = "position error of rollouts on training data, RMS / noise [1]"
+MISFIT = "error of rollouts in noise floors [1]"
 #: Labels of the signals over which laws are drawn.
 AXES = {
     "velocity": "velocity [rad/s]",

@@ -179,9 +179,9 @@ def look_for(plot: EvidencePlot) -> str:
     """Returns the caption of an evidence plot: what it shows and what to look for."""
     if plot.y_label == MISFIT:
         return (
-            "Line: what is left if this number is another one, all else as fitted. Point: the "
-            "fitted value. Look for a valley at the point: the flatter it is, the less the "
-            "recordings say about this number."
+            "Line: position error on training data if this number is another one, all else as "
+            "fitted. Point: the fitted value. Look for a valley at the point: the flatter it is, "
+            "the less the recordings say about this number."
         )
     drawn = {series.style for series in plot.series}
     legend = {
