@@ -157,7 +157,7 @@ class FittedForces:
 
     Attributes:
         problem: The model, features and recordings that were fitted with.
-        about: What forces act and what they depend on, in words.
+        about: Where forces act and what they depend on, in words.
         began: What learning began with.
         nominal_error: Training error without any forces, rad.
         lacking: Whether that is more than noise on any joint.

@@ -203,7 +203,8 @@ def _choose_smoothing(
             rollout_rmse(problem, policy, [recordings[i] for i in out])
             for out, policy in _folds(problem, examples, _briefly(one), seed, inputs)
         ]
-        errors.append(float(np.log(np.concatenate(followed)).mean()))
+        error = float(np.log(np.concatenate(followed)).mean())
+        errors.append(error if np.isfinite(error) else np.inf)  # a rollout broke off
     return chosen[int(np.argmin(errors))]
 
 

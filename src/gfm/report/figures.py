@@ -122,17 +122,19 @@ def styled(figure: go.Figure, *, height: int, legend: bool = True) -> go.Figure:
 
 
 def evidence_picture(plot: EvidencePlot, limit: int) -> Picture:
-    """Returns the picture of one piece of evidence, points below lines, a single one above."""
+    """Returns the picture of one piece of evidence, points below lines, a mark above."""
     figure = go.Figure()
-    rest = [one for one in plot.series if not _is_single(one)]
+    marks = _marks_on_lines(plot)
     for style, colours in (("points", _POINTS), ("line", _LINES)):
-        for index, series in enumerate(one for one in rest if one.style == style):
+        for index, series in enumerate(
+            one for one in plot.series if one.style == style and id(one) not in marks
+        ):
             colour = colours[index % len(colours)]
             look: dict[str, object] = {"line": {"color": colour, "width": 2.5}}
             if style == "points":
                 look = {"marker": {"color": colour, "size": 4, "opacity": 0.5}}
             figure.add_trace(trace(series, limit, **look))
-    for series in filter(_is_single, plot.series):
+    for series in marks.values():
         figure.add_trace(trace(series, limit, marker={"color": BLUE, "size": 10}))
     styled(figure, height=380)
     figure.update_xaxes(title_text=html.escape(plot.x_label))
@@ -140,8 +142,11 @@ def evidence_picture(plot: EvidencePlot, limit: int) -> Picture:
     return Picture(title=plot.title, caption=words.look_for(plot), figure=figure)
 
 
-def _is_single(series: Series) -> bool:
-    return series.style == "points" and len(series.x) == 1
+def _marks_on_lines(plot: EvidencePlot) -> dict[int, Series]:
+    """Returns the single points that stand on a plot's lines, by their identity."""
+    if all(one.style != "line" for one in plot.series):
+        return {}
+    return {id(one): one for one in plot.series if one.style == "points" and len(one.x) == 1}
 
 
 def joint_error_picture(joints: Sequence[JointError], unit: str) -> Picture:

@@ -81,6 +81,18 @@ def test_points_are_drawn_below_the_law_whatever_their_order():
     assert [one.mode for one in figure.data] == ["markers", "lines"]
 
 
+def test_a_single_point_on_a_line_is_a_mark_above_it():
+    plot = plot_of("", "x", "points", "line")
+    single = replace(plot.series[0], x=np.ones(1), y=np.ones(1))
+    figure = evidence_picture(replace(plot, series=(single, plot.series[1])), 100).figure
+    assert [one.mode for one in figure.data] == ["lines", "markers"]
+    assert figure.data[1].marker.size > 8
+
+    two = replace(plot, series=(single, replace(single, label="after")))
+    before, after = evidence_picture(two, 100).figure.data
+    assert before.marker.color != after.marker.color
+
+
 def test_errors_that_a_logarithm_cannot_show_are_left_out(diagnosis_with):
     joint = replace(diagnosis_with().joints[0], before=float("nan"), after=0.0)
     figure = joint_error_picture((joint,), "rad").figure
