@@ -554,7 +554,6 @@ def _plots(
     return (
         *evidence.law_plots(instances, problem, recordings),
         *evidence.profile_plots(instances, part),
-        evidence.misfit_plot(errors.problem, errors.before, errors.after),
         *(evidence.error_plot(int(j), errors.problem, errors.before, errors.after) for j in worst),
     )
 

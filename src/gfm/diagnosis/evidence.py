@@ -204,22 +204,6 @@ def error_plot(
     )
 
 
-def misfit_plot(problem: Problem, before: Sequence[Array], after: Sequence[Array]) -> EvidencePlot:
-    """Returns every joint's held-out RMSE in units of its noise, before and after."""
-    numbers = np.arange(len(problem.joints), dtype=float)
-    return EvidencePlot(
-        title="Held-out position error of every joint, in units of its sensor noise",
-        effect="",
-        joint="",
-        x_label="joint [number in the chain]",
-        y_label="RMSE / noise [1]",
-        series=tuple(
-            Series(label=label, x=numbers, y=rmse(e) / problem.noise.position, style="points")
-            for label, e in (("nominal model", before), ("corrected model", after))
-        ),
-    )
-
-
 def rmse(errors: Sequence[Array]) -> Array:
     """Returns the root mean square of errors of shape (T, J) by joint, shape (J,)."""
     return np.asarray(np.sqrt(np.mean(np.concatenate(list(errors)) ** 2, axis=0)))
