@@ -16,7 +16,7 @@ from typing import final
 import numpy as np
 
 from gfm.core import Clock, CommandKind, GfmError, Trajectory, Weights
-from gfm.core.checks import Array, Array32
+from gfm.core.checks import Array32
 from gfm.envs.fit_problem import FitProblem
 from gfm.envs.gfm_fit import NAME
 from gfm.envs.registry import EnvironmentSettings, make_environment
@@ -30,7 +30,7 @@ from gfm.rl.policy_numpy import GaussianPolicy
 from gfm.rl.regression import RegressionSettings
 from gfm.service.assets import load_assets
 from gfm.service.force_files import write_forces
-from gfm.sim.rollout import rollouts
+from gfm.sim.rollout import rollout_errors
 from gfm.transport import ask
 from gfm_wire import WeightsRequest
 
@@ -353,11 +353,7 @@ class ForceFit:
 
 def training_error(forces: ForceModel, trajectories: Sequence[Trajectory]) -> float:
     """Returns the position RMSE of whole open-loop rollouts, rad."""
-    predictions = rollouts(
+    errors = rollout_errors(
         forces.model, trajectories, policy=forces.policy, features=forces.features
     )
-    errors: list[Array] = [
-        trajectory.position[prediction.first :] - prediction.position
-        for trajectory, prediction in zip(trajectories, predictions, strict=True)
-    ]
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))

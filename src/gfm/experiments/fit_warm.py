@@ -30,7 +30,7 @@ from gfm.rl.policy_numpy import GaussianPolicy
 from gfm.rl.regression import Mask, RegressionSettings, fit_policy
 from gfm.sim.hybrid import HybridModel
 from gfm.sim.residual import residual_forces
-from gfm.sim.rollout import rollouts
+from gfm.sim.rollout import rollout_errors
 
 #: A joint gets forces where the nominal model errs by more than so many times the noise: the
 #: initial state of a rollout is measured, too, and joints move each other.
@@ -121,11 +121,8 @@ def warm_start(
 
 def joint_errors(model: HybridModel, recordings: Sequence[Trajectory]) -> Array:
     """Returns the position RMSE of every joint without forces, in open loop, rad, shape (J,)."""
-    squares = [
-        (recording.position[prediction.first :] - prediction.position) ** 2
-        for recording, prediction in zip(recordings, rollouts(model, recordings), strict=True)
-    ]
-    return np.asarray(np.sqrt(np.concatenate(squares).mean(axis=0)))
+    errors = np.concatenate(rollout_errors(model, recordings))
+    return np.asarray(np.sqrt((errors**2).mean(axis=0)))
 
 
 def _candidates(problem: FitProblem) -> dict[str, Mask]:
@@ -203,8 +200,7 @@ def _choose_smoothing(
             rollout_rmse(problem, policy, [recordings[i] for i in out])
             for out, policy in _folds(problem, examples, _briefly(one), seed, inputs)
         ]
-        error = float(np.log(np.concatenate(followed)).mean())
-        errors.append(error if np.isfinite(error) else np.inf)  # a rollout broke off
+        errors.append(float(np.log(np.concatenate(followed)).mean()))
     return chosen[int(np.argmin(errors))]
 
 
@@ -212,15 +208,10 @@ def rollout_rmse(
     problem: FitProblem, policy: GaussianPolicy, recordings: Sequence[Trajectory]
 ) -> Array:
     """Returns the position RMSE of each recording in open loop with a policy's forces, rad."""
-    answers = rollouts(
+    errors = rollout_errors(
         problem.model, recordings, policy=policy.mean_action, features=problem.features
     )
-    return np.array(
-        [
-            np.sqrt(np.mean((recording.position[answer.first :] - answer.position) ** 2))
-            for recording, answer in zip(recordings, answers, strict=True)
-        ]
-    )
+    return np.array([np.sqrt(np.mean(error**2)) for error in errors])
 
 
 def _briefly(how: RegressionSettings) -> RegressionSettings:

@@ -199,8 +199,9 @@ def _train(
     for _ in range(settings.epochs):
         order = torch.randperm(len(inputs), generator=generator)
         for rows in torch.split(order, settings.batch_size):
-            noise = torch.randn(inputs[rows].shape, generator=generator)
-            error = policy(inputs[rows] + settings.input_noise * noise).mean - targets[rows]
+            seen = inputs[rows]
+            blur = settings.input_noise * torch.randn(seen.shape, generator=generator)
+            error = policy(seen + blur).mean - targets[rows]
             optimiser.zero_grad()
             error.square().sum(-1).mean().backward()
             with torch.no_grad():

@@ -76,6 +76,24 @@ def rollouts(
     return [run.prediction(i, trajectory) for i, trajectory in enumerate(trajectories)]
 
 
+def rollout_errors(
+    model: HybridModel,
+    trajectories: Sequence[Trajectory],
+    *,
+    policy: ForcePolicy | None = None,
+    features: Features | None = None,
+) -> list[Array]:
+    """Returns measured minus predicted position of every recording, rad, shape (T - first, J) each.
+
+    Args: as `rollouts` takes them.
+    """
+    predictions = rollouts(model, trajectories, policy=policy, features=features)
+    return [
+        trajectory.position[prediction.first :] - prediction.position
+        for trajectory, prediction in zip(trajectories, predictions, strict=True)
+    ]
+
+
 class _Decider:
     """Keeps the observations and asks the policy."""
 
