@@ -21,7 +21,7 @@ from scipy.optimize import lsq_linear
 
 from gfm.core.checks import Array
 from gfm.diagnosis.candidates import Place
-from gfm.diagnosis.problem import Problem, coarse
+from gfm.diagnosis.problem import Problem, coarse, settled
 from gfm.effects import EffectInstance, Scales, Scope
 
 #: Candidates that are fitted in earnest in each round, places of one effect among them, and values
@@ -114,7 +114,7 @@ class Round:
         before: Cost without a new effect, on the recordings to which the shortlist is fitted.
         screened: Candidates by first-order gain, best first.
         fits: The shortlist, fitted, best first; the new effect is the last of each fit's effects.
-        accepted: The best of them fitted to all recordings, or None where it explains too little.
+        accepted: The best of them, or None where it explains too little.
         together: Whether the first fit has several new effects: none of them explains much alone.
     """
 
@@ -169,8 +169,9 @@ def attribute(
         rounds.append(this)
         if this.accepted is None:
             break
-        problem = problem.robust(this.accepted.effects)
-        accepted = with_level(problem, this.screened, this.accepted, report)
+        problem = settled(problem, this.accepted.effects).robust(this.accepted.effects)
+        accepted = fit(problem, this.accepted.effects)
+        accepted = with_level(problem, this.screened, accepted, report)
         if accepted.cost > enough:
             accepted = spread(problem, this.screened, accepted, report)
     if len(accepted.effects) > 1:
@@ -191,8 +192,7 @@ def _better(problem: Problem, this: Round, other: Fit) -> Round:
     costs = np.mean(problem.residuals([best, other.effects]) ** 2, axis=1)
     if not other.effects or costs[1] > FAR_LESS * costs[0]:
         return this
-    accepted = fit(problem.robust(other.effects), other.effects)
-    return replace(this, fits=(other, *this.fits), accepted=accepted, together=True)
+    return replace(this, fits=(other, *this.fits), accepted=other, together=True)
 
 
 def with_level(
@@ -289,39 +289,49 @@ def _one_fewer(
     problem: Problem, effects: tuple[EffectInstance, ...]
 ) -> tuple[EffectInstance, ...] | None:
     """Returns the effects without one that is not needed, fitted anew; None if all are needed."""
-    allowed = _cost(problem.residuals([effects])[0]) / (1.0 - LEAST_GAIN)
-    for cost, rest in _without_one(problem, effects):
-        if cost > HARDLY * allowed:
+    allowed = _allowed(problem, effects)
+    for cost, instance in _without_one(problem, effects):
+        if cost > HARDLY * allowed[0]:
             break
-        # From afar, where nearly all residuals count linearly, fits go astray: limits are set anew.
+        rest = tuple(one for one in effects if one is not instance)
+        # From afar, where nearly all residuals are outlying, fits go astray: limits are set anew.
         without = fit(problem.robust(rest), rest, tolerance=ROUGH).effects
-        if _cost(problem.residuals([without])[0]) < allowed:
+        own = [0, *(1 + problem.joints.index(name) for name in instance.joints)]
+        if (_costs(problem, without)[own] < allowed[own]).all():
             return without
     return None
 
 
+def _allowed(problem: Problem, effects: Sequence[EffectInstance]) -> Array:
+    """Returns the costs up to which an effect is superfluous: in all, and on each joint.
+
+    What was found for a joint with a small misfit is judged by that joint.
+    """
+    least = np.array([LEAST_GAIN, *[ALSO_GAIN] * len(problem.joints)])
+    return np.asarray(_costs(problem, effects) / (1.0 - least))
+
+
+def _costs(problem: Problem, effects: Sequence[EffectInstance]) -> Array:
+    """Returns what effects leave in all, and on each joint, shape (1 + J,)."""
+    residual = problem.residuals([effects])[0]
+    return np.array([_cost(residual), *problem.joint_costs(residual)])
+
+
 def _without_one(
     problem: Problem, effects: tuple[EffectInstance, ...]
-) -> list[tuple[float, tuple[EffectInstance, ...]]]:
-    """Returns the effects without each that may be superfluous, and its cost, cheapest first.
+) -> list[tuple[float, EffectInstance]]:
+    """Returns the cost of going without each effect, cheapest first.
 
     The others make up for it to first order.
     """
-    suspects = [
-        i
-        for i, one in enumerate(effects)
-        if at_bound(one) or any(_same_place(one, other) for other in effects[i + 1 :])
-    ]
-    if not suspects:
-        return []
-    rests = [(*effects[:i], *effects[i + 1 :]) for i in suspects]
+    rests = [tuple(other for other in effects if other is not one) for one in effects]
     jacobian = _jacobian(coarse(problem), effects, None)
     owner = np.array([i for i, _ in free_parameters(effects)])
     costs = []
-    for i, residual in zip(suspects, problem.residuals(rests), strict=True):
+    for i, residual in enumerate(problem.residuals(rests)):
         basis = _orthonormal(jacobian[:, owner != i])
         costs.append(_cost(residual - basis @ (basis.T @ residual)))
-    return sorted(zip(costs, rests, strict=True), key=lambda pair: pair[0])
+    return sorted(zip(costs, effects, strict=True), key=lambda pair: pair[0])
 
 
 def _same_place(one: EffectInstance, other: EffectInstance) -> bool:
@@ -387,7 +397,7 @@ def play_round(
     fits = _best_first(problem, fits, start, enough, report)
     accepted = None
     if fits and worth_it(fits[0], start):
-        accepted = fit(problem, fits[0].effects)
+        accepted = fits[0]
     return Round(before=start.cost, screened=tuple(screened), fits=tuple(fits), accepted=accepted)
 
 

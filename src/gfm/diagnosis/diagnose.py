@@ -29,7 +29,14 @@ from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.naming import fitly_named, twins
 from gfm.diagnosis.objects import ObjectPart, examine_object, widened
-from gfm.diagnosis.problem import LONG, WHOLE, Problem, check_recordings, make_problem
+from gfm.diagnosis.problem import (
+    LONG,
+    WHOLE,
+    Problem,
+    check_recordings,
+    make_problem,
+    settled,
+)
 from gfm.diagnosis.quality import all_findings, doubts
 from gfm.diagnosis.result import (
     Diagnosis,
@@ -54,6 +61,8 @@ ADEQUATE_RATIO = 1.25
 #: laws which are not quite exact may leave: what leaves more stands, perhaps, for something that no
 #: known effect describes.
 CREDIBLE_RATIO, INEXACT_SHARE = 1.5, 0.003
+#: More noise floors than this are left by something else than inexact laws.
+FAR_FROM_NOISE = 20.0
 #: Share of the held-out gap that must be closed to call it explained although some is left.
 EXPLAINED_SHARE = 0.99
 #: Share of the gap that has to be closed to name anything.
@@ -96,6 +105,15 @@ class HeldOut:
             after=_overall(self.after),
             noise_floor=float(np.sqrt(np.mean(self.problem.noise.position**2))),
         )
+
+
+def _errors(problem: Problem, effects: Sequence[EffectInstance]) -> HeldOut:
+    """Returns the errors of the nominal model and of that with `effects`."""
+    return HeldOut(
+        problem=problem,
+        before=settled(problem, ()).position_errors(()),
+        after=settled(problem, effects).position_errors(effects),
+    )
 
 
 def diagnose(
@@ -142,9 +160,7 @@ def diagnose(
     found = _attribute(problem, long, recordings, report) if not lack else None
     instances = found.fit.effects if found else ()
     report("measuring the corrected model on held-out recordings")
-    errors = HeldOut(
-        problem=held, before=held.position_errors(()), after=held.position_errors(instances)
-    )
+    errors = _errors(held, instances)
     if found and _closed(errors.summary) < LEAST_SHARE:
         instances, errors = (), HeldOut(problem=held, before=errors.before, after=errors.before)
     named = (
@@ -259,8 +275,9 @@ def _attribute(
     at_once = partial(usually_missing, scales=scales, report=report)
     found = attribute(problem, candidates, scales, report, at_once)
     report("settling amounts")
-    settled = fit(long.robust(found.fit.effects), found.fit.effects)
-    return replace(found, fit=fitly_named(settled, problem.specs))
+    effects = found.fit.effects
+    final = fit(settled(long, effects).robust(effects), effects)
+    return replace(found, fit=fitly_named(final, problem.specs))
 
 
 def _closed(error: ErrorSummary) -> float:
@@ -273,7 +290,7 @@ def _verdict(error: ErrorSummary, named: Sequence[NamedEffect]) -> Verdict:
     if not named:
         adequate = error.before <= ADEQUATE_RATIO * error.noise_floor
         return Verdict.NO_GAP if adequate else Verdict.UNEXPLAINED
-    if error.after <= ADEQUATE_RATIO * error.noise_floor or _closed(error) > EXPLAINED_SHARE:
+    if error.after <= ADEQUATE_RATIO * error.noise_floor or _left_little(error, EXPLAINED_SHARE):
         return Verdict.EXPLAINED
     return Verdict.PARTLY_EXPLAINED
 
@@ -336,9 +353,14 @@ def _where_it_acts(
 def credible(errors: Sequence[ErrorSummary]) -> bool:
     """Returns whether noise is left, or next to nothing of what was there, by all of `errors`."""
     return all(
-        one.after <= CREDIBLE_RATIO * one.noise_floor or _closed(one) >= 1.0 - INEXACT_SHARE
+        one.after <= CREDIBLE_RATIO * one.noise_floor or _left_little(one, 1.0 - INEXACT_SHARE)
         for one in errors
     )
+
+
+def _left_little(error: ErrorSummary, share: float) -> bool:
+    """Returns whether that share of the gap was closed, and what is left is not far from noise."""
+    return _closed(error) >= share and error.after <= FAR_FROM_NOISE * error.noise_floor
 
 
 def clearness(fits: Sequence[Fit], before: float, *, adequate: bool) -> float:
@@ -508,11 +530,7 @@ def _inputs(
     holdout: Sequence[Trajectory],
     instances: Sequence[EffectInstance],
 ) -> tuple[RecordingSummary, ...]:
-    training = HeldOut(
-        problem=problem,
-        before=problem.position_errors(()),
-        after=problem.position_errors(instances),
-    )
+    training = _errors(problem, instances)
     return (
         *_rows(recordings, training, "training"),
         *_rows(holdout, errors, "held-out"),

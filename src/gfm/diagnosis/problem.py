@@ -5,7 +5,7 @@ a wrong initial state could explain is taken out of them: it is fitted, to first
 segment (two numbers per joint).
 
 Stretches that a model misses by far more than the others (a fall, a stall) would decide everything
-by their squares: beyond a limit residuals count linearly (Huber 1964).
+by their squares: what is outlying counts little more than what is not (`outliers`).
 
 Shape letters: T measurements of a segment, J joints, N numbers of all segments together.
 """
@@ -16,7 +16,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -24,6 +23,7 @@ import numpy as np
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
 from gfm.core.rounding import resolution
+from gfm.diagnosis.outliers import OUTLYING, bounded
 from gfm.diagnosis.signals import (
     LEAST_NOISE,
     evenly,
@@ -57,6 +57,8 @@ WHOLE: Mapping[CommandKind, float] = {
 }
 #: Steps in position and velocity with which the effect of the initial state is measured.
 STATE_STEP = (1e-4, 1e-3)
+#: Times that initial states are looked for anew around where they were found.
+STATE_ROUNDS = 2
 #: Joints of the arm to which durations of samples refer, and how much longer they are at most for
 #: robots with fewer: those take less time to simulate.
 ARM_JOINTS, MOST_LONGER = 7, 2.0
@@ -64,8 +66,6 @@ ARM_JOINTS, MOST_LONGER = 7, 2.0
 CONTACT_LOOKS = 300
 #: Largest residual that counts, in units of the noise: a simulation that runs away stays finite.
 LARGEST = 1e5
-#: Residuals count linearly from so many times a typical stretch's root mean square.
-LINEAR_FROM = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +93,7 @@ class Problem:
         after_command: Whether efforts were measured after the command of the same stamp.
         state_basis: Per segment, an orthonormal basis of what the initial state can explain,
             shape (T * channels, 2 J).
-        linear_from: Residuals from which on they count linearly, by joint for positions and
+        outlying_from: Residuals from which on they are outlying, by joint for positions and
             efforts, in units of the noise, shape (2, J).
         given: Effects of the nominal model that its specs cannot say: every candidate has them.
     """
@@ -104,7 +104,7 @@ class Problem:
     noise: Noise
     after_command: bool = False
     state_basis: tuple[Array, ...] = field(default=())
-    linear_from: Array | None = None
+    outlying_from: Array | None = None
     given: tuple[EffectInstance, ...] = ()
 
     @property
@@ -140,26 +140,20 @@ class Problem:
                 basis = self.state_basis[i]
                 part = part - basis @ (basis.T @ part)
             parts.append(part)
-        return self._linear_beyond(np.concatenate(parts))
-
-    def _linear_beyond(self, residual: Array) -> Array:
-        """Returns residuals whose squares are Huber's loss of the given ones, shape (N,)."""
-        if self.linear_from is None:
+        residual = np.concatenate(parts)
+        if self.outlying_from is None:
             return residual
-        limit = np.concatenate([self._by_number(segment) for segment in self.segments])
-        size = np.abs(residual)
-        beyond = np.sign(residual) * np.sqrt(limit * np.maximum(2.0 * size - limit, 0.0))
-        return np.where(size > limit, beyond, residual)
+        limits = [self._by_number(self.outlying_from, segment) for segment in self.segments]
+        return bounded(residual, np.concatenate(limits))
 
-    def _by_number(self, segment: Segment) -> Array:
-        limits = np.empty((0, len(self.joints))) if self.linear_from is None else self.linear_from
+    def _by_number(self, limits: Array, segment: Segment) -> Array:
         count = len(segment.position)
         channels = self._size(segment) // segment.position.size
         return np.concatenate([np.tile(limits[c], count) for c in range(channels)])
 
     def robust(self, effects: Sequence[EffectInstance]) -> Problem:
         """Returns the problem with limits from what `effects` leave in a typical stretch."""
-        plain = replace(self, linear_from=None)
+        plain = replace(self, outlying_from=None)
         residual = plain.residuals([effects])[0]
         joints = len(self.joints)
         sizes: list[list[Array]] = [[], []]
@@ -168,7 +162,7 @@ class Problem:
             for channel, values in enumerate(channels):
                 sizes[channel].append(np.sqrt(np.mean(values**2, axis=0)))
         typical = [np.median(s, axis=0) if s else np.ones(joints) for s in sizes]
-        return replace(self, linear_from=LINEAR_FROM * np.maximum(np.stack(typical), 1.0))
+        return replace(self, outlying_from=OUTLYING * np.maximum(np.stack(typical), 1.0))
 
     def whitened(self, segment: Segment, prediction: Prediction) -> Array:
         """Returns measured minus predicted in units of the noise, position before effort."""
@@ -446,29 +440,75 @@ def _efforts_follow_commands(problem: Problem) -> bool:
     return misfit[1] < misfit[0]
 
 
-def _with_state_basis(problem: Problem) -> Problem:
-    """Returns the problem with what each initial state can explain."""
+def settled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
+    """Returns the problem with initial states as they fit best under `effects`.
+
+    Where nothing leads a joint back, what a stretch begins with counts to its end, and by more than
+    to first order. A servo forgets it: its stretches stay as they are.
+    """
+    free = [i for i, s in enumerate(problem.segments) if not _led(s)]
+    part = problem.subset(free)
+    for _ in range(STATE_ROUNDS if free else 0):
+        part = _nearer(part, effects)
+    segments, bases = list(problem.segments), list(problem.state_basis)
+    for i, segment, basis in zip(free, part.segments, part.state_basis, strict=True):
+        segments[i], bases[i] = segment, basis
+    return replace(problem, segments=tuple(segments), state_basis=tuple(bases))
+
+
+def _led(segment: Segment) -> bool:
+    """Returns whether servos keep the joints on track."""
+    return segment.kind is not CommandKind.EFFORT and bool((segment.servo_gain > 0.0).all())
+
+
+def _nearer(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
+    """Returns the problem with initial states a Gauss-Newton step better, and their bases."""
+    residuals, columns = _whitened(problem, effects), _state_columns(problem, effects)
+    steps = np.repeat(STATE_STEP, len(problem.joints))
+    moved = [
+        _moved(s, steps * np.linalg.lstsq(c, -r, rcond=1e-6)[0])
+        for s, c, r in zip(problem.segments, columns, residuals, strict=True)
+    ]
+    after = _whitened(replace(problem, segments=tuple(moved)), effects)
+    kept = [
+        new if np.sum(b**2) < np.sum(a**2) else old
+        for old, new, a, b in zip(problem.segments, moved, residuals, after, strict=True)
+    ]
+    return _with_state_basis(replace(problem, segments=tuple(kept)), effects)
+
+
+def _with_state_basis(problem: Problem, effects: Sequence[EffectInstance] = ()) -> Problem:
+    """Returns the problem with what each initial state can explain under `effects`."""
+    columns = _state_columns(problem, effects)
+    return replace(problem, state_basis=tuple(_orthonormal(c) for c in columns))
+
+
+def _state_columns(problem: Problem, effects: Sequence[EffectInstance]) -> list[Array]:
+    """Returns by how much each step of an initial state changes residuals, (N, 2 J) each."""
     fast = coarse(problem)
-    base = [problem.whitened(s, p) for s, p in _pairs(fast)]
+    base = _whitened(fast, effects)
     columns: list[list[Array]] = [[] for _ in problem.segments]
-    for what, step in zip(("initial_position", "initial_velocity"), STATE_STEP, strict=True):
-        for j in range(len(problem.joints)):
-            moved = replace(
-                fast, segments=tuple(_moved(s, what, j, step) for s in problem.segments)
-            )
-            for i, (segment, prediction) in enumerate(_pairs(moved)):
-                columns[i].append(problem.whitened(segment, prediction) - base[i])
-    return replace(problem, state_basis=tuple(_orthonormal(np.stack(c, 1)) for c in columns))
+    steps = np.repeat(STATE_STEP, len(problem.joints))
+    for step in np.diag(steps):
+        moved = replace(fast, segments=tuple(_moved(s, step) for s in problem.segments))
+        for own, before, after in zip(columns, base, _whitened(moved, effects), strict=True):
+            own.append(after - before)
+    return [np.stack(own, axis=1) for own in columns]
 
 
-def _pairs(problem: Problem) -> list[tuple[Segment, Prediction]]:
-    return list(zip(problem.segments, problem.predictions([()])[0], strict=True))
+def _whitened(problem: Problem, effects: Sequence[EffectInstance]) -> list[Array]:
+    predictions = problem.predictions([effects])[0]
+    return [problem.whitened(s, p) for s, p in zip(problem.segments, predictions, strict=True)]
 
 
-def _moved(segment: Segment, what: str, joint: int, step: float) -> Segment:
-    moved: dict[str, Any] = {what: np.array(getattr(segment, what))}
-    moved[what][joint] += step
-    return replace(segment, **moved)
+def _moved(segment: Segment, change: Array) -> Segment:
+    """Returns a segment that begins elsewhere, by positions and velocities, shape (2 J,)."""
+    joints = len(segment.initial_position)
+    return replace(
+        segment,
+        initial_position=segment.initial_position + change[:joints],
+        initial_velocity=segment.initial_velocity + change[joints:],
+    )
 
 
 def _orthonormal(columns: Array) -> Array:

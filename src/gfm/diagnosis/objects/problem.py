@@ -2,7 +2,7 @@
 
 Residuals are measured minus predicted place and yaw in units of their noise. How a stretch begins
 is known no better than the noise allows: it is fitted, stretch by stretch (three places and three
-speeds). Beyond a limit residuals count linearly (Huber 1964).
+speeds). What is outlying counts little more than what is not (`gfm.diagnosis.outliers`).
 
 Shape letters: P poses of a stretch, N numbers of all stretches together.
 """
@@ -19,6 +19,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis.objects.stage import Setting, Stage, make_stage, run
 from gfm.diagnosis.objects.stretches import Stretch, own_velocity
 from gfm.diagnosis.objects.track import in_plane, turned
+from gfm.diagnosis.outliers import OUTLYING, bounded
 from gfm.effects import EffectInstance
 
 #: Steps with which the effect of the initial state is measured: m, m, rad, and per second.
@@ -29,8 +30,6 @@ FARTHEST = 20.0
 ROUNDS = 2
 #: Largest residual that counts, in units of the noise.
 LARGEST = 1e4
-#: Residuals count linearly from so many times a typical stretch's root mean square.
-LINEAR_FROM = 3.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,14 +42,14 @@ class ObjectProblem:
         noise: Of x, y (m) and yaw (rad), shape (3,).
         state_basis: Per stretch, an orthonormal basis of what its initial state can explain,
             shape (3 P, up to 6).
-        linear_from: Residuals from which on they count linearly, in units of the noise.
+        outlying_from: Residuals from which on they are outlying, in units of the noise.
     """
 
     spec: mujoco.MjSpec
     stretches: tuple[Stretch, ...]
     noise: Array
     state_basis: tuple[Array, ...] = ()
-    linear_from: float = np.inf
+    outlying_from: float = np.inf
 
     def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
         """Returns the residual of every candidate, initial states fitted, shape (candidates, N)."""
@@ -82,12 +81,7 @@ class ObjectProblem:
         return np.asarray(np.clip(np.nan_to_num(error.ravel(), nan=LARGEST), -LARGEST, LARGEST))
 
     def _counted(self, parts: Sequence[Array]) -> Array:
-        residual, limit = np.concatenate(parts), self.linear_from
-        size = np.abs(residual)
-        if not (size > limit).any():
-            return residual
-        beyond = np.sign(residual) * np.sqrt(limit * np.maximum(2.0 * size - limit, 0.0))
-        return np.where(size > limit, beyond, residual)
+        return bounded(np.concatenate(parts), self.outlying_from)
 
     def slices(self) -> list[slice]:
         """Returns where each stretch's numbers lie in a residual."""
@@ -101,7 +95,7 @@ class ObjectProblem:
     def robust(self, effects: Sequence[EffectInstance]) -> ObjectProblem:
         """Returns the problem with a limit from what `effects` leave in a typical stretch."""
         typical = np.median([np.sqrt(np.mean(p**2)) for p in self.settled(effects).parts(effects)])
-        return replace(self, linear_from=LINEAR_FROM * max(float(typical), 1.0))
+        return replace(self, outlying_from=OUTLYING * max(float(typical), 1.0))
 
     def based(self, effects: Sequence[EffectInstance]) -> ObjectProblem:
         """Returns the problem with what initial states can explain near those measured."""

@@ -1,0 +1,75 @@
+"""Where nothing leads a joint back, what a stretch began with is fitted to its end."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from gfm.core import CommandKind
+from gfm.diagnosis.problem import Noise, Problem, settled
+from gfm.sim.predict import Segment
+
+#: A point mass on a light rod, near its upright equilibrium, whose fall multiplies what it begins
+#: with by about 50: q'' = g / l sin q.
+LENGTH = 0.5
+ROD = """
+<mujoco><option timestep="0.002" integrator="RK4" gravity="0 0 -9.81"/><worldbody>
+  <body name="rod"><joint name="j" axis="0 1 0"/>
+    <inertial pos="0 0 {length}" mass="1" diaginertia="1e-9 1e-9 1e-9"/></body>
+</worldbody><actuator><motor name="j" joint="j"/></actuator></mujoco>
+"""
+TIME_S = 0.01 * np.arange(100.0)
+NOISE = 1e-4
+
+
+def fallen(angle, speed):
+    """Returns the angles of the fall, shape (T, 1)."""
+    found = solve_ivp(
+        lambda _, y: [y[1], 9.81 / LENGTH * np.sin(y[0])],
+        (0.0, TIME_S[-1]),
+        [angle, speed],
+        t_eval=TIME_S,
+        rtol=1e-10,
+        atol=1e-12,
+    )
+    return found.y[:1].T
+
+
+def falling(kind, *, error):
+    """Returns the problem of a fall from 0.1 rad at rest, its initial speed known with an error."""
+    segment = Segment(
+        time_s=TIME_S,
+        position=fallen(0.1, 0.0),
+        effort=None,
+        kind=kind,
+        command_time_s=TIME_S,
+        command=np.zeros((len(TIME_S), 1)),
+        initial_position=np.array([0.1]),
+        initial_velocity=np.array([error]),
+        servo_gain=np.ones(1),
+    )
+    return Problem(
+        specs={kind: mujoco.MjSpec.from_string(ROD.format(length=LENGTH))},
+        joints=("j",),
+        segments=(segment,),
+        noise=Noise(position=np.full(1, NOISE), effort=None),
+        state_basis=(np.zeros((len(TIME_S), 0)),),
+    )
+
+
+def test_initial_states_are_found_where_the_first_order_is_not_enough():
+    rough = falling(CommandKind.EFFORT, error=0.05)
+    fine = settled(rough, ())
+    assert fine.segments[0].initial_velocity[0] == pytest.approx(0.0, abs=1e-3)
+    assert fine.segments[0].initial_position[0] == pytest.approx(0.1, abs=1e-4)
+    assert np.abs(rough.position_errors(())[0]).max() > 0.1
+    assert np.abs(fine.position_errors(())[0]).max() < NOISE
+
+
+def test_a_servo_forgets_how_it_began():
+    led = falling(CommandKind.POSITION, error=0.05)
+    assert settled(led, ()).segments == led.segments
+    off = replace(led, segments=(replace(led.segments[0], servo_gain=np.zeros(1)),))
+    assert settled(off, ()).segments[0].initial_velocity[0] == pytest.approx(0.0, abs=1e-3)
