@@ -1,12 +1,14 @@
 """Batched hybrid stepping is MuJoCo's own stepping, with bounded forces."""
 
+from types import SimpleNamespace
+
 import mujoco
 import numpy as np
 import pytest
 
 from gfm.core import CommandKind, ConfigError, UnknownNameError
 from gfm.sim.batch import HybridBatch
-from gfm.sim.hybrid import ForceLimits, HybridModel, with_servo_gain
+from gfm.sim.hybrid import ForceLimits, HybridModel
 from gfm.sim.layout import make_layout
 from gfm.sim.sawyer import JOINT_NAMES, NEUTRAL, READY, sawyer_spec
 
@@ -159,13 +161,27 @@ def test_unknown_joint_is_refused_with_the_known_ones(arm):
         make_layout(arm.any_model, ("elbow",))
 
 
-def test_servo_gain_scales_the_stiffness_of_a_copy(arm):
+def with_gain(arm, factor):
     nominal = arm.models[CommandKind.POSITION]
-    soft = with_servo_gain(nominal, CommandKind.POSITION, {"right_j2": 0.5})
+    recording = SimpleNamespace(
+        command_kind=CommandKind.POSITION, servo_gain={"right_j2": factor}, name="run"
+    )
+    return nominal, arm.model_for(recording)
+
+
+def test_servo_gain_scales_the_stiffness_of_a_copy(arm):
+    nominal, soft = with_gain(arm, 0.5)
     assert soft.actuator("right_j2").gainprm[0] == 400.0
     np.testing.assert_array_equal(soft.actuator("right_j2").biasprm[:3], [0.0, -400.0, -80.0])
     assert nominal.actuator("right_j2").gainprm[0] == 800.0
-    assert with_servo_gain(nominal, CommandKind.POSITION, {"right_j2": 1.0}) is nominal
+    assert with_gain(arm, 1.0)[1] is nominal
+
+
+def test_a_servo_without_gain_is_switched_off_and_does_not_damp(arm):
+    _, off = with_gain(arm, 0.0)
+    assert off.actuator("right_j2").gainprm[0] == 0.0
+    np.testing.assert_array_equal(off.actuator("right_j2").biasprm[:3], 0.0)
+    assert off.actuator("right_j1").biasprm[2] < 0.0
 
 
 MOTOR_SIDE = """

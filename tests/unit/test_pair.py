@@ -66,7 +66,7 @@ CASES = {
     ),
     "backlash and friction": (
         [effect("backlash", "b", gap=0.02), effect("coulomb_friction", "b", torque=0.1), STRIBECK],
-        ["stribeck_friction"],
+        ["backlash", "stribeck_friction"],
     ),
     "elasticity, cogging and payload": (
         [
@@ -74,7 +74,7 @@ CASES = {
             effect("cogging_torque", "a", amplitude=0.2, per_revolution=10.0, phase=0.3),
             effect("payload", "b", mass=0.2, com_x=0.1, com_y=0.0, com_z=0.05),
         ],
-        [],
+        ["joint_elasticity"],  # where the drive's compensation acts
     ),
 }
 

@@ -2,8 +2,9 @@
 
 The figures were made by `figures` below with mujoco 4.0.0, before step laws and gravity
 compensation had modules of their own (backlash after its motor side's microscopic mass was put on
-the axis; friction that changes with the state after it was taken from the middle of a step). A
-diagnosis fits to such numbers: they must not move unseen.
+the axis; friction that changes with the state after it was taken from the middle of a step; a motor
+side since it begins under its load, and bears the compensation). A diagnosis fits to such numbers:
+they must not move unseen.
 """
 
 from pathlib import Path
@@ -102,24 +103,24 @@ EXPECTED = {
         -0.04268356303930343,
     ],
     "backlash": [
-        0.42169847115694203,
-        0.11080911830396405,
-        -1.8779972639070763,
-        -0.3134307563569189,
-        -0.42484781768348756,
-        -0.2852992189851312,
-        1.6752256931751806,
-        0.32735477693513015,
+        0.4220792778261487,
+        0.11090475910482608,
+        -1.8467941388161506,
+        -0.3068637298353121,
+        -0.4242506206189125,
+        -0.26487852342053886,
+        1.6701236019825636,
+        0.32708412539097464,
     ],
     "elasticity and friction": [
-        0.4221687040001938,
-        0.10116410433498596,
-        -1.689840133396995,
-        -0.34551576241758647,
-        -0.4240497494626951,
-        -0.27637900597027626,
-        1.389307693057317,
-        0.33116140209600387,
+        0.43866584895164207,
+        0.10150069693378731,
+        -1.644934681250371,
+        -0.33648102483401826,
+        -0.40877448074184625,
+        -0.27652141600702096,
+        1.4025052146501462,
+        0.33425294876995215,
     ],
 }
 

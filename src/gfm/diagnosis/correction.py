@@ -24,18 +24,19 @@ def corrected_model(
 ) -> ModelPair:
     """Returns the model `spec`, beside which `given` stands, with the named effects added."""
     instances = [effect.instance() for effect in named]
-    compiled = spec.copy().compile()
-    compensated = compiled.body_gravcomp.any() or misled_already(compiled, given)
+    nominal, changed = spec.copy().compile(), native_spec(spec, instances)
+    compensated = nominal.body_gravcomp.any() or misled_already(nominal, given)
+    model = changed.copy().compile()
     new = [
         effect
         for effect, instance in zip(named, instances, strict=True)
         if not effect.native
         or acts_at_every_step(instance)
-        or (compensated and compensations(compiled, [instance]))
+        or (compensated and compensations(model, [instance]))
     ]
     before = [_as_named(instance) for instance in given]
     return ModelPair(
-        xml=_corrected_xml(spec, native_spec(spec, instances), _lines(named, new, before)),
+        xml=_corrected_xml(spec, changed, _lines(named, new, before)),
         effects=(*before, *new),
     )
 

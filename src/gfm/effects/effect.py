@@ -100,11 +100,14 @@ class Compensation:
         gravity: Under which the controller computes its torques, m/s^2, shape (3,).
         shift: What it adds to qpos before, shape (nq,).
         missing: Whether MuJoCo's own compensation was taken out of the model.
+        moved: Degrees of freedom of a link and of its motor side: a drive's compensation acts on
+            the motor, MuJoCo's on the link.
     """
 
     gravity: Array
     shift: Array
     missing: bool
+    moved: tuple[int, int] | None = None
 
 
 #: Probes of one effect at one place: a group of parameter values whose responses span, to first

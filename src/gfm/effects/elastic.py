@@ -13,6 +13,7 @@ from gfm.core import ConfigError
 from gfm.core.checks import Array
 from gfm.effects.effect import (
     MOTOR_SIDE,
+    Compensation,
     Effect,
     Motion,
     Parameter,
@@ -86,6 +87,12 @@ class Backlash(Effect):
         tendon.solref_limit = [0.004, 1.0]
 
     @override
+    def compensation(
+        self, model: mujoco.MjModel, joints: Sequence[str], values: Values
+    ) -> Compensation | None:
+        return moved_to_motor(model, joints[0])
+
+    @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
         return [[{"gap": gap}] for gap in (2e-3, 1e-2)]
 
@@ -107,6 +114,12 @@ class JointElasticity(Effect):
         tendon.springlength = [0.0, 0.0]
 
     @override
+    def compensation(
+        self, model: mujoco.MjModel, joints: Sequence[str], values: Values
+    ) -> Compensation | None:
+        return moved_to_motor(model, joints[0])
+
+    @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
         peak = max(scales.peak_nm, 1e-6)
         return [[{"stiffness": peak / bend}] for bend in (0.02, 0.005)]
@@ -117,6 +130,19 @@ class JointElasticity(Effect):
             return None
         values = {"stiffness": group[0]["stiffness"] / amplitudes[0]}
         return values if self.admissible(values) else None
+
+
+def moved_to_motor(model: mujoco.MjModel, joint: str) -> Compensation | None:
+    """Returns that the drive cancels gravity from the motor side; None where there is none."""
+    motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint + MOTOR_SIDE)
+    if motor < 0:
+        return None
+    return Compensation(
+        gravity=np.array(model.opt.gravity),
+        shift=np.zeros(model.nq),
+        missing=False,
+        moved=(int(model.jnt_dofadr[model.joint(joint).id]), int(model.jnt_dofadr[motor])),
+    )
 
 
 def separate_motor(spec: mujoco.MjSpec, name: str, what: str) -> mujoco.MjsTendon:

@@ -38,6 +38,9 @@ class ErringCompensation:
     def __init__(self, model: mujoco.MjModel, told: Sequence[Compensation]) -> None:
         self._nv = model.nv
         self._told = [(one, _Weight(model, one.gravity)) for one in told]
+        self._moved = [one.moved for one in told if one.moved is not None]
+        own = not any(one.missing for one in told)
+        self._own = _Weight(model, model.opt.gravity) if own and self._moved else None
 
     def at(self, qpos: Array) -> CompensationError:
         """Returns the errors at positions of shape (T, nq)."""
@@ -48,6 +51,10 @@ class ErringCompensation:
                 meant -= weight.torques(qpos)
                 force += meant
             drive += meant
+        whole = drive if self._own is None else drive + self._own.torques(qpos)
+        for link, motor in self._moved:
+            force[:, link] -= whole[:, link]
+            force[:, motor] += whole[:, link]
         return CompensationError(force=force, drive=drive)
 
 

@@ -6,7 +6,6 @@ object).
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,7 +18,7 @@ from gfm.core.checks import Array
 from gfm.effects import EffectInstance
 from gfm.sim.compensation import ErringCompensation
 from gfm.sim.layout import Indices, Layout, make_layout
-from gfm.sim.plant import compensations, drive_matrix, misled_already
+from gfm.sim.plant import compensations, drive_matrix, misled_already, with_servo_gain
 from gfm.sim.step_laws import StepLaws, acts_at_every_step, step_laws
 
 
@@ -152,26 +151,9 @@ class HybridModel:
             raise ConfigError(
                 f"{trajectory.name} has {kind} commands; there are models for {known}"
             )
-        return with_servo_gain(self.models[kind], kind, trajectory.servo_gain)
-
-
-def with_servo_gain(
-    model: mujoco.MjModel, kind: CommandKind, servo_gain: Mapping[str, float]
-) -> mujoco.MjModel:
-    """Returns the model with servo gains multiplied, by joint name; itself where there is nothing.
-
-    Position servos: the stiffness, not the damping. Velocity servos: the velocity gain. Motors:
-    the gain.
-    """
-    if all(factor == 1.0 for factor in servo_gain.values()):
-        return model
-    changed = copy.copy(model)
-    state = {CommandKind.POSITION: 1, CommandKind.VELOCITY: 2, CommandKind.EFFORT: 0}[kind]
-    for name, factor in servo_gain.items():
-        actuator = changed.actuator(name)
-        actuator.gainprm[0] *= factor
-        actuator.biasprm[state] *= factor
-    return changed
+        model, gains = self.models[kind], trajectory.servo_gain
+        servos = np.array([model.actuator(name).id for name in gains], dtype=np.intp)
+        return with_servo_gain(model, servos, kind, np.array(list(gains.values())))
 
 
 def _sizes(model: mujoco.MjModel) -> dict[str, int | float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -9,7 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gfm.core import ConfigError, UnknownNameError
+from gfm.core import CommandKind, ConfigError, UnknownNameError
 from gfm.effects import Effect, EffectInstance, find_effect
 from gfm.effects.drive import LAGS
 from gfm.effects.effect import MOTOR_SIDE, Compensation
@@ -248,4 +249,28 @@ def stepping_spec(spec: mujoco.MjSpec, effects: Sequence[EffectInstance]) -> muj
     if any(acts_at_every_step(e) for e in effects):
         driven = {actuator.name for actuator in changed.actuators}
         _add_drive_sensors(changed, [j.name for j in changed.joints if j.name in driven])
+    return changed
+
+
+def with_servo_gain(
+    model: mujoco.MjModel, actuator: NDArray[np.intp], kind: CommandKind, gain: NDArray[np.float64]
+) -> mujoco.MjModel:
+    """Returns the model with servo gains multiplied, itself where there is nothing to do.
+
+    Position servos: the stiffness, not the damping. Velocity servos: the velocity gain. Motors:
+    the gain. A gain of zero is a drive that is switched off: it does not damp either.
+
+    Args:
+        model: In which a gain is one.
+        actuator: The servos, shape (J,).
+        kind: What they follow.
+        gain: Factor of each, shape (J,).
+    """
+    if (gain == 1.0).all():
+        return model
+    changed = copy.copy(model)
+    feedback = {CommandKind.POSITION: 1, CommandKind.VELOCITY: 2, CommandKind.EFFORT: 0}[kind]
+    changed.actuator_gainprm[actuator, 0] *= gain
+    changed.actuator_biasprm[actuator, feedback] *= gain
+    changed.actuator_biasprm[actuator] *= (gain > 0.0)[:, None]
     return changed

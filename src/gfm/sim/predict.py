@@ -5,7 +5,6 @@ Shape letters: T measurements of a segment, J joints, K time steps.
 
 from __future__ import annotations
 
-import copy
 import os
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -21,7 +20,7 @@ from gfm.core import CommandKind
 from gfm.core.checks import Array
 from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.compensation import CompensationError, compensation_error
-from gfm.sim.plant import Plant
+from gfm.sim.plant import Plant, with_servo_gain
 from gfm.sim.step_laws import middle_of_step, step_laws
 
 #: Memory that one call of the batched rollout may fill, bytes.
@@ -93,7 +92,8 @@ class _Job:
     compensation: CompensationError | None = field(init=False)
 
     def __post_init__(self) -> None:
-        self.model = with_servo_gain(self.plant, self.segment.kind, self.segment.servo_gain)
+        here, segment = self.plant, self.segment
+        self.model = with_servo_gain(here.model, here.actuator, segment.kind, segment.servo_gain)
         self.compensation = compensation_error(self.plant, self.segment.position)
 
 
@@ -125,24 +125,6 @@ def _batches(plants: Sequence[Plant], segments: Sequence[Segment]) -> Iterator[l
         most = max(1, int(CHUNK_BYTES / (8 * width * jobs[-1].steps)))
         for start in range(0, len(jobs), most):
             yield jobs[start : start + most]
-
-
-def with_servo_gain(plant: Plant, kind: CommandKind, gain: Array) -> mujoco.MjModel:
-    """Returns the plant's model with the servo gains of a recording; one of zero is no drive.
-
-    Args:
-        plant: In which a gain is one.
-        kind: What the servos follow.
-        gain: Factor of each joint's, shape (J,).
-    """
-    if (gain == 1.0).all():
-        return plant.model
-    model = copy.copy(plant.model)
-    feedback = 2 if kind is CommandKind.VELOCITY else 1
-    model.actuator_gainprm[plant.actuator, 0] *= gain
-    model.actuator_biasprm[plant.actuator, feedback] *= gain
-    model.actuator_biasprm[plant.actuator] *= (gain > 0.0)[:, None]
-    return model
 
 
 def _rollout(jobs: list[_Job], threads: int) -> list[Prediction]:
@@ -197,19 +179,44 @@ def _initial_state(job: _Job) -> Array:
 
 
 def _set_initial(job: _Job, qpos: Array, qvel: Array) -> None:
-    """Writes the segment's initial state; a motor side starts where its link is."""
+    """Writes the segment's initial state; a motor side goes with its link, under its load."""
     plant, segment = job.plant, job.segment
     qpos[plant.qpos] = segment.initial_position
     qvel[plant.dof] = segment.initial_velocity
-    for j, name in enumerate(plant.joints):
-        if plant.motor_qpos[j] >= 0:
-            motor = plant.model.joint(name + MOTOR_SIDE).id
-            qpos[plant.motor_qpos[j]] = segment.initial_position[j]
-            qvel[plant.model.jnt_dofadr[motor]] = segment.initial_velocity[j]
     free = np.flatnonzero(plant.model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
     if segment.object_pose is not None and len(free) == 1:
         first = int(plant.model.jnt_qposadr[free[0]])
         qpos[first : first + 7] = segment.object_pose
+    with_motor = np.flatnonzero(plant.motor_qpos >= 0)
+    if len(with_motor):
+        load = _load(job, qpos)[plant.dof]
+    for j in with_motor:
+        motor = plant.model.joint(plant.joints[j] + MOTOR_SIDE).id
+        ahead = _ahead(plant.model, motor, float(load[j]))
+        qpos[plant.motor_qpos[j]] = segment.initial_position[j] + ahead
+        qvel[plant.model.jnt_dofadr[motor]] = segment.initial_velocity[j]
+
+
+def _load(job: _Job, qpos: Array) -> Array:
+    """Returns the torques that hold every joint at rest, beside MuJoCo's compensation, (nv,)."""
+    data = mujoco.MjData(job.model)
+    data.qpos[:] = qpos
+    mujoco.mj_fwdPosition(job.model, data)
+    mujoco.mj_fwdVelocity(job.model, data)
+    applied = 0.0 if job.compensation is None else job.compensation.force[0]
+    return np.asarray(data.qfrc_bias - data.qfrc_gravcomp - applied)
+
+
+def _ahead(model: mujoco.MjModel, motor: int, load: float) -> float:
+    """Returns by how much a motor's angle is ahead of its link's when it bears a load, rad."""
+    for tendon in range(model.ntendon):
+        first = int(model.tendon_adr[tendon])
+        if model.wrap_objid[first] == motor and model.tendon_num[tendon] == 2:
+            if model.tendon_stiffness[tendon] > 0.0:
+                return load / float(model.tendon_stiffness[tendon])
+            if model.tendon_limited[tendon]:
+                return float(model.tendon_range[tendon, 1]) * float(np.sign(load))
+    return 0.0
 
 
 def _controls(job: _Job, steps: int) -> Array:

@@ -26,8 +26,8 @@ from gfm.diagnosis.signals import smooth_states
 from gfm.effects import EffectInstance
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
 from gfm.sim.compensation import compensation_error
-from gfm.sim.plant import Plant, make_plant
-from gfm.sim.predict import applied_commands, with_servo_gain
+from gfm.sim.plant import Plant, make_plant, with_servo_gain
+from gfm.sim.predict import applied_commands
 
 #: Length of a block, s: short beside a motion, long beside the noise of accelerations.
 BLOCK_S = 0.1
@@ -197,7 +197,8 @@ def _view(plant: Plant, recording: Trajectory) -> TorqueView:
     q, v, a = smooth_states(recording.time_s, recording.position)
     command = _commands(plant, recording)
     gain = np.array([recording.servo_gain.get(name, 1.0) for name in plant.joints])
-    model = copy.copy(with_servo_gain(plant, recording.command_kind, gain))
+    kind = recording.command_kind
+    model = copy.copy(with_servo_gain(plant.model, plant.actuator, kind, gain))
     data = mujoco.MjData(model)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     needed, drive = np.empty_like(q), np.empty_like(q)
