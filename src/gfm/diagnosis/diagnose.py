@@ -55,11 +55,11 @@ from gfm.excitation.blind_spots import blind_spots
 from gfm.sim.learned import LearnedForces
 from gfm.sim.plant import native_spec
 
-#: Held-out RMSE, in units of the sensor noise, up to which a model counts as adequate.
+#: Held-out RMSE, in units of the sensor noise, up to which a nominal model counts as adequate.
 ADEQUATE_RATIO = 1.25
-#: The same for what is claimed of one effect, where it acts, and the share of the gap there that
-#: laws which are not quite exact may leave: what leaves more stands, perhaps, for something that no
-#: known effect describes.
+#: The same for a corrected one, and for what is claimed of one effect, where it acts; and the share
+#: of the gap there that laws which are not quite exact may leave: what leaves more stands, perhaps,
+#: for something that no known effect describes.
 CREDIBLE_RATIO, INEXACT_SHARE = 1.5, 0.003
 #: More noise floors than this are left by something else than inexact laws.
 FAR_FROM_NOISE = 20.0
@@ -290,7 +290,7 @@ def _verdict(error: ErrorSummary, named: Sequence[NamedEffect]) -> Verdict:
     if not named:
         adequate = error.before <= ADEQUATE_RATIO * error.noise_floor
         return Verdict.NO_GAP if adequate else Verdict.UNEXPLAINED
-    if error.after <= ADEQUATE_RATIO * error.noise_floor or _left_little(error, EXPLAINED_SHARE):
+    if error.after <= CREDIBLE_RATIO * error.noise_floor or _left_little(error, EXPLAINED_SHARE):
         return Verdict.EXPLAINED
     return Verdict.PARTLY_EXPLAINED
 
