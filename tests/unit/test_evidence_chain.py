@@ -267,8 +267,10 @@ def test_no_error_in_a_few_cases_leaves_a_rate_possible():
 
 def test_no_fewer_false_alarms_are_claimed_than_were_recorded():
     results = Path(__file__).parents[2] / "docs" / "results"
-    truth = (results / "known_truth.md").read_text()
-    right, clean = map(int, re.search(r"none: nothing named .*?(\d+) of (\d+)", truth).groups())
+    right = clean = 0
+    for page in results.glob("known_truth*.md"):
+        found = re.search(r"none: nothing named .*?(\d+) of (\d+)", page.read_text())
+        right, clean = right + int(found[1]), clean + int(found[2])
     runs = (results / "run_random_effects.md").read_text()
     quiet, driven = map(int, re.search(r"nothing named in\s+(\d+) of (\d+)", runs).groups())
     assert clean + driven >= CLEAN_ROBOTS
