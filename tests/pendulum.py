@@ -24,7 +24,7 @@ PERIOD_S = 0.01
 
 
 def swung(
-    told, *, seed, noise, torque=lambda _q, _v: 0.0, delay=0.0, gain=1.0, inertia=0.0
+    told, *, seed, noise, torque=lambda _q, _v: 0.0, delay=0.0, gain=1.0, inertia=0.0, start=0.0
 ) -> Trajectory:
     """Returns what it does when `told` positions every 10 ms, shape (T,).
 
@@ -41,7 +41,7 @@ def swung(
         return [v, (drive + gravity + torque(q, v)) / (MASS * LENGTH**2 + ROTOR + inertia)]
 
     answer = solve_ivp(
-        motion, (0.0, stamps[-1]), [0.0, 0.0], t_eval=stamps, max_step=0.01, rtol=1e-7, atol=1e-9
+        motion, (0.0, stamps[-1]), [start, 0.0], t_eval=stamps, max_step=0.01, rtol=1e-7, atol=1e-9
     )
     noisy = answer.y[0] + noise * np.random.default_rng(seed + 99).standard_normal(len(stamps))
     stamp_ns = np.round(stamps * 1e9).astype(np.int64)

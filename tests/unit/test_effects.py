@@ -43,9 +43,11 @@ SCALES = Scales(
     peak_nm=5.0,
     inertia=0.1,
     cogging_per_revolution=(12,),
+    lowest_m=((0.2, 0.0, 0.0, -0.1),),
 )
 #: Fields of a model in which effects show.
 WRITTEN = (
+    *("geom_pos", "pair_friction", "pair_dim"),
     *("geom_friction", "geom_priority", "geom_condim", "actuator_trnid", "actuator_gear"),
     *("body_mass", "body_inertia", "body_ipos", "body_pos", "qpos0", "qpos_spring"),
     *("jnt_stiffness", "dof_damping", "dof_dampingpoly", "dof_armature", "dof_frictionloss"),
@@ -131,6 +133,21 @@ def test_a_payload_pulls_where_its_centre_is_told_to_be():
     hand = data.body(model.jnt_bodyid[model.joint("b").id])
     there = hand.xpos + hand.xmat.reshape(3, 3) @ [0.1, 0.0, 0.3]
     assert data.xipos[model.body("payload").id] == pytest.approx(there)
+
+
+def test_a_surface_stops_its_point_and_nothing_else():
+    surface = instance("surface_contact", ("b",), height=-0.1, x=0.2, y=0.0, z=0.0, friction=0.3)
+    ends = []
+    for effects in ((), (surface,)):
+        model = native_spec(mujoco.MjSpec.from_string(ARM), effects).compile()
+        data = mujoco.MjData(model)
+        data.ctrl[:] = (0.4, 0.3)
+        mujoco.mj_step(model, data, nstep=4000)
+        hand = data.body("lower")
+        ends.append((hand.xpos + hand.xmat.reshape(3, 3) @ [0.2, 0.0, 0.0])[2])
+    assert ends[0] < -0.15
+    assert ends[1] == pytest.approx(-0.1, abs=3e-3)
+    assert data.ncon == 1
 
 
 def test_tilted_gravity_keeps_its_size():

@@ -132,3 +132,12 @@ def test_a_lag_remembers_what_was_commanded_before_the_stretch():
     shares = applied_commands(lagged, before, 3)
     left = 1.0 - np.exp(-3.0)
     assert shares[0, 0] == pytest.approx(left * np.exp(-0.01), rel=1e-3)
+
+
+def test_models_with_more_bodies_of_collision_are_simulated_apart():
+    surface = effect("surface_contact", height=-5.0, x=0.0, y=0.0, z=0.0, friction=0.3)
+    plants = [plant(), plant(effects=(surface,)), plant()]
+    told = predict(plants, [segment([0.5], [0.0])])
+    assert len({one.layout for one in plants}) == 2
+    for row in told[1:]:
+        assert row[0].position == pytest.approx(told[0][0].position, abs=1e-9)

@@ -116,6 +116,7 @@ class Round:
         fits: The shortlist, fitted, best first; the new effect is the last of each fit's effects.
         accepted: The best of them, or None where it explains too little.
         together: Whether the first fit has several new effects: none of them explains much alone.
+        stretches: How many stretches it was about, those that stayed far off; 0 for all.
     """
 
     before: float
@@ -123,6 +124,7 @@ class Round:
     fits: tuple[Fit, ...]
     accepted: Fit | None
     together: bool = False
+    stretches: int = 0
 
     @property
     def new(self) -> tuple[EffectInstance, ...]:
@@ -389,7 +391,7 @@ def play_round(
         tier = [place for place in candidates if place.effect.costly is costly]
         found = screen(problem, tier, scales, base)
         screened.extend(found)
-        fits = _polished(part, [*fits, *_fit_best(part, found, start, report)])
+        fits = polished(part, [*fits, *fit_best(part, found, start, report)])
         fits = _with_lookalikes(part, fits, found, start)
         if fits and fits[0].cost < max(enough, SUBSTANTIAL * start.cost):
             break
@@ -401,7 +403,7 @@ def play_round(
     return Round(before=start.cost, screened=tuple(screened), fits=tuple(fits), accepted=accepted)
 
 
-def _polished(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
+def polished(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     """Returns the fits, best first, those in front with all their parameters fitted to the end."""
     by_cost = sorted(fits, key=lambda f: f.cost)
     front = [f for f in by_cost[:POLISHED] if f.cost < CLOSE * by_cost[0].cost]
@@ -511,7 +513,7 @@ def _costs_of(
     return np.asarray([count * part.joint_costs(one)[list(joints)].sum() for one in residuals])
 
 
-def _fit_best(
+def fit_best(
     problem: Problem,
     screened: Sequence[Screened],
     base: Fit,
@@ -605,7 +607,11 @@ def shortlist(screened: Sequence[Screened]) -> list[Screened]:
     Effects of the whole robot come in beside them: with several parameters that act together, they
     look worse to first order than a torque offset on the joint that they load most.
     """
-    whole = [c for c in screened if _whole(c) and c.gain > WHOLE_GAIN]
+    whole: list[Screened] = []
+    for candidate in screened:
+        starts = [c.instance.key for c in whole].count(candidate.instance.key)
+        if _whole(candidate) and candidate.gain > WHOLE_GAIN and starts < STARTS:
+            whole.append(candidate)
     chosen: list[Screened] = []
     for candidate in screened:
         key = candidate.instance.key
@@ -613,7 +619,8 @@ def shortlist(screened: Sequence[Screened]) -> list[Screened]:
         places = {k for k in keys if k[0] == key[0]}
         new = len(set(keys)) < SHORTLIST and len(places) < SHORTLIST_PER_EFFECT
         room = keys.count(key) < STARTS if key in places else new
-        if room and candidate.gain > 0.0 and candidate not in whole:
+        taken = key in {c.instance.key for c in whole}
+        if room and candidate.gain > 0.0 and not taken:
             chosen.append(candidate)
     return sorted([*whole, *chosen], key=lambda c: -c.gain)
 

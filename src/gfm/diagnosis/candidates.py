@@ -25,6 +25,9 @@ from gfm.sim.predict import Segment, applied_commands
 COGGING_ORDERS = range(2, 101)
 #: How many of them are taken to the rollouts, with a spring beside them and without.
 COGGING_KEPT = 3
+#: Distances from the last link's origin at which points of it may touch something, along its axes,
+#: and postures in which they are looked at.
+REACHES_M, POSTURES = (0.05, 0.1, 0.2), 5000
 #: Periods that the motion has to cover: both a crest and a trough.
 LEAST_PERIODS = 0.75
 
@@ -154,9 +157,31 @@ def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:
             peak_nm=max(float(np.percentile(np.abs(_joined(views, "drive", j)), 99.5)), 1e-6),
             inertia=float(inertia[dof, dof]),
             cogging_per_revolution=cogging_orders(views, j),
+            lowest_m=lowest_points(plant, views) if j == len(plant.dof) - 1 else (),
         )
         for j, dof in enumerate(plant.dof)
     ]
+
+
+def lowest_points(
+    plant: Plant, views: Sequence[TorqueView]
+) -> tuple[tuple[float, float, float, float], ...]:
+    """Returns points of the last link, and the least height of each: x, y, z, height, in m."""
+    model, data = plant.model, mujoco.MjData(plant.model)
+    link = int(model.dof_bodyid[plant.dof[-1]])
+    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    points = np.concatenate([np.zeros((1, 3)), *(reach * axes for reach in REACHES_M)])
+    postures = np.concatenate([view.position for view in views])
+    lowest = np.full(len(points), np.inf)
+    for posture in postures[:: max(len(postures) // POSTURES, 1)]:
+        data.qpos[plant.qpos] = posture
+        mujoco.mj_kinematics(model, data)
+        upward = data.xmat[link].reshape(3, 3)[2]
+        lowest = np.minimum(lowest, data.xpos[link, 2] + points @ upward)
+    return tuple(
+        (float(x), float(y), float(z), float(height))
+        for (x, y, z), height in zip(points, lowest, strict=True)
+    )
 
 
 def cogging_orders(views: Sequence[TorqueView], joint: int) -> tuple[int, ...]:

@@ -33,6 +33,7 @@ from gfm.diagnosis.problem import (
     LONG,
     WHOLE,
     Problem,
+    all_stretches,
     check_recordings,
     make_problem,
     settled,
@@ -49,6 +50,7 @@ from gfm.diagnosis.result import (
     Suspect,
     Verdict,
 )
+from gfm.diagnosis.stretches import look_into_stretches
 from gfm.diagnosis.usual import usually_missing
 from gfm.effects import EffectInstance, Scope, effect_library
 from gfm.excitation.blind_spots import blind_spots
@@ -157,14 +159,19 @@ def diagnose(
     held = make_problem(beside, holdout, problem.noise, given=given, windows_s=WHOLE)
     told = learned_report(long, recordings, learned) if learned else None
     lack = _lacking(recordings)
-    found = _attribute(problem, long, recordings, report) if not lack else None
+    everything = all_stretches(beside, recordings, problem.noise, given=given)
+    found, fitted_to = None, long
+    if not lack:
+        found, fitted_to = _attribute(problem, long, everything, recordings, report)
     instances = found.fit.effects if found else ()
     report("measuring the corrected model on held-out recordings")
     errors = _errors(held, instances)
     if found and _closed(errors.summary) < LEAST_SHARE:
         instances, errors = (), HeldOut(problem=held, before=errors.before, after=errors.before)
     named = (
-        _named(long.slices(), found, instances, errors.summary, errors.by_joint) if found else ()
+        _named(fitted_to.slices(), found, instances, errors.summary, errors.by_joint)
+        if found
+        else ()
     )
     verdict = Verdict.INSUFFICIENT_DATA if lack else _verdict(errors.summary, named)
     both = (*named, *pushed)
@@ -264,20 +271,27 @@ def _lacking(recordings: Sequence[Trajectory]) -> str:
 def _attribute(
     problem: Problem,
     long: Problem,
+    everything: Problem,
     recordings: Sequence[Trajectory],
     report: Callable[[str], None],
-) -> Attribution:
-    """Returns what recordings support: found in short stretches, amounts settled in long ones."""
+) -> tuple[Attribution, Problem]:
+    """Returns what recordings support, and that to which its amounts were fitted.
+
+    Found in short stretches, then in those that stay far off; amounts are settled in long ones.
+    """
     report("looking at torques")
     scales = joint_scales(problem, torque_views(problem, recordings))
     looked_for = [effect for effect in effect_library().values() if effect.twin is None]
     candidates = [place for effect in looked_for for place in places(effect, problem.joints)]
+    always = [place for place in candidates if not place.effect.only_in_stretches]
     at_once = partial(usually_missing, scales=scales, report=report)
-    found = attribute(problem, candidates, scales, report, at_once)
+    found = attribute(problem, always, scales, report, at_once)
+    both = look_into_stretches(problem, everything, found, candidates, scales, report)
     report("settling amounts")
-    effects = found.fit.effects
+    long = long if both.stretches is None else long.joined(both.stretches)
+    effects = both.found.fit.effects
     final = fit(settled(long, effects).robust(effects), effects)
-    return replace(found, fit=fitly_named(final, problem.specs))
+    return replace(both.found, fit=fitly_named(final, problem.specs)), long
 
 
 def _closed(error: ErrorSummary) -> float:
@@ -325,7 +339,7 @@ def _named(
         adequate = all(one.after <= CREDIBLE_RATIO * one.noise_floor for one in here)
         for p in instance.effect.parameters:
             value, width = instance.values[p.name], float(by_place.get((i, p.name), np.inf))
-            told = adequate and np.isfinite(width)
+            told = adequate and np.isfinite(width) and not instance.effect.only_in_stretches
             interval = (value - width, value + width) if told else None
             parameters[p.name] = ParameterEstimate(value=value, unit=p.unit, ci95=interval)
         named.append(

@@ -209,6 +209,14 @@ class Problem:
             state_basis=tuple(self.state_basis[i] for i in keep) if self.state_basis else (),
         )
 
+    def joined(self, other: Problem) -> Problem:
+        """Returns the same problem with the segments of another one behind its own."""
+        return replace(
+            self,
+            segments=(*self.segments, *other.segments),
+            state_basis=(*self.state_basis, *other.state_basis),
+        )
+
     def sample(self, simulated_s: float, of_each: int = 0) -> list[int]:
         """Returns segments, spread over the recordings and kinds, of about so much time in all.
 
@@ -250,9 +258,6 @@ def make_problem(
 ) -> Problem:
     """Returns the problem of explaining `recordings` by the models `specs`, with `given` in them.
 
-    The models are integrated to fourth order whatever they say themselves: a first-order step of
-    theirs would show as a delay.
-
     Args:
         specs: The nominal model by command kind.
         recordings: What it should explain.
@@ -266,6 +271,25 @@ def make_problem(
         ConfigError: a recording's commands are of a kind for which there is no model, or its
             joints are not those of the others.
         UnknownNameError: a model lacks a recorded joint.
+    """
+    problem = all_stretches(specs, recordings, noise, given=given, windows_s=windows_s)
+    problem = with_state_basis(problem.subset(problem.sample(most_s, of_each=1)))
+    return replace(problem, after_command=_efforts_follow_commands(problem))
+
+
+def all_stretches(
+    specs: Mapping[CommandKind, mujoco.MjSpec],
+    recordings: Sequence[Trajectory],
+    noise: Noise | None = None,
+    *,
+    given: Sequence[EffectInstance] = (),
+    windows_s: Mapping[CommandKind, float] = SHORT,
+) -> Problem:
+    """Returns the problem with all stretches, and nothing yet that takes simulations to make.
+
+    Initial states are as measured, and efforts taken before the command of the same stamp. The
+    models are integrated to fourth order whatever they say themselves: a first-order step of theirs
+    would show as a delay. Arguments and errors as of `make_problem`.
     """
     joints = recordings[0].joint_names
     check_recordings(specs, recordings)
@@ -281,15 +305,9 @@ def make_problem(
         for i, recording in enumerate(recordings)
         for segment in cut(recording, i, noise, windows_s[recording.command_kind])
     )
-    problem = Problem(
-        specs=accurate,
-        joints=joints,
-        segments=segments,
-        noise=noise,
-        given=tuple(given),
+    return Problem(
+        specs=accurate, joints=joints, segments=segments, noise=noise, given=tuple(given)
     )
-    problem = problem.subset(problem.sample(most_s, of_each=1))
-    return _with_state_basis(replace(problem, after_command=_efforts_follow_commands(problem)))
 
 
 def coarse(problem: Problem) -> Problem:
@@ -474,11 +492,11 @@ def _nearer(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
         new if np.sum(b**2) < np.sum(a**2) else old
         for old, new, a, b in zip(problem.segments, moved, residuals, after, strict=True)
     ]
-    return _with_state_basis(replace(problem, segments=tuple(kept)), effects)
+    return with_state_basis(replace(problem, segments=tuple(kept)), effects)
 
 
-def _with_state_basis(problem: Problem, effects: Sequence[EffectInstance] = ()) -> Problem:
-    """Returns the problem with what each initial state can explain under `effects`."""
+def with_state_basis(problem: Problem, effects: Sequence[EffectInstance] = ()) -> Problem:
+    """Returns the problem with what each initial state can explain, to first order."""
     columns = _state_columns(problem, effects)
     return replace(problem, state_basis=tuple(_orthonormal(c) for c in columns))
 

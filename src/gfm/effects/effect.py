@@ -65,6 +65,8 @@ class Scales:
         peak_nm: Largest drive torque.
         inertia: Of the joint with everything behind it, kg m^2.
         cogging_per_revolution: Orders that stand out in the unexplained torque over the angle.
+        lowest_m: Of the last joint: points of its link, in the link's frame, and how low each came
+            in the world, as x, y, z, height.
     """
 
     torque_nm: float
@@ -74,6 +76,7 @@ class Scales:
     peak_nm: float
     inertia: float
     cogging_per_revolution: tuple[int, ...] = ()
+    lowest_m: tuple[tuple[float, float, float, float], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,6 +132,9 @@ class Effect(ABC):
     separates_motor: ClassVar[bool] = False
     #: Whether simulating it takes so long that simpler explanations are tried first.
     costly: ClassVar[bool] = False
+    #: Whether it acts now and then only: looked for in the stretches that nothing else explains.
+    #: Few stretches tell of it: its amounts are given without intervals.
+    only_in_stretches: ClassVar[bool] = False
     #: Of an effect of the robot: whether it names the joints that share it.
     shares_joints: ClassVar[bool] = False
     #: Parameters that a fit leaves as the search found them.

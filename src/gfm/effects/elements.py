@@ -6,7 +6,7 @@ import mujoco
 
 from gfm.effects.effect import angle, find_joint, find_motor_side, free_name
 
-#: Solver settings of dry friction with which a joint at rest stays there.
+#: Solver settings of constraints that hold: dry friction does not creep, a surface not give way.
 HOLDING_SOLREF, HOLDING_SOLIMP = (0.004, 1.0), (0.99, 0.999, 0.001)
 #: Stiffness of the soft, far stretched spring that stands for a constant torque, N m/rad.
 SOFT_SPRING = 1e-6

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 from gfm.core.errors import UnknownNameError
+from gfm.effects.contact import SurfaceContact
 from gfm.effects.drive import (
     ActuatorGain,
     ActuatorLag,
@@ -50,6 +51,7 @@ _KINDS: tuple[type[Effect], ...] = (
     Backlash,
     JointElasticity,
     EncoderOffset,
+    SurfaceContact,
     ObjectFriction,
     ObjectMass,
     ObjectCom,

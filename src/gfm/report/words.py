@@ -140,6 +140,9 @@ EFFECTS = {
     "backlash": EffectWords(law="free play between motor side and link"),
     "joint_elasticity": EffectWords(law="spring between motor side and link"),
     "encoder_offset": EffectWords(law="reported position = true position + offset"),
+    "surface_contact": EffectWords(
+        law="a point of the last link does not get below a level surface"
+    ),
     "object_friction": EffectWords(law="friction of the pushed object"),
     "object_mass": EffectWords(law="mass of the pushed object"),
     "object_com": EffectWords(law="centre of mass of the pushed object"),

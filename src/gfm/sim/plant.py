@@ -60,10 +60,10 @@ class Plant:
 
     @property
     def layout(self) -> tuple[int, ...]:
-        """Plants of the same layout can be simulated in one batch."""
+        """Plants of the same layout can be simulated in one batch: their MjData are alike."""
         model = self.model
         moving = (model.nq, model.nv, model.na, model.nu, model.nM)
-        return (*moving, model.nbody, model.nsensordata, model.ntendon)
+        return (*moving, model.nbody, model.ngeom, model.nbvh, model.nsensordata, model.ntendon)
 
 
 def make_plant(

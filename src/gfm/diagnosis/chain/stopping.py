@@ -12,7 +12,9 @@ from gfm.diagnosis.attribution import (
     INEXACT,
     LEAST_GAIN,
     MOST_ROUNDS,
+    OBVIOUS,
     Attribution,
+    Fit,
     Round,
     at_bound,
     describe,
@@ -35,6 +37,7 @@ class RoundRow:
         needed: Share that it has to explain: for all its parameters, or, of several effects
             together, far more than the best alone.
         accepted: Whether it was.
+        stretches: How many stretches the round was about, those that stayed far off; 0 for all.
     """
 
     before: float
@@ -42,6 +45,7 @@ class RoundRow:
     explained: float
     needed: float
     accepted: bool
+    stretches: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,17 +95,26 @@ def _row(this: Round) -> RoundRow:
         before=this.before,
         best=together if this.together else describe(best.effects[-1]),
         explained=1.0 - best.cost / this.before,
-        needed=1.0 - FAR_LESS * alone / this.before if this.together else price(best),
+        needed=_needed(this, best, alone),
         accepted=this.accepted is not None,
+        stretches=this.stretches,
     )
 
 
+def _needed(this: Round, best: Fit, alone: float) -> float:
+    """Returns the share of what was left that had to be explained."""
+    if this.together:
+        return 1.0 - FAR_LESS * alone / this.before
+    return OBVIOUS if this.stretches else price(best)
+
+
 def _reason(found: Attribution, enough: float) -> str:
-    if not found.rounds:
+    rounds = [this for this in found.rounds if not this.stretches]
+    if not rounds:
         return "the nominal model leaves no more than noise: nothing was looked for"
-    last = found.rounds[-1]
+    last = rounds[-1]
     if last.accepted is not None:
-        if len(found.rounds) == MOST_ROUNDS:
+        if len(rounds) == MOST_ROUNDS:
             return f"{MOST_ROUNDS} rounds were played, the most there are"
         return f"what is left is noise, or as little as the laws are inexact (at most {enough:.3g})"
     if not last.fits:
