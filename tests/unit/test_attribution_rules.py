@@ -7,7 +7,17 @@ import pytest
 
 from gfm.core import CommandKind
 from gfm.diagnosis import attribution
-from gfm.diagnosis.attribution import Fit, Screened, at_bound, price, shortlist, worth_it
+from gfm.diagnosis.attribution import (
+    Fit,
+    InStretches,
+    Round,
+    Screened,
+    at_bound,
+    attribute,
+    price,
+    shortlist,
+    worth_it,
+)
 from gfm.diagnosis.diagnose import clearness
 from gfm.diagnosis.problem import Noise, Problem
 from gfm.diagnosis.signals import starts_at_rest
@@ -142,3 +152,32 @@ def test_an_effect_must_help_more_recordings_than_it_harms(monkeypatch):
     assert not attribution.holds_elsewhere(whole, (), (offset,))
     costs[2] = (1.0, 0.5)
     assert attribution.holds_elsewhere(whole, (), (offset,))
+
+
+class Told:
+    """Stretches that tell of an effect when they are looked into for the first time."""
+
+    def __init__(self, effect):
+        self.effect, self.looked_beside = effect, []
+
+    def __call__(self, problem, beside):
+        self.looked_beside.append([e.effect.name for e in beside.effects])
+        if len(self.looked_beside) > 1:
+            return InStretches(problem=problem, fit=beside)
+        both = replace(beside, effects=(*beside.effects, self.effect))
+        this = Round(before=200.0, screened=(), fits=(both,), accepted=both, stretches=4)
+        return InStretches(problem=problem, fit=both, rounds=(this,), stretches=(problem,))
+
+
+def test_stretches_are_looked_into_once_and_what_they_tell_of_stays():
+    off = zero_model(np.full((40, 1), 5.0))
+    table = instance("surface_contact", height=0.0, x=0.0, y=0.0, z=0.0, friction=0.3)
+    told = Told(table)
+    found = attribute(off, (), (), in_stretches=told)
+    assert told.looked_beside == [[]]
+    assert found.fit.effects == (table,)
+    assert [(this.stretches, this.accepted is None) for this in found.rounds] == [
+        (4, False),
+        (0, True),
+    ]
+    assert len(found.stretches) == 1

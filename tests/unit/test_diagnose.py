@@ -140,7 +140,9 @@ def test_no_level_is_made_up_for_an_excess_that_comes_alone():
     }
 
 
-def test_what_is_usually_wrong_is_found_together_and_nothing_beside_it():
+def found_together(base):
+    """What is usually missing of a pendulum with delay, low gain and dry friction."""
+
     def friction(_q, v):
         return -0.2 * np.tanh(v / 1e-3)
 
@@ -148,12 +150,28 @@ def test_what_is_usually_wrong_is_found_together_and_nothing_beside_it():
     specs = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
     problem = make_problem(specs, runs)
     scales = joint_scales(problem, torque_views(problem, runs))
-    found = usually_missing(problem.robust(()), scales)
-    assert {e.effect.name: next(iter(e.values.values())) for e in found.effects} == {
-        "command_delay": pytest.approx(0.03, rel=0.1),
-        "actuator_gain": pytest.approx(0.15, rel=0.05),
-        "coulomb_friction": pytest.approx(0.2, rel=0.05),
-    }
+    found = usually_missing(problem.robust(()), base, scales)
+    return {e.effect.name: next(iter(e.values.values())) for e in found.effects}
+
+
+MISSING = {
+    "command_delay": pytest.approx(0.03, rel=0.1),
+    "actuator_gain": pytest.approx(0.15, rel=0.05),
+    "coulomb_friction": pytest.approx(0.2, rel=0.05),
+}
+
+
+def test_what_is_usually_wrong_is_found_together_and_nothing_beside_it():
+    assert found_together(()) == MISSING
+
+
+def test_what_is_usually_wrong_is_found_beside_what_is_known_already():
+    known = EffectInstance(
+        effect=effect_library()["coulomb_friction"], joints=("j",), values={"torque": 0.05}
+    )
+    found = found_together((known,))
+    assert next(iter(found)) == "coulomb_friction"
+    assert found == MISSING
 
 
 def test_a_delay_is_named_and_the_corrected_model_has_it():

@@ -231,7 +231,7 @@ def test_what_was_found_together_was_weighed_against_nothing_alone():
     viscous = effect("viscous_friction", coefficient=0.1)
     fits = [fitted(viscous, 2.0, base=(offset,)), fitted(viscous, 60.0)]
     found = found_in((100.0, fits, True))
-    found = replace(found, rounds=(replace(found.rounds[0], together=True),))
+    found = replace(found, rounds=(replace(found.rounds[0], together=2),))
     told = confusable_sets(found, [viscous])
     assert (told[0].weighed, told[0].alternatives) == (False, ())
     (row,) = stopping(found).rounds

@@ -13,7 +13,7 @@ Shape letters: N numbers of a residual, P parameters.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -115,7 +115,7 @@ class Round:
         screened: Candidates by first-order gain, best first.
         fits: The shortlist, fitted, best first; the new effect is the last of each fit's effects.
         accepted: The best of them, or None where it explains too little.
-        together: Whether the first fit has several new effects: none of them explains much alone.
+        together: How many new effects the first fit has, if none of them explains much alone.
         stretches: How many stretches it was about, those that stayed far off; 0 for all.
     """
 
@@ -123,13 +123,13 @@ class Round:
     screened: tuple[Screened, ...]
     fits: tuple[Fit, ...]
     accepted: Fit | None
-    together: bool = False
+    together: int = 0
     stretches: int = 0
 
     @property
     def new(self) -> tuple[EffectInstance, ...]:
         """What the first fit has that others are compared with."""
-        return self.fits[0].effects if self.together else self.fits[0].effects[-1:]
+        return self.fits[0].effects[-(self.together or 1) :]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,6 +139,24 @@ class Attribution:
     nominal_cost: float
     fit: Fit
     rounds: tuple[Round, ...] = field(default=())
+    stretches: tuple[Problem, ...] = field(default=())
+
+
+@dataclass(frozen=True, kw_only=True)
+class InStretches:
+    """What was found with what acts now and then only.
+
+    Attributes:
+        problem: In which the search takes place, with the stretches that told of it.
+        fit: Of all effects, in this problem.
+        rounds: In which it was found; none where nothing was.
+        stretches: That told of it, round by round.
+    """
+
+    problem: Problem
+    fit: Fit
+    rounds: tuple[Round, ...] = ()
+    stretches: tuple[Problem, ...] = ()
 
 
 def attribute(
@@ -146,7 +164,8 @@ def attribute(
     candidates: Sequence[Place],
     scales: Sequence[Scales],
     report: Callable[[str], None] = lambda _: None,
-    at_once: Callable[[Problem], Fit] | None = None,
+    at_once: Callable[[Problem, Sequence[EffectInstance]], Fit] | None = None,
+    in_stretches: Callable[[Problem, Fit], InStretches] | None = None,
 ) -> Attribution:
     """Returns which of `candidates` the recordings support, in which amounts.
 
@@ -155,19 +174,31 @@ def attribute(
         candidates: What may explain it.
         scales: Of every joint's signals.
         report: Told what is happening, in words.
-        at_once: Fits several effects together, for where the best single one explains little.
+        at_once: Fits several effects together, beside others: where no single one explains much.
+        in_stretches: Looks for what acts now and then only, beside what was found.
     """
     problem = problem.robust(())
     accepted = nothing(problem)
     nominal = accepted.cost
     rounds: list[Round] = []
+    stretches: list[Problem] = []
+    looked_beside: tuple[EffectInstance, ...] | None = None
     enough = max(ADEQUATE, 1.0 + INEXACT * (nominal - 1.0))
     while len(rounds) < MOST_ROUNDS and accepted.cost > enough:
         here = suspected(problem, candidates, accepted)
         report(f"screening {len(here)} candidates (misfit {accepted.cost:.2f})")
         this = play_round(problem, here, scales, accepted, enough, report)
-        if at_once is not None and not rounds and hopeless(this):
-            this = _better(problem, this, at_once(problem))
+        if at_once is not None and not any(r.together for r in rounds) and hopeless(this):
+            beside = _best(this, accepted).effects if rounds else ()
+            this = _better(problem, this, accepted, at_once(problem, beside))
+        if in_stretches is not None and _doubtful(this, accepted, looked_beside):
+            # What acts now and then comes first: other effects would be bent to stand for it.
+            seen = in_stretches(problem, accepted)
+            problem, accepted, looked_beside = seen.problem, seen.fit, seen.fit.effects
+            rounds.extend(seen.rounds)
+            stretches.extend(seen.stretches)
+            if seen.rounds:
+                continue
         rounds.append(this)
         if this.accepted is None:
             break
@@ -178,8 +209,24 @@ def attribute(
             accepted = spread(problem, this.screened, accepted, report)
     if len(accepted.effects) > 1:
         report("looking for what became superfluous")
-        accepted = without_superfluous(problem, accepted)
-    return Attribution(nominal_cost=nominal, fit=accepted, rounds=tuple(rounds))
+        kept = [this.new[0].key for this in rounds if this.stretches]
+        accepted = without_superfluous(problem, accepted, kept)
+    return Attribution(
+        nominal_cost=nominal,
+        fit=accepted,
+        rounds=tuple(rounds),
+        stretches=tuple(stretches),
+    )
+
+
+def _doubtful(this: Round, before: Fit, looked_beside: tuple[EffectInstance, ...] | None) -> bool:
+    """Returns whether stretches are to be looked into before a round counts.
+
+    Where it found nothing, and once where it found nothing obvious; never twice beside the same.
+    """
+    if this.accepted is None:
+        return before.effects != looked_beside
+    return looked_beside is None and this.accepted.cost > (1.0 - OBVIOUS) * this.before
 
 
 def hopeless(this: Round) -> bool:
@@ -188,13 +235,18 @@ def hopeless(this: Round) -> bool:
     return this.before > MUCH and left > HOPELESS * this.before
 
 
-def _better(problem: Problem, this: Round, other: Fit) -> Round:
+def _better(problem: Problem, this: Round, before: Fit, other: Fit) -> Round:
     """Returns the round with `other` accepted instead, if that leaves far less."""
-    best = () if this.accepted is None else this.accepted.effects
+    best = _best(this, before).effects
     costs = np.mean(problem.residuals([best, other.effects]) ** 2, axis=1)
-    if not other.effects or costs[1] > FAR_LESS * costs[0]:
+    more = len(other.effects) - len(before.effects)
+    if not more or costs[1] > FAR_LESS * costs[0]:
         return this
-    return replace(this, fits=(other, *this.fits), accepted=other, together=True)
+    return replace(this, fits=(other, *this.fits), accepted=other, together=more)
+
+
+def _best(this: Round, before: Fit) -> Fit:
+    return before if this.accepted is None else this.accepted
 
 
 def with_level(
@@ -275,26 +327,29 @@ def _earns(problem: Problem, fitted: Fit, instance: EffectInstance) -> bool:
     return bool(gained > ALSO_GAIN * (gained + left))
 
 
-def without_superfluous(problem: Problem, accepted: Fit) -> Fit:
+def without_superfluous(
+    problem: Problem, accepted: Fit, kept: Collection[tuple[object, ...]] = ()
+) -> Fit:
     """Returns the fit without effects that explain too little beside those found after them.
 
-    Nor those that have come to none, or to another bound.
+    Nor those that have come to none, or to another bound. Those with the keys in `kept` stay.
     """
-    part = problem.subset(problem.sample(FITTING_S))
     effects = accepted.effects
-    while (fewer := _one_fewer(part, effects)) is not None:
+    while (fewer := _one_fewer(problem, effects, kept)) is not None:
         effects = fewer
     return accepted if effects == accepted.effects else fit(problem, effects)
 
 
 def _one_fewer(
-    problem: Problem, effects: tuple[EffectInstance, ...]
+    problem: Problem, effects: tuple[EffectInstance, ...], kept: Collection[tuple[object, ...]]
 ) -> tuple[EffectInstance, ...] | None:
     """Returns the effects without one that is not needed, fitted anew; None if all are needed."""
     allowed = _allowed(problem, effects)
     for cost, instance in _without_one(problem, effects):
         if cost > HARDLY * allowed[0]:
             break
+        if instance.key in kept:
+            continue
         rest = tuple(one for one in effects if one is not instance)
         # From afar, where nearly all residuals are outlying, fits go astray: limits are set anew.
         without = fit(problem.robust(rest), rest, tolerance=ROUGH).effects
@@ -397,9 +452,7 @@ def play_round(
             break
     screened.sort(key=lambda s: -s.gain)
     fits = _best_first(problem, fits, start, enough, report)
-    accepted = None
-    if fits and worth_it(fits[0], start):
-        accepted = fits[0]
+    accepted = fits[0] if fits else None
     return Round(before=start.cost, screened=tuple(screened), fits=tuple(fits), accepted=accepted)
 
 
@@ -438,8 +491,10 @@ def _best_first(
     report: Callable[[str], None],
 ) -> list[Fit]:
     """Returns the fits with one first that can be accepted, if there is one."""
-    simplest = sorted(fits, key=lambda f: f.cost / (1.0 - price(f)))
-    for tested in simplest[:MOST_TESTED]:
+    simplest: dict[object, Fit] = {}
+    for one in sorted(fits, key=lambda f: f.cost / (1.0 - price(f))):
+        simplest.setdefault(one.effects[-1].key, one)
+    for tested in list(simplest.values())[:MOST_TESTED]:
         if not worth_it(tested, start) or at_bound(tested.effects[-1]):
             continue
         if tested.cost >= max(enough, (1.0 - OBVIOUS) * start.cost):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
 
 import mujoco
 import numpy as np
@@ -277,7 +277,7 @@ def _attribute(
 ) -> tuple[Attribution, Problem]:
     """Returns what recordings support, and that to which its amounts were fitted.
 
-    Found in short stretches, then in those that stay far off; amounts are settled in long ones.
+    Found in short stretches, and in those that stay far off; amounts are settled in long ones.
     """
     report("looking at torques")
     scales = joint_scales(problem, torque_views(problem, recordings))
@@ -285,13 +285,19 @@ def _attribute(
     candidates = [place for effect in looked_for for place in places(effect, problem.joints)]
     always = [place for place in candidates if not place.effect.only_in_stretches]
     at_once = partial(usually_missing, scales=scales, report=report)
-    found = attribute(problem, always, scales, report, at_once)
-    both = look_into_stretches(problem, everything, found, candidates, scales, report)
+    in_stretches = partial(
+        look_into_stretches,
+        everything=everything,
+        candidates=candidates,
+        scales=scales,
+        report=report,
+    )
+    found = attribute(problem, always, scales, report, at_once, in_stretches)
     report("settling amounts")
-    long = long if both.stretches is None else long.joined(both.stretches)
-    effects = both.found.fit.effects
+    long = reduce(Problem.joined, found.stretches, long)
+    effects = found.fit.effects
     final = fit(settled(long, effects).robust(effects), effects)
-    return replace(both.found, fit=fitly_named(final, problem.specs)), long
+    return replace(found, fit=fitly_named(final, problem.specs)), long
 
 
 def _closed(error: ErrorSummary) -> float:
@@ -339,9 +345,8 @@ def _named(
         adequate = all(one.after <= CREDIBLE_RATIO * one.noise_floor for one in here)
         for p in instance.effect.parameters:
             value, width = instance.values[p.name], float(by_place.get((i, p.name), np.inf))
-            told = adequate and np.isfinite(width) and not instance.effect.only_in_stretches
-            interval = (value - width, value + width) if told else None
-            parameters[p.name] = ParameterEstimate(value=value, unit=p.unit, ci95=interval)
+            holds = adequate and not instance.effect.only_in_stretches
+            parameters[p.name] = _estimate(value, p.unit, width, holds=holds)
         named.append(
             NamedEffect(
                 effect=instance.effect.name,
@@ -354,6 +359,15 @@ def _named(
             )
         )
     return tuple(named)
+
+
+def _estimate(value: float, unit: str, width: float, *, holds: bool) -> ParameterEstimate:
+    """Returns a value with its interval, or with its spread where no interval would hold."""
+    if not np.isfinite(width):
+        return ParameterEstimate(value=value, unit=unit, ci95=None)
+    if not holds:
+        return ParameterEstimate(value=value, unit=unit, ci95=None, spread=width)
+    return ParameterEstimate(value=value, unit=unit, ci95=(value - width, value + width))
 
 
 def _where_it_acts(

@@ -38,11 +38,14 @@ class ParameterEstimate:
         value: In `unit`.
         unit: SI.
         ci95: Interval that covers the truth with probability 0.95, or None where it is withheld.
+        spread: Where it is withheld because the model is still wrong: how far other recordings of
+            the same kind would put the value to either side (95 %). The truth may lie farther.
     """
 
     value: float
     unit: str
     ci95: tuple[float, float] | None
+    spread: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ most of what is left there, also in those that it was not fitted to, and must no
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,8 +21,8 @@ from gfm.diagnosis.attribution import (
     MUCH,
     OBVIOUS,
     ROUGH,
-    Attribution,
     Fit,
+    InStretches,
     Round,
     Screened,
     at_bound,
@@ -50,50 +50,53 @@ CHANGED = 0.05
 MOST = 2
 
 
-@dataclass(frozen=True, kw_only=True)
-class InStretches:
-    """What was found in all, and the stretches that told of what acts now and then."""
-
-    found: Attribution
-    stretches: Problem | None
-
-
 def look_into_stretches(
     problem: Problem,
+    beside: Fit,
+    *,
     everything: Problem,
-    found: Attribution,
     candidates: Sequence[Place],
     scales: Sequence[Scales],
     report: Callable[[str], None] = lambda _: None,
 ) -> InStretches:
-    """Returns what was found, with what explains the stretches that it leaves far off.
+    """Returns what was found with what explains the stretches that it leaves far off.
+
+    That may be nothing; stretches may also be too few.
 
     Args:
-        problem: In which the search took place.
+        problem: In which the search takes place.
+        beside: What it found so far.
         everything: All stretches of the same recordings.
-        found: By that search.
         candidates: What may explain them, with what acts now and then only.
         scales: Of every joint's signals.
         report: Told what is happening, in words.
     """
     everything = replace(everything, after_command=problem.after_command)
-    seen: Problem | None = None
-    for _ in range(MOST):
-        far = far_off(everything, found.fit.effects)
+    found = InStretches(problem=problem, fit=beside)
+    while len(found.rounds) < MOST:
+        effects = found.fit.effects
+        far = far_off(everything, effects)
         if not far:
             break
         report(f"looking into {len(far)} stretches that stay far off")
-        part = with_state_basis(everything.subset(far), found.fit.effects)
+        part = with_state_basis(everything.subset(far), effects)
         played = _round(part, found.fit, candidates, scales, report)
-        if played is None or _harms(problem, found.fit.effects, played[0].fits[0].effects):
+        if played is None or _harms(found.problem, effects, played[0].fits[0].effects):
             break
-        this, own = played
-        effects = this.fits[0].effects
-        seen = part.subset(own) if seen is None else seen.joined(part.subset(own))
-        both = settled(problem.joined(seen), effects).robust(effects)
-        fitted = _without_stand_ins(both, fit(both, effects))
-        found = replace(found, fit=fitted, rounds=(*found.rounds, this))
-    return InStretches(found=found, stretches=seen)
+        found = _with_round(found, played[0], part.subset(played[1]))
+    return found
+
+
+def _with_round(found: InStretches, this: Round, own: Problem) -> InStretches:
+    """Returns what was found with what a round found in its own stretches."""
+    effects = this.fits[0].effects
+    problem = settled(found.problem.joined(own), effects).robust(effects)
+    return InStretches(
+        problem=problem,
+        fit=_without_stand_ins(problem, fit(problem, effects)),
+        rounds=(*found.rounds, this),
+        stretches=(*found.stretches, own),
+    )
 
 
 def far_off(everything: Problem, effects: Sequence[EffectInstance]) -> list[int]:

@@ -2,7 +2,8 @@
 
 Where everything is a little wrong, no single effect explains much, and the one that explains most
 may be none of those that are missing. Then what is usually wrong is fitted on all joints together,
-from the best of a coarse grid, and what does not earn its place is taken out again.
+from the best of a coarse grid, and what does not earn its place is taken out again. The same is
+done beside what was found, where much is left.
 
 Shape letters: G values of a grid, J joints, N numbers of a residual, P parameters.
 """
@@ -62,50 +63,69 @@ USUAL = (
 
 
 def usually_missing(
-    problem: Problem, scales: Sequence[Scales], report: Callable[[str], None] = lambda _: None
+    problem: Problem,
+    base: Sequence[EffectInstance],
+    scales: Sequence[Scales],
+    report: Callable[[str], None] = lambda _: None,
 ) -> Fit:
-    """Returns what is usually missing, fitted on all joints, without what explains too little."""
+    """Returns what is usually missing, fitted on all joints, without what explains too little.
+
+    Args:
+        problem: What is to be explained.
+        base: Effects beside which it is looked for; they come first in the fit.
+        scales: Of every joint's signals.
+        report: Told what is happening, in words.
+    """
     part = problem.subset(problem.sample(FITTING_S))
     report("looking for what is usually wrong on all joints")
-    effects = list(_from_grid(part, scales, missed(part)))
+    effects = [*base, *_from_grid(part, base, scales, missed(part, base))]
     for _ in range(FITS):
-        report(f"fitting {len(effects)} usual effects together")
+        report(f"fitting {len(effects)} effects together")
         fitted = fit(part.robust(effects), effects, tolerance=ROUGH)
-        effects = earning(part, fitted)
+        effects = earning(part, fitted, len(base))
         if len(effects) == len(fitted.effects):
             break
-    return fit(part, effects, tolerance=ROUGH)
+    return fit(part.robust(effects), effects, tolerance=ROUGH)
 
 
-def missed(problem: Problem) -> list[int]:
-    """Returns the joints on which the nominal model leaves much, by their numbers."""
-    costs = problem.joint_costs(problem.residuals([()])[0]) - 1.0
+def missed(problem: Problem, base: Sequence[EffectInstance] = ()) -> list[int]:
+    """Returns the joints on which a model with `base` leaves much, by their numbers."""
+    costs = problem.joint_costs(problem.residuals([base])[0]) - 1.0
     return [int(j) for j in np.flatnonzero(costs > SUSPECT_JOINT * costs.max())]
 
 
 def _from_grid(
-    problem: Problem, scales: Sequence[Scales], joints: Sequence[int]
+    problem: Problem,
+    base: Sequence[EffectInstance],
+    scales: Sequence[Scales],
+    joints: Sequence[int],
 ) -> tuple[EffectInstance, ...]:
     """Returns every usual effect on every one of `joints`, with the best of its grid.
 
-    All joints are tried side by side: each takes what leaves least on itself.
+    All joints are tried side by side: each takes what leaves least on itself. What `base` has
+    already is left out.
     """
     chosen = {usual.name: np.full(len(problem.joints), usual.none) for usual in USUAL}
+    taken = {instance.key for instance in base}
+
+    def instances(values: dict[str, Array]) -> tuple[EffectInstance, ...]:
+        return tuple(e for e in _instances(problem, joints, values) if e.key not in taken)
+
     for _ in range(PASSES):
         for usual in USUAL:
             grid = np.array([usual.grid(one) for one in scales]).T
-            sets = [_instances(problem, joints, {**chosen, usual.name: row}) for row in grid]
+            sets = [(*base, *instances({**chosen, usual.name: row})) for row in grid]
             costs = np.stack([problem.joint_costs(r) for r in problem.residuals(sets)])
             if find_effect(usual.name).scope is not Scope.JOINT:
                 costs[:] = costs.mean(axis=1, keepdims=True)
             best = costs.argmin(axis=0)
             chosen[usual.name] = grid[best, np.arange(len(scales))]
-    return _instances(problem, joints, chosen)
+    return instances(chosen)
 
 
 def _instances(
     problem: Problem, joints: Sequence[int], values: dict[str, Array]
-) -> tuple[EffectInstance, ...]:
+) -> list[EffectInstance]:
     found = []
     for name, amounts in values.items():
         effect = find_effect(name)
@@ -118,34 +138,35 @@ def _instances(
             )
             for place, amount in places
         ]
-    return tuple(found)
+    return found
 
 
-def earning(problem: Problem, fitted: Fit) -> list[EffectInstance]:
+def earning(problem: Problem, fitted: Fit, base: int = 0) -> list[EffectInstance]:
     """Returns the effects of a fit without those that explain too little, to first order.
 
     One after the other, that first which explains least of what is left on its own joint; the
-    others take over what they can.
+    others take over what they can. The first `base` effects stay.
     """
     none = {usual.name: usual.none for usual in USUAL}
     left = problem.joint_costs(fitted.residual)
-    effects, jacobian = list(fitted.effects), fitted.jacobian
+    kept, effects = list(fitted.effects[:base]), list(fitted.effects[base:])
+    jacobian, first = fitted.jacobian, len(free_parameters(kept))
     excess = np.array(
         [effects[i].values[p] - none[effects[i].effect.name] for i, p in free_parameters(effects)]
     )
     while effects:
-        inverse = np.linalg.pinv(jacobian.T @ jacobian)
-        moves = -inverse * (excess / np.diag(inverse))
+        inverse = np.linalg.pinv(jacobian.T @ jacobian)[:, first:]
+        moves = -inverse * (excess / np.diag(inverse[first:]))
         shares = [
             _share(problem, effects[k], jacobian @ moves[:, k], left) for k in range(len(effects))
         ]
         least = int(np.argmin(shares))
         if shares[least] >= LEAST_GAIN:
             break
-        excess = np.delete(excess + moves[:, least], least)
-        jacobian = np.delete(jacobian, least, axis=1)
+        excess = np.delete(excess + moves[first:, least], least)
+        jacobian = np.delete(jacobian, first + least, axis=1)
         del effects[least]
-    return effects
+    return [*kept, *effects]
 
 
 def _share(problem: Problem, instance: EffectInstance, change: Array, left: Array) -> float:

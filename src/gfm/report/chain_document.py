@@ -104,7 +104,9 @@ def amounts_sentence(diagnosis: Diagnosis) -> str:
     if not any(given):
         return (
             f"No interval is given: the corrected model leaves {left} the noise floor on held-out "
-            "recordings. Intervals of a model that is still wrong would not hold."
+            'recordings. Intervals of a model that is still wrong would not hold. "± x or more" '
+            "tells how far other recordings of the same kind would put a value; the truth may lie "
+            "farther."
         )
     return (
         f"{sum(given)} of {len(given)} amounts have an interval: the corrected model leaves "

@@ -13,6 +13,7 @@ from gfm.diagnosis.result import (
     Diagnosis,
     ErrorSummary,
     NamedEffect,
+    ParameterEstimate,
     RecordingSummary,
     Suspect,
 )
@@ -78,17 +79,19 @@ def effect_json(effect: NamedEffect) -> dict[str, object]:
     return {
         "effect": effect.effect,
         "joints": list(effect.joints),
-        "parameters": {
-            name: {
-                "value": jsonable(estimate.value),
-                "unit": estimate.unit,
-                "ci95": jsonable(words.known_interval(estimate)),
-            }
-            for name, estimate in effect.parameters.items()
-        },
+        "parameters": {name: _estimate_json(one) for name, one in effect.parameters.items()},
         "confidence": jsonable(effect.confidence),
         "native": effect.native,
     }
+
+
+def _estimate_json(estimate: ParameterEstimate) -> dict[str, object]:
+    known = {
+        "value": jsonable(estimate.value),
+        "unit": estimate.unit,
+        "ci95": jsonable(words.known_interval(estimate)),
+    }
+    return known if estimate.spread is None else {**known, "spread": jsonable(estimate.spread)}
 
 
 def diagnosis_html(diagnosis: Diagnosis) -> str:

@@ -260,9 +260,13 @@ def known_interval(estimate: ParameterEstimate) -> tuple[float, float] | None:
 
 
 def interval(estimate: ParameterEstimate) -> str:
-    """Returns the 95 % interval in words."""
+    """Returns the 95 % interval in words; where it is withheld, the spread."""
     known = known_interval(estimate)
-    return "withheld" if known is None else f"{number(known[0])} … {number(known[1])}"
+    if known is not None:
+        return f"{number(known[0])} … {number(known[1])}"
+    if estimate.spread is None:
+        return "withheld"
+    return f"± {number(estimate.spread)} or more"
 
 
 def duration(seconds: float) -> str:

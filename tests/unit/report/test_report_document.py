@@ -32,7 +32,8 @@ from gfm.report import (
     write_models,
     write_run,
 )
-from gfm.report.document import jsonable
+from gfm.report.document import effect_json, jsonable
+from gfm.report.words import interval
 
 NAN = float("nan")
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>\"'&{{7*7}}"
@@ -89,6 +90,20 @@ def test_intervals_that_are_withheld_or_without_end_are_null(diagnosis_with):
     assert cogging["amplitude"]["ci95"] == [0.19, 0.23]
     assert cogging["per_revolution"]["ci95"] is None
     assert cogging["phase"]["ci95"] is None
+
+
+def test_the_spread_stands_where_no_interval_would_hold():
+    loose = ParameterEstimate(value=1.0, unit="N m", ci95=None, spread=0.25)
+    assert interval(loose) == "± 0.250 or more"
+    drag = NamedEffect(
+        effect="quadratic_drag",
+        joints=("a",),
+        parameters={"coefficient": loose},
+        confidence=0.5,
+        native=True,
+    )
+    told = effect_json(drag)["parameters"]["coefficient"]
+    assert told == {"value": 1.0, "unit": "N m", "ci95": None, "spread": 0.25}
 
 
 def test_numbers_that_are_not_finite_are_null(diagnosis_with):

@@ -114,7 +114,7 @@ def _reason(found: Attribution, enough: float) -> str:
         return "the nominal model leaves no more than noise: nothing was looked for"
     last = rounds[-1]
     if last.accepted is not None:
-        if len(rounds) == MOST_ROUNDS:
+        if len(found.rounds) >= MOST_ROUNDS:
             return f"{MOST_ROUNDS} rounds were played, the most there are"
         return f"what is left is noise, or as little as the laws are inexact (at most {enough:.3g})"
     if not last.fits:
