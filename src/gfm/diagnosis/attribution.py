@@ -61,6 +61,8 @@ ROUGH = 1e-2
 #: Share of what is left from which on an effect need not prove itself on other recordings: no law
 #: with a few parameters explains so much by chance.
 OBVIOUS = 0.5
+#: Mean square, in units of the bounded one, from which on outliers dominate it.
+DOMINATED = 10.0
 #: Parts into which recordings are divided to see whether an effect holds for others, and
 #: candidates that are put to that test in one round.
 FOLDS, MOST_TESTED = 2, 3
@@ -493,10 +495,9 @@ def _best_first(
     """Returns the fits with one first that can be accepted, if there is one."""
     simplest: dict[object, Fit] = {}
     for one in sorted(fits, key=lambda f: f.cost / (1.0 - price(f))):
-        simplest.setdefault(one.effects[-1].key, one)
+        if worth_it(one, start) and not at_bound(one.effects[-1]):
+            simplest.setdefault(one.effects[-1].key, one)
     for tested in list(simplest.values())[:MOST_TESTED]:
-        if not worth_it(tested, start) or at_bound(tested.effects[-1]):
-            continue
         if tested.cost >= max(enough, (1.0 - OBVIOUS) * start.cost):
             report(f"testing {describe(tested.effects[-1])} on other recordings")
             if not holds_elsewhere(problem, start.effects, tested.effects):
@@ -578,12 +579,18 @@ def fit_best(
     fits: list[Fit] = []
     chosen = shortlist(screened)
     rivals = {c.instance.key for c in chosen if c.gain >= RIVAL * screened[0].gain}
+    plain = replace(problem, outlying_from=None)
+    from_afar = _cost(plain.residuals([base.effects])[0]) > DOMINATED * base.cost
     for candidate in chosen:
         if candidate.instance.key not in rivals:
             continue
         report(f"fitting {describe(candidate.instance)}")
         effects = (*base.effects, candidate.instance)
         fits.append(fit(problem, effects, known=base.jacobian, tolerance=ROUGH))
+        if from_afar and candidate.instance.effect.valleys:
+            # Where outliers hardly count, valleys are narrow; in squares they are wide.
+            begun = fit(plain, effects, tolerance=ROUGH).effects
+            fits.append(fit(problem, begun, known=base.jacobian, tolerance=ROUGH))
     return fits
 
 
