@@ -24,19 +24,29 @@ PERIOD_S = 0.01
 
 
 def swung(
-    told, *, seed, noise, torque=lambda _q, _v: 0.0, delay=0.0, gain=1.0, inertia=0.0, start=0.0
+    told,
+    *,
+    seed,
+    noise,
+    torque=lambda _q, _v: 0.0,
+    delay=0.0,
+    gain=1.0,
+    limit=np.inf,
+    inertia=0.0,
+    start=0.0,
 ) -> Trajectory:
     """Returns what it does when `told` positions every 10 ms, shape (T,).
 
-    Beside its servo (times `gain`, `delay` late) and gravity a `torque` of its state acts, and
-    `inertia` comes on top of what MODEL has.
+    Beside its servo (times `gain`, `delay` late, of at most `limit` N m) and gravity a `torque` of
+    its state acts, and `inertia` comes on top of what MODEL has.
     """
     stamps = PERIOD_S * np.arange(len(told))
 
     def motion(time_s, state):
         index = int(np.floor((time_s - delay) / PERIOD_S + 1e-9))
         q, v = state
-        drive = gain * (STIFFNESS * (told[max(index, 0)] - q) - DAMPING * v)
+        servo = gain * (STIFFNESS * (told[max(index, 0)] - q) - DAMPING * v)
+        drive = min(max(servo, -limit), limit)
         gravity = -MASS * 9.81 * LENGTH * np.sin(q)
         return [v, (drive + gravity + torque(q, v)) / (MASS * LENGTH**2 + ROTOR + inertia)]
 

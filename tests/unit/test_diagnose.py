@@ -8,8 +8,8 @@ import pytest
 
 from gfm.core import CommandKind, ConfigError, Trajectory, UnknownNameError
 from gfm.core.rounding import resolution
-from gfm.diagnosis.attribution import Screened, fit, with_level
-from gfm.diagnosis.candidates import joint_scales, torque_views
+from gfm.diagnosis.attribution import Screened, fit, fit_best, nothing, screen, with_level
+from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.problem import make_problem
@@ -20,6 +20,7 @@ from gfm.effects import EffectInstance, effect_library
 from pendulum import MODEL, PERIOD_S, swung
 
 NOISE = 3e-4
+LIMIT = 3.0
 
 
 def command(time_s, seed):
@@ -172,6 +173,22 @@ def test_what_is_usually_wrong_is_found_beside_what_is_known_already():
     found = found_together((known,))
     assert next(iter(found)) == "coulomb_friction"
     assert found == MISSING
+
+
+def test_a_torque_limit_is_found_though_only_few_stretches_reach_it():
+    time_s = np.arange(0.0, 18.0, PERIOD_S)
+    told = 0.2 * command(time_s, 0)
+    told[(time_s > 11.0) & (time_s < 11.4)] += 1.5
+    runs = [swung(told, seed=0, noise=0.3 * NOISE, limit=LIMIT)]
+    specs = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
+    problem = make_problem(specs, runs)
+    scales = joint_scales(problem, torque_views(problem, runs))
+    problem = problem.robust(())
+    base = nothing(problem)
+    limited = places(effect_library()["torque_saturation"], problem.joints)
+    screened = screen(problem, limited, scales, base)
+    best = min(fit_best(problem, screened, base, lambda _: None), key=lambda f: f.cost)
+    assert best.effects[0].values["limit"] == pytest.approx(LIMIT, rel=0.01)
 
 
 def test_a_delay_is_named_and_the_corrected_model_has_it():
