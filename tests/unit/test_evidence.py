@@ -56,7 +56,7 @@ def test_the_picture_of_a_law_has_the_other_effects_in_its_model(problem, runs):
 
 
 def test_the_profile_of_an_amount_has_its_valley_where_it_was_fitted(problem):
-    delay, gain = profile_plots(TRUTH, problem)
+    delay, gain = profile_plots(TRUTH, problem, problem)
     assert (delay.effect, gain.effect) == ("command_delay", "actuator_gain")
     for plot, none in ((delay, 0.0), (gain, 0.5 * GAIN)):
         line, point = plot.series

@@ -196,7 +196,7 @@ def diagnose(
         twins=corrected if len(corrected) > 1 else {},
         chain=evidence_chain(held, holdout, found, instances, (errors.before, errors.after)),
         gfm=told,
-        plots=_plots(problem, recordings, instances, errors),
+        plots=_plots(problem, found.stretches if found else (), recordings, instances, errors),
         notes=(*notes, *doubts(findings), *_notes(verdict, outside=bool(first.effects))),
         provenance=dict(provenance or {}),
     )
@@ -591,15 +591,17 @@ def _overall(errors: Sequence[Array]) -> float:
 
 def _plots(
     problem: Problem,
+    stretches: Sequence[Problem],
     recordings: Sequence[Trajectory],
     instances: Sequence[EffectInstance],
     errors: HeldOut,
 ) -> tuple[EvidencePlot, ...]:
-    part = problem.subset(problem.sample(PROFILED_S))
+    part = problem.subset(problem.sample(PROFILED_S)).robust(instances)
+    rare = reduce(Problem.joined, stretches) if stretches else part
     worst = np.argsort(-evidence.rmse(errors.before) / errors.problem.noise.position)[:2]
     return (
         *evidence.law_plots(instances, problem, recordings),
-        *evidence.profile_plots(instances, part),
+        *evidence.profile_plots(instances, part, rare),
         *(evidence.error_plot(int(j), errors.problem, errors.before, errors.after) for j in worst),
     )
 

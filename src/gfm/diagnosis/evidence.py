@@ -124,11 +124,18 @@ def _law_on(
     return -torque if joint == second else torque
 
 
-def profile_plots(instances: Sequence[EffectInstance], problem: Problem) -> list[EvidencePlot]:
+def profile_plots(
+    instances: Sequence[EffectInstance], problem: Problem, rare: Problem
+) -> list[EvidencePlot]:
     """Returns a picture of every other effect: what rollouts leave if its amount is another one.
 
     All else stays as fitted. From none of it to twice the amount; from half of it where none of it
     is not zero (a gain, a stiffness, a limit).
+
+    Args:
+        instances: What was found.
+        problem: In which rollouts are compared, outliers bounded as in the fit.
+        rare: The same for what acts now and then only: stretches in which it acts.
     """
     plots = []
     for place, instance in enumerate(instances):
@@ -139,7 +146,8 @@ def profile_plots(instances: Sequence[EffectInstance], problem: Problem) -> list
         amounts = instance.values[first.name] * np.linspace(low, 2.0 - low, PROFILE_POINTS)
         amounts = np.clip(amounts, first.lower, first.upper)
         sets = [_with_amount(instances, place, float(amount)) for amount in amounts]
-        left = np.sqrt(np.mean(problem.residuals(sets) ** 2, axis=1))
+        looked_at = rare if instance.effect.only_in_stretches else problem
+        left = np.sqrt(np.mean(looked_at.residuals(sets) ** 2, axis=1))
         middle = PROFILE_POINTS // 2
         where = instance.joints[0] if len(instance.joints) == 1 else ""
         name = instance.effect.name.replace("_", " ")
