@@ -183,8 +183,8 @@ def look_for(plot: EvidencePlot) -> str:
     if plot.y_label == MISFIT:
         return (
             "Line: position error on training data if this number is another one, all else as "
-            "fitted. Point: the fitted value. Look for a valley at the point: the flatter it is, "
-            "the less the recordings say about this number."
+            "fitted; what is far off counts little. Point: the fitted value. Look for a valley at "
+            "the point: the flatter it is, the less the recordings say about this number."
         )
     drawn = {series.style for series in plot.series}
     legend = {
