@@ -7,19 +7,11 @@ import pytest
 
 from gfm.core import CommandKind
 from gfm.diagnosis import attribution
-from gfm.diagnosis.attribution import (
-    Fit,
-    InStretches,
-    Round,
-    Screened,
-    at_bound,
-    attribute,
-    price,
-    shortlist,
-    worth_it,
-)
+from gfm.diagnosis.attribution import InStretches, Round, attribute, price, worth_it
 from gfm.diagnosis.diagnose import clearness
+from gfm.diagnosis.fitting import Fit, at_bound
 from gfm.diagnosis.problem import Noise, Problem
+from gfm.diagnosis.screening import Screened, shortlist
 from gfm.diagnosis.signals import starts_at_rest
 from gfm.effects import EffectInstance, effect_library
 from gfm.sim.predict import Prediction, Segment

@@ -8,12 +8,14 @@ import pytest
 
 from gfm.core import CommandKind, ConfigError, Trajectory, UnknownNameError
 from gfm.core.rounding import resolution
-from gfm.diagnosis.attribution import Screened, fit, fit_best, nothing, screen, with_level
+from gfm.diagnosis.attribution import fit_best, with_level
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.diagnose import diagnose
+from gfm.diagnosis.fitting import fit, nothing
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.problem import make_problem
 from gfm.diagnosis.result import Verdict
+from gfm.diagnosis.screening import Screened, screen
 from gfm.diagnosis.signals import noise_std, smooth_states
 from gfm.diagnosis.usual import usually_missing
 from gfm.effects import EffectInstance, effect_library

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.attribution import Attribution, Fit, Round
+from gfm.diagnosis.attribution import Attribution, Round
 from gfm.diagnosis.chain import evidence_chain
 from gfm.diagnosis.chain.adequacy import slow_share
 from gfm.diagnosis.chain.confusable import confusable_sets
@@ -18,6 +18,7 @@ from gfm.diagnosis.chain.energy import energy_balance
 from gfm.diagnosis.chain.localisation import energy_by
 from gfm.diagnosis.chain.stopping import CLEAN_ROBOTS, FALSE_ALARMS, largest_rate, stopping
 from gfm.diagnosis.chain.torques import torque_domain
+from gfm.diagnosis.fitting import Fit
 from gfm.diagnosis.problem import WHOLE, make_problem
 from gfm.effects import EffectInstance, find_effect
 from pendulum import MODEL, PERIOD_S, swung

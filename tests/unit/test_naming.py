@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.attribution import Fit
+from gfm.diagnosis.fitting import Fit
 from gfm.diagnosis.naming import fitly_named, twin_of, twins
 from gfm.effects import EffectInstance, effect_library
 

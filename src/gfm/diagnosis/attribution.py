@@ -13,36 +13,44 @@ Shape letters: N numbers of a residual, P parameters.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from gfm.core.checks import Array
 from gfm.diagnosis.candidates import Place
+from gfm.diagnosis.fitting import (
+    ROUGH,
+    Fit,
+    amounts,
+    at_bound,
+    derivatives,
+    fit,
+    free_parameters,
+    mean_square,
+    nothing,
+    orthonormal,
+)
 from gfm.diagnosis.problem import Problem, coarse, settled
+from gfm.diagnosis.screening import (
+    Screened,
+    screen,
+    shortlist,
+    suspected,
+)
 from gfm.effects import EffectInstance, Scales, Scope
 
-#: Candidates that are fitted in earnest in each round, places of one effect among them, and values
-#: from which the fit of one begins.
-SHORTLIST, SHORTLIST_PER_EFFECT, STARTS = 6, 2, 3
-#: First-order gain from which an effect of the whole robot is fitted in any case.
-WHOLE_GAIN = 0.2
 #: Share of the best first-order gain from which a candidate is a rival of the best.
 RIVAL = 0.33
-#: Recorded time on which candidates are screened, and on which the shortlist is fitted.
-SCREENING_S, FITTING_S = 24.0, 24.0
+#: Recorded time on which the shortlist is fitted.
+FITTING_S = 24.0
 #: Least share of the squared residual that a new effect must explain for each of its parameters.
 LEAST_GAIN = 0.03
 #: Mean squared residual, in units of the noise, at which nothing is left to explain.
 ADEQUATE = 1.15
 #: Share of the nominal model's misfit that is left to the laws' own inexactness.
 INEXACT = 0.001
-#: A joint is suspected when its misfit is at least this share of the worst joint's.
-SUSPECT_JOINT = 0.02
-#: Joints that are suspected in any case.
-LEAST_SUSPECTS = 2
 #: Rounds that are played at most.
 MOST_ROUNDS = 6
 #: Share of the best first-order gain on its joint from which an effect found on another joint is
@@ -54,10 +62,6 @@ ALSO_FROM, ALSO_GAIN = 2.0, 0.2
 #: Cost without an effect, to first order, in units of what is allowed, beyond which its being
 #: superfluous is not looked into.
 HARDLY = 1.5
-#: Gauss-Newton steps of a fit, and the relative gain below which it ends.
-FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
-#: The same where candidates are compared only.
-ROUGH = 1e-2
 #: Share of what is left from which on an effect need not prove itself on other recordings: no law
 #: with a few parameters explains so much by chance.
 OBVIOUS = 0.5
@@ -74,38 +78,6 @@ SUBSTANTIAL = 0.2
 MUCH, HOPELESS, FAR_LESS = 100.0, 0.5, 0.5
 #: Rough fits that are fitted to the end: so many in front, if they are this close to the best.
 POLISHED, CLOSE = 2, 1.5
-#: A parameter this close to its bound, as a share of the allowed range, has not been found.
-AT_BOUND = 1e-3
-#: Damping beyond which no step helps.
-MOST_DAMPING = 1e3
-
-
-@dataclass(frozen=True, kw_only=True)
-class Screened:
-    """A candidate with the amount that fits best to first order.
-
-    `gain` is the share of the squared residual that it would explain.
-    """
-
-    instance: EffectInstance
-    gain: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fit:
-    """Effects fitted together.
-
-    Attributes:
-        effects: With the fitted values.
-        cost: Mean squared residual in units of the noise.
-        jacobian: Derivative of the residual by each free parameter, shape (N, P).
-        residual: shape (N,).
-    """
-
-    effects: tuple[EffectInstance, ...]
-    cost: float
-    jacobian: Array
-    residual: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,8 +292,8 @@ def _earns(problem: Problem, fitted: Fit, instance: EffectInstance) -> bool:
     """Returns whether an effect explains enough, to first order, of what is left on its joint."""
     index = fitted.effects.index(instance)
     own = np.array([i == index for i, _ in free_parameters(fitted.effects)])
-    others = _orthonormal(fitted.jacobian[:, ~own])
-    change = fitted.jacobian[:, own] @ _vector([instance])
+    others = orthonormal(fitted.jacobian[:, ~own])
+    change = fitted.jacobian[:, own] @ amounts([instance])
     change -= others @ (others.T @ change)
     joint = problem.joints.index(instance.joints[0])
     gained = problem.joint_costs(change)[joint]
@@ -373,7 +345,7 @@ def _allowed(problem: Problem, effects: Sequence[EffectInstance]) -> Array:
 def _costs(problem: Problem, effects: Sequence[EffectInstance]) -> Array:
     """Returns what effects leave in all, and on each joint, shape (1 + J,)."""
     residual = problem.residuals([effects])[0]
-    return np.array([_cost(residual), *problem.joint_costs(residual)])
+    return np.array([mean_square(residual), *problem.joint_costs(residual)])
 
 
 def _without_one(
@@ -384,47 +356,17 @@ def _without_one(
     The others make up for it to first order.
     """
     rests = [tuple(other for other in effects if other is not one) for one in effects]
-    jacobian = _jacobian(coarse(problem), effects, None)
+    jacobian = derivatives(coarse(problem), effects, None)
     owner = np.array([i for i, _ in free_parameters(effects)])
     costs = []
     for i, residual in enumerate(problem.residuals(rests)):
-        basis = _orthonormal(jacobian[:, owner != i])
-        costs.append(_cost(residual - basis @ (basis.T @ residual)))
+        basis = orthonormal(jacobian[:, owner != i])
+        costs.append(mean_square(residual - basis @ (basis.T @ residual)))
     return sorted(zip(costs, effects, strict=True), key=lambda pair: pair[0])
 
 
 def _same_place(one: EffectInstance, other: EffectInstance) -> bool:
     return not one.joints or not other.joints or bool(set(one.joints) & set(other.joints))
-
-
-def suspected(problem: Problem, candidates: Sequence[Place], base: Fit) -> list[Place]:
-    """Returns the candidates not yet accepted that touch a joint with something to explain."""
-    costs = problem.joint_costs(base.residual) - 1.0
-    worst = np.argsort(-costs)
-    joints = {
-        problem.joints[j]
-        for rank, j in enumerate(worst)
-        if rank < LEAST_SUSPECTS or costs[j] > SUSPECT_JOINT * costs[worst[0]]
-    }
-    given = [e for e in problem.given if not e.joints]  # a tilt is no amount to add to another
-    taken = {instance.key for instance in (*given, *base.effects)}
-    separated = {e.joints for e in base.effects if e.effect.separates_motor} | problem.separated
-    return [
-        place
-        for place in candidates
-        if place.key not in taken
-        and not (place.effect.separates_motor and place.joints in separated)
-        and (place.effect.scope is not Scope.JOINT or place.joints[0] in joints)
-        and (place.effect.scope is not Scope.PAIR or set(place.joints) <= joints)
-    ]
-
-
-def nothing(problem: Problem) -> Fit:
-    """Returns the fit without any effect: the nominal model."""
-    residual = problem.residuals([()])[0]
-    return Fit(
-        effects=(), cost=_cost(residual), jacobian=np.zeros((len(residual), 0)), residual=residual
-    )
 
 
 def play_round(
@@ -517,16 +459,6 @@ def worth_it(fitted: Fit, start: Fit) -> bool:
     return fitted.cost < (1.0 - price(fitted)) * start.cost
 
 
-def at_bound(instance: EffectInstance) -> bool:
-    """Returns whether a fitted parameter ran into its bound: any value beyond would do as well."""
-    found = [p for p in instance.effect.parameters if p.name not in instance.effect.fixed]
-    return any(
-        min(abs(instance.values[p.name] - p.lower), abs(p.upper - instance.values[p.name]))
-        < AT_BOUND * min(p.upper - p.lower, abs(instance.values[p.name]) + 1e-9)
-        for p in found
-    )
-
-
 def holds_elsewhere(
     problem: Problem, base: Sequence[EffectInstance], effects: Sequence[EffectInstance]
 ) -> bool:
@@ -580,7 +512,7 @@ def fit_best(
     chosen = shortlist(screened)
     rivals = {c.instance.key for c in chosen if c.gain >= RIVAL * screened[0].gain}
     plain = replace(problem, outlying_from=None)
-    from_afar = _cost(plain.residuals([base.effects])[0]) > DOMINATED * base.cost
+    from_afar = mean_square(plain.residuals([base.effects])[0]) > DOMINATED * base.cost
     for candidate in chosen:
         if candidate.instance.key not in rivals:
             continue
@@ -598,199 +530,3 @@ def describe(instance: EffectInstance) -> str:
     """Returns an effect and its place in words."""
     where = f" on {', '.join(instance.joints)}" if instance.joints else ""
     return f"{instance.effect.name.replace('_', ' ')}{where}"
-
-
-def screen(
-    problem: Problem, candidates: Sequence[Place], scales: Sequence[Scales], base: Fit
-) -> list[Screened]:
-    """Returns the candidates with their best amounts to first order, best first."""
-    sample = problem.sample(SCREENING_S)
-    fast, here = coarse(problem.subset(sample)), _rows(problem, sample)
-    probes = list(_probes(problem, candidates, scales))
-    sets = [(*base.effects, instance) for _, group in probes for instance in group]
-    still, *moved = fast.residuals([base.effects, *sets])
-    basis = _orthonormal(base.jacobian[here])
-    residual = base.residual[here] - basis @ (basis.T @ base.residual[here])
-    best: dict[tuple[object, ...], Screened] = {}
-    row = 0
-    for place, group in probes:
-        columns = still[:, None] - np.stack(moved[row : row + len(group)], axis=1)
-        row += len(group)
-        found = _weigh(place, group, columns - basis @ (basis.T @ columns), residual)
-        # A fit cannot go from one valley to another: each is a candidate.
-        apart = (*place.effect.fixed, *place.effect.valleys)
-        variant = (place.key, *(group[0].values[name] for name in apart))
-        if found and (variant not in best or found.gain > best[variant].gain):
-            best[variant] = found
-    return sorted(best.values(), key=lambda s: -s.gain)
-
-
-def _rows(problem: Problem, segments: Sequence[int]) -> Array:
-    """Returns a mask of the numbers that belong to some segments, shape (N,)."""
-    slices = problem.slices()
-    mask = np.zeros(slices[-1].stop, dtype=bool)
-    for i in segments:
-        mask[slices[i]] = True
-    return mask
-
-
-def _probes(
-    problem: Problem, candidates: Sequence[Place], scales: Sequence[Scales]
-) -> Iterator[tuple[Place, list[EffectInstance]]]:
-    for place in candidates:
-        first = problem.joints.index(place.joints[0]) if place.joints else 0
-        for group in place.effect.probes(scales[first]):
-            yield (
-                place,
-                [
-                    EffectInstance(effect=place.effect, joints=place.joints, values=values)
-                    for values in group
-                ],
-            )
-
-
-def _weigh(
-    place: Place, group: Sequence[EffectInstance], columns: Array, residual: Array
-) -> Screened | None:
-    """Returns a candidate with the weights of its probes that explain most, or None."""
-    amplitudes = np.linalg.lstsq(columns, residual, rcond=1e-6)[0]
-    explained = columns @ amplitudes
-    gain = 1.0 - float(np.sum((residual - explained) ** 2) / np.sum(residual**2))
-    values = place.effect.combine([i.values for i in group], [float(a) for a in amplitudes])
-    if values is None or not np.isfinite(gain):
-        return None
-    instance = EffectInstance(effect=place.effect, joints=place.joints, values=values)
-    return Screened(instance=instance, gain=gain)
-
-
-def shortlist(screened: Sequence[Screened]) -> list[Screened]:
-    """Returns the best candidates, not too many of them of one effect.
-
-    Effects of the whole robot come in beside them: with several parameters that act together, they
-    look worse to first order than a torque offset on the joint that they load most.
-    """
-    whole: list[Screened] = []
-    for candidate in screened:
-        starts = [c.instance.key for c in whole].count(candidate.instance.key)
-        if _whole(candidate) and candidate.gain > WHOLE_GAIN and starts < STARTS:
-            whole.append(candidate)
-    chosen: list[Screened] = []
-    for candidate in screened:
-        key = candidate.instance.key
-        keys = [c.instance.key for c in chosen]
-        places = {k for k in keys if k[0] == key[0]}
-        new = len(set(keys)) < SHORTLIST and len(places) < SHORTLIST_PER_EFFECT
-        room = keys.count(key) < STARTS if key in places else new
-        taken = key in {c.instance.key for c in whole}
-        if room and candidate.gain > 0.0 and not taken:
-            chosen.append(candidate)
-    return sorted([*whole, *chosen], key=lambda c: -c.gain)
-
-
-def _whole(candidate: Screened) -> bool:
-    return candidate.instance.effect.scope in (Scope.ROBOT, Scope.LAST)
-
-
-def fit(
-    problem: Problem,
-    effects: Sequence[EffectInstance],
-    *,
-    known: Array | None = None,
-    tolerance: float = FIT_TOLERANCE,
-) -> Fit:
-    """Returns `effects` with the values that leave the least residual (damped Gauss-Newton).
-
-    Args:
-        problem: What they should explain.
-        effects: With the values to begin with.
-        known: Derivatives by the first parameters, shape (N, K), that are good enough as they are.
-        tolerance: Relative gain of a step at which the fit ends.
-    """
-    if not effects:
-        return nothing(problem)
-    current, values = tuple(effects), _vector(effects)
-    bounds, fast = _bounds(effects), coarse(problem)
-    residual = problem.residuals([current])[0]
-    jacobian = _jacobian(fast, current, known)
-    damping = 1e-3
-    for _ in range(FIT_STEPS):
-        trial = values + _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
-        candidate = _with_vector(current, trial)
-        tried = problem.residuals([candidate])[0]
-        gain = 1.0 - _cost(tried) / _cost(residual)
-        damping *= 0.1 if gain > 0.0 else 30.0
-        if gain > 0.0:
-            current, values, residual = candidate, trial, tried
-            jacobian = _jacobian(fast, current, known)
-        if 0.0 <= gain < tolerance or damping > MOST_DAMPING:
-            break
-    usual = tuple(replace(e, values=e.effect.canonical(e.values)) for e in current)
-    return Fit(effects=usual, cost=_cost(residual), jacobian=jacobian, residual=residual)
-
-
-def _cost(residual: Array) -> float:
-    return float(np.mean(residual**2))
-
-
-def free_parameters(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:
-    """Returns the parameters that are fitted; a number of periods is found by search instead."""
-    return [
-        (i, p.name)
-        for i, instance in enumerate(effects)
-        for p in instance.effect.parameters
-        if p.name not in instance.effect.fixed
-    ]
-
-
-def _vector(effects: Sequence[EffectInstance]) -> Array:
-    return np.array([effects[i].values[name] for i, name in free_parameters(effects)])
-
-
-def _with_vector(effects: Sequence[EffectInstance], vector: Array) -> tuple[EffectInstance, ...]:
-    values = [dict(instance.values) for instance in effects]
-    for (i, name), value in zip(free_parameters(effects), vector, strict=True):
-        values[i][name] = float(value)
-    return tuple(replace(e, values=v) for e, v in zip(effects, values, strict=True))
-
-
-def _bounds(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
-    both = [
-        (p.lower, p.upper)
-        for i, name in free_parameters(effects)
-        for p in effects[i].effect.parameters
-        if p.name == name
-    ]
-    return np.array([low for low, _ in both]), np.array([high for _, high in both])
-
-
-def _jacobian(problem: Problem, effects: tuple[EffectInstance, ...], known: Array | None) -> Array:
-    """Returns the derivative of the residual by each free parameter, by forward differences."""
-    values = _vector(effects)
-    low, high = _bounds(effects)
-    sizes = 1e-2 * np.maximum(np.abs(values), 1e-2 * np.minimum(high - low, 1.0))
-    steps = np.where(values + sizes > high, -sizes, sizes)
-    first = 0 if known is None else known.shape[1]
-    moved = [_with_vector(effects, values + step) for step in np.diag(steps)[first:]]
-    still, *rows = problem.residuals([effects, *moved])
-    rest = ((np.stack(rows) - still) / steps[first:, None]).T
-    return np.asarray(rest if known is None else np.concatenate([known, rest], axis=1))
-
-
-def _step(jacobian: Array, residual: Array, damping: float, low: Array, high: Array) -> Array:
-    """Returns the damped Gauss-Newton step within bounds (Levenberg, Marquardt: by the diagonal).
-
-    The bounds are part of the linear problem: a parameter that would leave them stays there while
-    the others go where they fit best with it.
-    """
-    size = np.linalg.norm(jacobian, axis=0) + 1e-9
-    basis, square = np.linalg.qr(jacobian / size)
-    rows = np.concatenate([square, np.sqrt(damping) * np.eye(len(size))])
-    target = np.concatenate([-basis.T @ residual, np.zeros(len(size))])
-    inside = (np.minimum(low, -1e-12) * size, np.maximum(high, 1e-12) * size)
-    return np.asarray(np.clip(lsq_linear(rows, target, inside).x / size, low, high))
-
-
-def _orthonormal(columns: Array) -> Array:
-    if columns.shape[1] == 0:
-        return columns
-    return np.asarray(np.linalg.qr(columns)[0])

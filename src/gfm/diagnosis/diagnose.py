@@ -12,19 +12,11 @@ import numpy as np
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis import evidence
-from gfm.diagnosis.attribution import (
-    Attribution,
-    Fit,
-    Round,
-    attribute,
-    describe,
-    fit,
-    free_parameters,
-    price,
-)
+from gfm.diagnosis.attribution import Attribution, Round, attribute, describe, price
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.chain import evidence_chain
 from gfm.diagnosis.correction import corrected_model
+from gfm.diagnosis.fitting import Fit, fit, free_parameters
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.naming import fitly_named, twins

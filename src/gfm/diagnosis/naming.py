@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from gfm.core import CommandKind
-from gfm.diagnosis.attribution import Fit, free_parameters
+from gfm.diagnosis.fitting import Fit, free_parameters
 from gfm.effects import EffectInstance, effect_library
 
 OFFSET, ASYMMETRY = "torque_offset", "asymmetric_friction"

@@ -20,24 +20,18 @@ from gfm.diagnosis.attribution import (
     MOST_TESTED,
     MUCH,
     OBVIOUS,
-    ROUGH,
-    Fit,
     InStretches,
     Round,
-    Screened,
-    at_bound,
     describe,
-    fit,
     fit_best,
-    nothing,
     polished,
-    screen,
-    suspected,
     without_superfluous,
 )
 from gfm.diagnosis.candidates import Place
+from gfm.diagnosis.fitting import ROUGH, Fit, at_bound, fit, nothing
 from gfm.diagnosis.outliers import OUTLYING
 from gfm.diagnosis.problem import Problem, settled, with_state_basis
+from gfm.diagnosis.screening import Screened, screen, suspected
 from gfm.effects import EffectInstance, Scales
 
 #: Stretches that must stay far off, and be explained: fewer are an accident.

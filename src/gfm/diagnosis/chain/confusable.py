@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gfm.diagnosis.attribution import LEAST_GAIN, Attribution, Fit, Round, price
+from gfm.diagnosis.attribution import LEAST_GAIN, Attribution, Round, price
+from gfm.diagnosis.fitting import Fit
 from gfm.diagnosis.naming import twins
 from gfm.effects import EffectInstance
 

@@ -14,12 +14,11 @@ from gfm.diagnosis.attribution import (
     MOST_ROUNDS,
     OBVIOUS,
     Attribution,
-    Fit,
     Round,
-    at_bound,
     describe,
     price,
 )
+from gfm.diagnosis.fitting import Fit, at_bound
 
 #: Simulated robots without any hidden effect that were diagnosed (of docs/results, 15 are in
 #: known_truth*.md, 10 in run_random_effects.md), and those of them on which anything was named.

@@ -1,0 +1,176 @@
+"""Amounts of effects that leave the least residual: damped Gauss-Newton over rollouts.
+
+Shape letters: N numbers of a residual, P parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from gfm.core.checks import Array
+from gfm.diagnosis.problem import Problem, coarse
+from gfm.effects import EffectInstance
+
+#: Gauss-Newton steps of a fit, and the relative gain below which it ends.
+FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
+#: The same where candidates are compared only.
+ROUGH = 1e-2
+#: A parameter this close to its bound, as a share of the allowed range, has not been found.
+AT_BOUND = 1e-3
+#: Damping beyond which no step helps.
+MOST_DAMPING = 1e3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """Effects fitted together.
+
+    Attributes:
+        effects: With the fitted values.
+        cost: Mean squared residual in units of the noise.
+        jacobian: Derivative of the residual by each free parameter, shape (N, P).
+        residual: shape (N,).
+    """
+
+    effects: tuple[EffectInstance, ...]
+    cost: float
+    jacobian: Array
+    residual: Array
+
+
+def nothing(problem: Problem) -> Fit:
+    """Returns the fit without any effect: the nominal model."""
+    residual = problem.residuals([()])[0]
+    return Fit(
+        effects=(),
+        cost=mean_square(residual),
+        jacobian=np.zeros((len(residual), 0)),
+        residual=residual,
+    )
+
+
+def fit(
+    problem: Problem,
+    effects: Sequence[EffectInstance],
+    *,
+    known: Array | None = None,
+    tolerance: float = FIT_TOLERANCE,
+) -> Fit:
+    """Returns `effects` with the values that leave the least residual (damped Gauss-Newton).
+
+    Args:
+        problem: What they should explain.
+        effects: With the values to begin with.
+        known: Derivatives by the first parameters, shape (N, K), that are good enough as they are.
+        tolerance: Relative gain of a step at which the fit ends.
+    """
+    if not effects:
+        return nothing(problem)
+    current, values = tuple(effects), amounts(effects)
+    bounds, fast = _bounds(effects), coarse(problem)
+    residual = problem.residuals([current])[0]
+    jacobian = derivatives(fast, current, known)
+    damping = 1e-3
+    for _ in range(FIT_STEPS):
+        trial = values + _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
+        candidate = _with_amounts(current, trial)
+        tried = problem.residuals([candidate])[0]
+        gain = 1.0 - mean_square(tried) / mean_square(residual)
+        damping *= 0.1 if gain > 0.0 else 30.0
+        if gain > 0.0:
+            current, values, residual = candidate, trial, tried
+            jacobian = derivatives(fast, current, known)
+        if 0.0 <= gain < tolerance or damping > MOST_DAMPING:
+            break
+    usual = tuple(replace(e, values=e.effect.canonical(e.values)) for e in current)
+    return Fit(effects=usual, cost=mean_square(residual), jacobian=jacobian, residual=residual)
+
+
+def free_parameters(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:
+    """Returns the parameters that are fitted; a number of periods is found by search instead."""
+    return [
+        (i, p.name)
+        for i, instance in enumerate(effects)
+        for p in instance.effect.parameters
+        if p.name not in instance.effect.fixed
+    ]
+
+
+def at_bound(instance: EffectInstance) -> bool:
+    """Returns whether a fitted parameter ran into its bound: any value beyond would do as well."""
+    found = [p for p in instance.effect.parameters if p.name not in instance.effect.fixed]
+    return any(
+        min(abs(instance.values[p.name] - p.lower), abs(p.upper - instance.values[p.name]))
+        < AT_BOUND * min(p.upper - p.lower, abs(instance.values[p.name]) + 1e-9)
+        for p in found
+    )
+
+
+def amounts(effects: Sequence[EffectInstance]) -> Array:
+    """Returns the values of the free parameters, shape (P,)."""
+    return np.array([effects[i].values[name] for i, name in free_parameters(effects)])
+
+
+def _with_amounts(effects: Sequence[EffectInstance], vector: Array) -> tuple[EffectInstance, ...]:
+    values = [dict(instance.values) for instance in effects]
+    for (i, name), value in zip(free_parameters(effects), vector, strict=True):
+        values[i][name] = float(value)
+    return tuple(replace(e, values=v) for e, v in zip(effects, values, strict=True))
+
+
+def _bounds(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
+    both = [
+        (p.lower, p.upper)
+        for i, name in free_parameters(effects)
+        for p in effects[i].effect.parameters
+        if p.name == name
+    ]
+    return np.array([low for low, _ in both]), np.array([high for _, high in both])
+
+
+def derivatives(
+    problem: Problem, effects: tuple[EffectInstance, ...], known: Array | None
+) -> Array:
+    """Returns the derivative of the residual by each free parameter, shape (N, P).
+
+    By forward differences; the first are taken from `known`, shape (N, K), where they are.
+    """
+    values = amounts(effects)
+    low, high = _bounds(effects)
+    sizes = 1e-2 * np.maximum(np.abs(values), 1e-2 * np.minimum(high - low, 1.0))
+    steps = np.where(values + sizes > high, -sizes, sizes)
+    first = 0 if known is None else known.shape[1]
+    moved = [_with_amounts(effects, values + step) for step in np.diag(steps)[first:]]
+    still, *rows = problem.residuals([effects, *moved])
+    rest = ((np.stack(rows) - still) / steps[first:, None]).T
+    return np.asarray(rest if known is None else np.concatenate([known, rest], axis=1))
+
+
+def _step(jacobian: Array, residual: Array, damping: float, low: Array, high: Array) -> Array:
+    """Returns the damped Gauss-Newton step within bounds (Levenberg, Marquardt: by the diagonal).
+
+    The bounds are part of the linear problem: a parameter that would leave them stays there while
+    the others go where they fit best with it.
+    """
+    size = np.linalg.norm(jacobian, axis=0) + 1e-9
+    basis, square = np.linalg.qr(jacobian / size)
+    rows = np.concatenate([square, np.sqrt(damping) * np.eye(len(size))])
+    target = np.concatenate([-basis.T @ residual, np.zeros(len(size))])
+    inside = (np.minimum(low, -1e-12) * size, np.maximum(high, 1e-12) * size)
+    return np.asarray(np.clip(lsq_linear(rows, target, inside).x / size, low, high))
+
+
+def orthonormal(columns: Array) -> Array:
+    """Returns an orthonormal basis of what columns span, shape (N, P)."""
+    if columns.shape[1] == 0:
+        return columns
+    return np.asarray(np.linalg.qr(columns)[0])
+
+
+def mean_square(residual: Array) -> float:
+    """Returns the mean of the squares of a residual, shape (N,)."""
+    return float(np.mean(residual**2))

@@ -1,0 +1,153 @@
+"""Which candidates are worth a fit: their responses to a small amount, against the residual.
+
+Shape letters: N numbers of a residual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gfm.core.checks import Array
+from gfm.diagnosis.candidates import Place
+from gfm.diagnosis.fitting import Fit, orthonormal
+from gfm.diagnosis.problem import Problem, coarse
+from gfm.effects import EffectInstance, Scales, Scope
+
+#: Candidates that are fitted in earnest in each round, places of one effect among them, and values
+#: from which the fit of one begins.
+SHORTLIST, SHORTLIST_PER_EFFECT, STARTS = 6, 2, 3
+#: First-order gain from which an effect of the whole robot is fitted in any case.
+WHOLE_GAIN = 0.2
+#: Recorded time on which candidates are screened.
+SCREENING_S = 24.0
+#: A joint is suspected when its misfit is at least this share of the worst joint's.
+SUSPECT_JOINT = 0.02
+#: Joints that are suspected in any case.
+LEAST_SUSPECTS = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Screened:
+    """A candidate with the amount that fits best to first order.
+
+    `gain` is the share of the squared residual that it would explain.
+    """
+
+    instance: EffectInstance
+    gain: float
+
+
+def suspected(problem: Problem, candidates: Sequence[Place], base: Fit) -> list[Place]:
+    """Returns the candidates not yet accepted that touch a joint with something to explain."""
+    costs = problem.joint_costs(base.residual) - 1.0
+    worst = np.argsort(-costs)
+    joints = {
+        problem.joints[j]
+        for rank, j in enumerate(worst)
+        if rank < LEAST_SUSPECTS or costs[j] > SUSPECT_JOINT * costs[worst[0]]
+    }
+    given = [e for e in problem.given if not e.joints]  # a tilt is no amount to add to another
+    taken = {instance.key for instance in (*given, *base.effects)}
+    separated = {e.joints for e in base.effects if e.effect.separates_motor} | problem.separated
+    return [
+        place
+        for place in candidates
+        if place.key not in taken
+        and not (place.effect.separates_motor and place.joints in separated)
+        and (place.effect.scope is not Scope.JOINT or place.joints[0] in joints)
+        and (place.effect.scope is not Scope.PAIR or set(place.joints) <= joints)
+    ]
+
+
+def screen(
+    problem: Problem, candidates: Sequence[Place], scales: Sequence[Scales], base: Fit
+) -> list[Screened]:
+    """Returns the candidates with their best amounts to first order, best first."""
+    sample = problem.sample(SCREENING_S)
+    fast, here = coarse(problem.subset(sample)), _rows(problem, sample)
+    probes = list(_probes(problem, candidates, scales))
+    sets = [(*base.effects, instance) for _, group in probes for instance in group]
+    still, *moved = fast.residuals([base.effects, *sets])
+    basis = orthonormal(base.jacobian[here])
+    residual = base.residual[here] - basis @ (basis.T @ base.residual[here])
+    best: dict[tuple[object, ...], Screened] = {}
+    row = 0
+    for place, group in probes:
+        columns = still[:, None] - np.stack(moved[row : row + len(group)], axis=1)
+        row += len(group)
+        found = _weigh(place, group, columns - basis @ (basis.T @ columns), residual)
+        # A fit cannot go from one valley to another: each is a candidate.
+        apart = (*place.effect.fixed, *place.effect.valleys)
+        variant = (place.key, *(group[0].values[name] for name in apart))
+        if found and (variant not in best or found.gain > best[variant].gain):
+            best[variant] = found
+    return sorted(best.values(), key=lambda s: -s.gain)
+
+
+def _rows(problem: Problem, segments: Sequence[int]) -> Array:
+    """Returns a mask of the numbers that belong to some segments, shape (N,)."""
+    slices = problem.slices()
+    mask = np.zeros(slices[-1].stop, dtype=bool)
+    for i in segments:
+        mask[slices[i]] = True
+    return mask
+
+
+def _probes(
+    problem: Problem, candidates: Sequence[Place], scales: Sequence[Scales]
+) -> Iterator[tuple[Place, list[EffectInstance]]]:
+    for place in candidates:
+        first = problem.joints.index(place.joints[0]) if place.joints else 0
+        for group in place.effect.probes(scales[first]):
+            yield (
+                place,
+                [
+                    EffectInstance(effect=place.effect, joints=place.joints, values=values)
+                    for values in group
+                ],
+            )
+
+
+def _weigh(
+    place: Place, group: Sequence[EffectInstance], columns: Array, residual: Array
+) -> Screened | None:
+    """Returns a candidate with the weights of its probes that explain most, or None."""
+    amplitudes = np.linalg.lstsq(columns, residual, rcond=1e-6)[0]
+    explained = columns @ amplitudes
+    gain = 1.0 - float(np.sum((residual - explained) ** 2) / np.sum(residual**2))
+    values = place.effect.combine([i.values for i in group], [float(a) for a in amplitudes])
+    if values is None or not np.isfinite(gain):
+        return None
+    instance = EffectInstance(effect=place.effect, joints=place.joints, values=values)
+    return Screened(instance=instance, gain=gain)
+
+
+def shortlist(screened: Sequence[Screened]) -> list[Screened]:
+    """Returns the best candidates, not too many of them of one effect.
+
+    Effects of the whole robot come in beside them: with several parameters that act together, they
+    look worse to first order than a torque offset on the joint that they load most.
+    """
+    whole: list[Screened] = []
+    for candidate in screened:
+        starts = [c.instance.key for c in whole].count(candidate.instance.key)
+        if _whole(candidate) and candidate.gain > WHOLE_GAIN and starts < STARTS:
+            whole.append(candidate)
+    chosen: list[Screened] = []
+    for candidate in screened:
+        key = candidate.instance.key
+        keys = [c.instance.key for c in chosen]
+        places = {k for k in keys if k[0] == key[0]}
+        new = len(set(keys)) < SHORTLIST and len(places) < SHORTLIST_PER_EFFECT
+        room = keys.count(key) < STARTS if key in places else new
+        taken = key in {c.instance.key for c in whole}
+        if room and candidate.gain > 0.0 and not taken:
+            chosen.append(candidate)
+    return sorted([*whole, *chosen], key=lambda c: -c.gain)
+
+
+def _whole(candidate: Screened) -> bool:
+    return candidate.instance.effect.scope in (Scope.ROBOT, Scope.LAST)
