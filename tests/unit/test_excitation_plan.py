@@ -320,7 +320,8 @@ def test_every_effect_of_the_library_that_joints_can_show_has_a_motion():
     from gfm.effects import effect_library
 
     joints = {name for name in effect_library() if not name.startswith("object_")}
-    assert {name for name in joints if not shown_by(name)} == set()
+    # No motion is proposed that runs onto things.
+    assert {name for name in joints if not shown_by(name)} == {"surface_contact"}
     shown = {effect for family in FAMILIES for effect in family.shows}
     assert shown <= set(effect_library())
 
