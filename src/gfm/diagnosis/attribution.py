@@ -14,7 +14,7 @@ Shape letters: N numbers of a residual, P parameters.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,12 +33,7 @@ from gfm.diagnosis.fitting import (
     orthonormal,
 )
 from gfm.diagnosis.problem import Problem, coarse, settled
-from gfm.diagnosis.screening import (
-    Screened,
-    screen,
-    shortlist,
-    suspected,
-)
+from gfm.diagnosis.screening import Screened, screen, shortlist, suspected
 from gfm.effects import EffectInstance, Scales, Scope
 
 #: Share of the best first-order gain from which a candidate is a rival of the best.
@@ -108,12 +103,12 @@ class Round:
 
 @dataclass(frozen=True, kw_only=True)
 class Attribution:
-    """All rounds, and what was accepted in the end."""
+    """All rounds, what was accepted in the end, and the stretches that told of rare effects."""
 
     nominal_cost: float
     fit: Fit
-    rounds: tuple[Round, ...] = field(default=())
-    stretches: tuple[Problem, ...] = field(default=())
+    rounds: tuple[Round, ...] = ()
+    stretches: tuple[Problem, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

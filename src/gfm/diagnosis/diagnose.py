@@ -151,9 +151,9 @@ def diagnose(
     held = make_problem(beside, holdout, problem.noise, given=given, windows_s=WHOLE)
     told = learned_report(long, recordings, learned) if learned else None
     lack = _lacking(recordings)
-    everything = all_stretches(beside, recordings, problem.noise, given=given)
     found, fitted_to = None, long
     if not lack:
+        everything = all_stretches(beside, recordings, problem.noise, given=given)
         found, fitted_to = _attribute(problem, long, everything, recordings, report)
     instances = found.fit.effects if found else ()
     report("measuring the corrected model on held-out recordings")

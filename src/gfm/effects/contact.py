@@ -33,9 +33,8 @@ class SurfaceContact(Effect):
     """A point of the last link runs onto a level surface, a table for instance.
 
     Native: a plane and a small ball that collide with each other and with nothing else, as hard as
-    the time step allows. Of the
-    height and the point, motions tell only what they change: while the link keeps its attitude, a
-    point further out touches a surface further down.
+    the time step allows. Of the height and the point, motions tell only what they change: while the
+    link keeps its attitude, a point further out touches a surface further down.
     """
 
     name = "surface_contact"
