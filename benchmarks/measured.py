@@ -15,25 +15,34 @@ import platform
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 from effects_10_seeds import commit
+from scipy.signal import butter, filtfilt
 
 import gfm
 from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.evidence import torque_left
-from gfm.diagnosis.problem import WHOLE, Problem, make_problem
-from gfm.effects import EffectInstance
+from gfm.diagnosis.problem import WHOLE, Problem, make_problem, settled
+from gfm.effects import EffectInstance, find_effect
 from gfm.experiments.inputs import load_specs, read_recordings
 from gfm.service.effects_file import read_effects
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "results" / "measured_data.md"
+#: Up to here torques are compared, model and measurement filtered alike: accelerations that are
+#: smoothed say nothing of what is faster.
+LOW_PASS_HZ = 10.0
+#: What `report.json` holds.
+Report: TypeAlias = dict[str, Any]
+#: Effects by what the model with them is called.
+Models: TypeAlias = Mapping[str, Sequence[EffectInstance]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +56,8 @@ class Rig:
         held_out: Parts of the names of what is held out.
         figure: In words, what `measure` gives.
         measure: From the held-out errors, per stretch (T, J) in rad.
+        excited: Part of the names of held-out recordings whose figure is given apart, too.
+        published: From the data folder, effects whose amounts others have published.
     """
 
     files: tuple[str, ...]
@@ -55,6 +66,8 @@ class Rig:
     held_out: tuple[str, ...]
     figure: str
     measure: Callable[[Sequence[Array]], str]
+    excited: str = ""
+    published: Callable[[Path], Sequence[EffectInstance]] = lambda _: ()
 
 
 def absolute(errors: Sequence[Array]) -> str:
@@ -73,6 +86,25 @@ def overall(errors: Sequence[Array]) -> str:
     return f"{np.sqrt(np.mean(np.concatenate(errors) ** 2)):.4f}"
 
 
+def authors_friction(data: Path) -> list[EffectInstance]:
+    """Returns the double pendulum's friction as its authors identified it.
+
+    Their law, cf atan(100 v) + b v, is dry friction of cf pi / 2 from a few hundredths of a rad/s
+    on. Their masses and inertias are those of the model.
+    """
+    text = (data / "dfki_double_pendulum/authors_design_C.1_model_1.0.yml").read_text()
+    told = {key: float(value) for key, value in (row.split(":") for row in text.splitlines())}
+    friction = []
+    for i, joint in enumerate(("shoulder", "elbow"), start=1):
+        for name, amount in (
+            ("coulomb_friction", {"torque": told[f"cf{i}"] * np.pi / 2.0}),
+            ("viscous_friction", {"coefficient": told[f"b{i}"]}),
+        ):
+            effect = find_effect(name)
+            friction.append(EffectInstance(effect=effect, joints=(joint,), values=amount))
+    return friction
+
+
 RIGS = {
     "xl330": Rig(
         files=("bam_xl330/raw/*.json.gz",),
@@ -89,6 +121,8 @@ RIGS = {
         held_out=("154220", "154548", "tvlqr"),
         figure="median position RMSE of 0.5 s rollouts, shoulder / elbow, rad",
         measure=medians,
+        excited="C1_2023",
+        published=authors_friction,
     ),
     "so101": Rig(
         files=("so101/*_control.csv.gz", "so101/*_state_motor.csv.gz"),
@@ -131,65 +165,86 @@ def section(name: str, data: Path, out: Path) -> str:
         command("diagnose", *training, *told)
         seconds = f"{time.monotonic() - began:.0f} s"
         (folder / "made").write_text(f"diagnosed in {seconds} at commit {commit()}")
-    return written(name, rig, model, report, held, (folder / "made").read_text())
+    return written(name, data, model, report, held, (folder / "made").read_text())
 
 
-def written(name: str, rig: Rig, model: Path, report: Path, held: Sequence[Path], made: str) -> str:
+def written(
+    name: str, data: Path, model: Path, report: Path, held: Sequence[Path], made: str
+) -> str:
     """Returns a set's part of the page."""
-    specs, effects = load_specs([model]), read_effects(report)
+    rig, specs = RIGS[name], load_specs([model])
     recordings = read_recordings(held)
     problem = make_problem(specs, recordings, windows_s=WHOLE)
-    measured = replace(problem, state_basis=tuple(basis[:, :0] for basis in problem.state_basis))
     document = json.loads(report.read_text())
     error = document["error"]
+    models = {"nominal": [], "corrected": read_effects(report), "published": rig.published(data)}
+    asked = {key: effects for key, effects in models.items() if effects or key == "nominal"}
     return f"""## {name}
 
 {document["sentence"]}
 
-| {rig.figure} | nominal | corrected |
-|---|---|---|
-{line("initial state fitted (two numbers per joint and rollout)", rig, problem, effects)}
-{line("initial state as measured", rig, measured, effects)}
-{torque_table(problem, recordings, effects)}
+{position_table(rig, problem, recordings, asked)}
+{torque_table(problem, recordings, asked)}
 Verdict {document["verdict"]}; position RMSE {error["before"]:.4f} -> {error["after"]:.4f} rad,
 sensor noise {error["noise_floor"]:.2g} rad; {len(held)} held-out recordings; {made}.
+
+{joint_table(document)}
 
 {effects_table(document)}
 """
 
 
-def line(words: str, rig: Rig, problem: Problem, effects: Sequence[EffectInstance]) -> str:
-    """Returns a row with the figure of the nominal and the corrected model."""
-    both = [rig.measure(problem.position_errors(chosen)) for chosen in ((), effects)]
-    return f"| {words} | {both[0]} | {both[1]} |"
-
-
-def torque_table(
-    problem: Problem, recordings: Sequence[Trajectory], effects: Sequence[EffectInstance]
+def position_table(
+    rig: Rig, problem: Problem, recordings: Sequence[Trajectory], models: Models
 ) -> str:
+    """Returns the figure of each model, from initial states as they fit best and as measured."""
+    measured = replace(problem, state_basis=tuple(basis[:, :0] for basis in problem.state_basis))
+    rows = [_heading(rig.figure, models)]
+    for apart in dict.fromkeys(("", rig.excited)):
+        part = [i for i, s in enumerate(problem.segments) if apart in recordings[s.recording].name]
+        fitted = [settled(problem.subset(part), e).position_errors(e) for e in models.values()]
+        told = [measured.subset(part).position_errors(e) for e in models.values()]
+        words = f", {apart}*" if apart else ""
+        rows.append(f"| initial state fitted{words} | {' | '.join(map(rig.measure, fitted))} |")
+        rows.append(f"| initial state as measured{words} | {' | '.join(map(rig.measure, told))} |")
+    return "\n".join(rows)
+
+
+def joint_table(document: Report) -> str:
+    """Returns the held-out error of every joint, as the report gives it."""
+    joints = document["joints"]
+    rows = [_heading("position RMSE, rad", [joint["joint"] for joint in joints])]
+    for words, key in (("nominal", "before"), ("corrected", "after")):
+        rows.append(f"| {words} | {' | '.join(f'{joint[key]:.4f}' for joint in joints)} |")
+    return "\n".join(rows)
+
+
+def torque_table(problem: Problem, recordings: Sequence[Trajectory], models: Models) -> str:
     """Returns how far inverse dynamics are from the measured torques; nothing without those."""
     if any(recording.effort is None for recording in recordings):
         return ""
-    rows = []
+    rows = [
+        _heading(
+            f"torque below {LOW_PASS_HZ:.0f} Hz, MAE, {' / '.join(problem.joints)}, N m", models
+        )
+    ]
     for one in recordings:
-        both = (_sizes(torque_left(chosen, problem, [one])) for chosen in ((), effects))
-        rows.append(f"| {one.name} | {' | '.join(both)} |")
-    return "\n".join(
-        [
-            "",
-            f"| torque, MAE, {' / '.join(problem.joints)}, N m | nominal | corrected |",
-            "|---|---|---|",
-            *rows,
-            "",
-        ]
-    )
+        rate_hz = 1.0 / float(np.median(np.diff(one.time_s)))
+        low = butter(2, LOW_PASS_HZ, fs=rate_hz)
+        left = (filtfilt(*low, torque_left(e, problem, [one]), axis=0) for e in models.values())
+        rows.append(f"| {one.name} | {' | '.join(_sizes(torque) for torque in left)} |")
+    return "\n".join(["", *rows, ""])
+
+
+def _heading(words: str, models: Iterable[str]) -> str:
+    return f"| {words} | {' | '.join(models)} |\n|---|{'---|' * len(models)}"
 
 
 def _sizes(torque: Array) -> str:
     return " / ".join(f"{value:.4f}" for value in np.abs(torque).mean(axis=0))
 
 
-def effects_table(document: dict[str, list[dict[str, object]]]) -> str:
+def effects_table(document: Report) -> str:
     """Returns what was named, with confidence."""
     rows = ["| effect | joints | parameters | confidence |", "|---|---|---|---|"]
     for effect in document["effects"]:
