@@ -154,7 +154,7 @@ def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:
             excess_nm=max(_robust([v.missing[:, j] for v in views]), 1e-6),
             velocity_rad_s=max(_rms([v.velocity[:, j] for v in views]), 1e-3),
             position_rad=max(0.5 * float(np.ptp(_joined(views, "position", j))), 1e-3),
-            peak_nm=max(float(np.percentile(np.abs(_joined(views, "drive", j)), 99.5)), 1e-6),
+            peak_nm=max(_peak([v.missing[:, j] + v.drive[:, j] for v in views]), 1e-6),
             inertia=float(inertia[dof, dof]),
             cogging_per_revolution=cogging_orders(views, j),
             lowest_m=lowest_points(plant, views) if j == len(plant.dof) - 1 else (),
@@ -219,6 +219,11 @@ def _joined(views: Sequence[TorqueView], name: str, joint: int) -> Array:
 
 def _rms(parts: Sequence[Array]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+
+
+def _peak(parts: Sequence[Array]) -> float:
+    """Returns the largest size, but for a few moments."""
+    return float(np.percentile(np.abs(np.concatenate(parts)), 99.5))
 
 
 def _robust(parts: Sequence[Array]) -> float:

@@ -62,7 +62,8 @@ class Scales:
         excess_nm: RMS of the torque that the nominal model does not explain.
         velocity_rad_s: RMS of the velocity.
         position_rad: Half the range covered.
-        peak_nm: Largest drive torque.
+        peak_nm: Largest torque that the motion takes, by inverse dynamics: a servo model without
+            its limit would ask for far more.
         inertia: Of the joint with everything behind it, kg m^2.
         cogging_per_revolution: Orders that stand out in the unexplained torque over the angle.
         lowest_m: Of the last joint: points of its link, in the link's frame, and how low each came
