@@ -396,10 +396,14 @@ def play_round(
 
 
 def polished(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
-    """Returns the fits, best first, those in front with all their parameters fitted to the end."""
+    """Returns the fits, best first, those in front with all their parameters fitted to the end.
+
+    Each with initial states as they fit best under its own effects: those of `problem` suit what
+    was found before, and among close rivals that which changes least beside it.
+    """
     by_cost = sorted(fits, key=lambda f: f.cost)
     front = [f for f in by_cost[:POLISHED] if f.cost < CLOSE * by_cost[0].cost]
-    done = [fit(problem, f.effects) for f in front]
+    done = [fit(settled(problem, f.effects), f.effects) for f in front]
     return sorted([*done, *by_cost[len(front) :]], key=lambda f: f.cost)
 
 

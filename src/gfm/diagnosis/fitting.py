@@ -19,6 +19,8 @@ from gfm.effects import EffectInstance
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
 #: The same where candidates are compared only.
 ROUGH = 1e-2
+#: Factor by which amounts are changed at most to begin elsewhere in a valley.
+FARTHER = 2.0
 #: A parameter this close to its bound, as a share of the allowed range, has not been found.
 AT_BOUND = 1e-3
 #: Damping beyond which no step helps.
@@ -88,6 +90,27 @@ def fit(
             break
     usual = tuple(replace(e, values=e.effect.canonical(e.values)) for e in current)
     return Fit(effects=usual, cost=mean_square(residual), jacobian=jacobian, residual=residual)
+
+
+def along_valley(problem: Problem, fitted: Fit) -> Fit:
+    """Returns the best of a fit and others that begin on both sides of it, in its valley.
+
+    Where two effects explain nearly the same, a fit ends wherever steps along their common valley
+    become small. Amounts are doubled and halved in the proportion that changes least to first
+    order, until that leads nowhere better.
+    """
+    best: Fit | None = None
+    while best is not fitted:
+        best = fitted
+        values = amounts(best.effects)
+        flattest = np.linalg.svd(best.jacobian * values, full_matrices=False)[2][-1]
+        step = FARTHER ** (flattest / np.abs(flattest).max())
+        for start in (values * step, values / step):
+            begun = _with_amounts(best.effects, np.clip(start, *_bounds(best.effects)))
+            other = fit(problem, begun)
+            if other.cost < (1.0 - FIT_TOLERANCE) * fitted.cost:
+                fitted = other
+    return best
 
 
 def free_parameters(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:
