@@ -72,12 +72,15 @@ def summary(before, after):
 
 
 def test_a_name_is_credible_where_noise_is_left_or_nearly_nothing_of_the_gap():
-    assert credible([summary(20.0, 1.4)])
-    assert not credible([summary(20.0, 2.4)])
-    assert credible([summary(200.0, 2.4)])  # 0.01 % of it: what a law is not quite exact by
-    assert not credible([summary(3000.0, 30.0)])  # as small a share, but far from noise
+    assert credible([summary(20.0, 1.4)], abrupt=True)
+    assert not credible([summary(20.0, 2.4)], abrupt=True)
+    # 0.01 % of it: what a law with a kink is not quite exact by. A smooth one is.
+    assert credible([summary(200.0, 2.4)], abrupt=True)
+    assert not credible([summary(200.0, 2.4)], abrupt=False)
+    # As small a share, but far from noise.
+    assert not credible([summary(3000.0, 30.0)], abrupt=True)
     # Six quiet joints beside it would make the error of all of them look like noise.
-    assert not credible([summary(10.0, 1.3), summary(27.0, 2.5)])
+    assert not credible([summary(10.0, 1.3), summary(27.0, 2.5)], abrupt=True)
 
 
 def named(effect, joint, **values):

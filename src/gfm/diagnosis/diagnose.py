@@ -12,11 +12,18 @@ import numpy as np
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis import evidence
-from gfm.diagnosis.attribution import Attribution, Round, attribute, describe, price
+from gfm.diagnosis.attribution import (
+    ADEQUATE,
+    Attribution,
+    Round,
+    attribute,
+    describe,
+    price,
+)
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.chain import evidence_chain
 from gfm.diagnosis.correction import corrected_model
-from gfm.diagnosis.fitting import Fit, fit, free_parameters
+from gfm.diagnosis.fitting import Fit, along_valley, fit, free_parameters
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.naming import fitly_named, twins
@@ -52,8 +59,8 @@ from gfm.sim.plant import native_spec
 #: Held-out RMSE, in units of the sensor noise, up to which a nominal model counts as adequate.
 ADEQUATE_RATIO = 1.25
 #: The same for a corrected one, and for what is claimed of one effect, where it acts; and the share
-#: of the gap there that laws which are not quite exact may leave: what leaves more stands, perhaps,
-#: for something that no known effect describes.
+#: of the gap there that abrupt laws, which are not quite exact, may leave: what leaves more stands,
+#: perhaps, for something that no known effect describes.
 CREDIBLE_RATIO, INEXACT_SHARE = 1.5, 0.003
 #: More noise floors than this are left by something else than inexact laws.
 FAR_FROM_NOISE = 20.0
@@ -288,7 +295,10 @@ def _attribute(
     report("settling amounts")
     long = reduce(Problem.joined, found.stretches, long)
     effects = found.fit.effects
-    final = fit(settled(long, effects).robust(effects), effects)
+    long_settled = settled(long, effects).robust(effects)
+    final = fit(long_settled, effects)
+    if len(effects) > 1 and final.cost > ADEQUATE:
+        final = along_valley(long_settled, final)
     return replace(found, fit=fitly_named(final, problem.specs)), long
 
 
@@ -330,6 +340,7 @@ def _named(
     values = np.array([instances[i].values[name] for i, name in free])
     widths = half_widths(values, fitted.jacobian, fitted.residual, blocks)
     by_place = dict(zip(free, widths, strict=True))
+    abrupt = any(instance.effect.abrupt for instance in instances)
     named = []
     for i, instance in enumerate(instances):
         parameters = {}
@@ -345,7 +356,7 @@ def _named(
                 joints=instance.joints,
                 parameters=parameters,
                 confidence=_confidence(
-                    _found_in(instance, found.rounds), error, adequate=credible(here)
+                    _found_in(instance, found.rounds), error, adequate=credible(here, abrupt=abrupt)
                 ),
                 native=instance.effect.native,
             )
@@ -370,10 +381,15 @@ def _where_it_acts(
     return [one for joint, one in by_joint.items() if not local or joint in instance.joints]
 
 
-def credible(errors: Sequence[ErrorSummary]) -> bool:
-    """Returns whether noise is left, or next to nothing of what was there, by all of `errors`."""
+def credible(errors: Sequence[ErrorSummary], *, abrupt: bool) -> bool:
+    """Returns whether noise is left, by all of `errors`.
+
+    Beside an `abrupt` law also where next to nothing is left of what was there. Smooth laws are
+    simulated exactly: what they leave, they do not describe.
+    """
     return all(
-        one.after <= CREDIBLE_RATIO * one.noise_floor or _left_little(one, 1.0 - INEXACT_SHARE)
+        one.after <= CREDIBLE_RATIO * one.noise_floor
+        or (abrupt and _left_little(one, 1.0 - INEXACT_SHARE))
         for one in errors
     )
 

@@ -38,6 +38,7 @@ class SurfaceContact(Effect):
     """
 
     name = "surface_contact"
+    abrupt = True
     scope = Scope.LAST
     only_in_stretches = True
     parameters = (

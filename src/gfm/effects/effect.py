@@ -136,6 +136,9 @@ class Effect(ABC):
     #: Whether it acts now and then only: looked for in the stretches that nothing else explains.
     #: Few stretches tell of it: its amounts are given without intervals.
     only_in_stretches: ClassVar[bool] = False
+    #: Whether its law has a kink or a jump: simulators soften those and samples fall beside them;
+    #: where it is what was missing, a little more than noise may be left.
+    abrupt: ClassVar[bool] = False
     #: Of an effect of the robot: whether it names the joints that share it.
     shares_joints: ClassVar[bool] = False
     #: Parameters that a fit leaves as the search found them.

@@ -73,6 +73,7 @@ class Backlash(Effect):
     """Free play between the motor side and the link."""
 
     name = "backlash"
+    abrupt = True
     confused_with = ("joint_elasticity",)
     parameters = (Parameter(name="gap", unit="rad", lower=0.0, upper=0.5),)
     separates_motor = True

@@ -38,6 +38,7 @@ class CoulombFriction(Effect):
     """A dry friction torque that opposes motion and holds at rest (MuJoCo's frictionloss)."""
 
     name = "coulomb_friction"
+    abrupt = True
     parameters = (Parameter(name="torque", unit="N m", lower=0.0, upper=1e3),)
     shown_by = "reversals at several speeds, and rest under load"
 
@@ -105,6 +106,7 @@ class StribeckFriction(Effect):
     """
 
     name = "stribeck_friction"
+    abrupt = True
     costly = True
     valleys = ("stribeck_velocity",)
     excess_of = "coulomb_friction"
@@ -152,6 +154,7 @@ class AsymmetricFriction(Effect):
     """
 
     name = "asymmetric_friction"
+    abrupt = True
     parameters = (Parameter(name="difference", unit="N m", lower=-1e3, upper=1e3),)
     twin = "torque_offset"
     shown_by = (
@@ -176,6 +179,7 @@ class LoadDependentFriction(Effect):
     """Dry friction that grows with the torque of the drive. MuJoCo cannot express it."""
 
     name = "load_dependent_friction"
+    abrupt = True
     seen_over = "drive"
     costly = True
     parameters = (Parameter(name="coefficient", unit="1", lower=0.0, upper=0.9),)

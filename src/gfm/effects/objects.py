@@ -49,6 +49,7 @@ class ObjectFriction(Effect):
     """The coefficient of sliding friction between the object and what it slides on."""
 
     name = "object_friction"
+    abrupt = True
     scope = Scope.OBJECT
     parameters = (Parameter(name="coefficient", unit="1", lower=-5.0, upper=5.0),)
     confused_with = ("object_damping",)
@@ -105,6 +106,7 @@ class ObjectMass(Effect):
     """The object's mass; its inertia grows with it, its shape and centre stay."""
 
     name = "object_mass"
+    abrupt = True
     scope = Scope.OBJECT
     parameters = (Parameter(name="mass", unit="kg", lower=-50.0, upper=50.0),)
     shown_by = "lifting the object, or pushing it, with measured joint torques"
@@ -127,6 +129,7 @@ class ObjectCom(Effect):
     """Where the object's centre of mass is, in its own frame."""
 
     name = "object_com"
+    abrupt = True
     scope = Scope.OBJECT
     parameters = (
         Parameter(name="x", unit="m", lower=-1.0, upper=1.0),
@@ -176,6 +179,7 @@ class ObjectDamping(Effect):
     """
 
     name = "object_damping"
+    abrupt = True
     scope = Scope.OBJECT
     parameters = (
         Parameter(name="linear", unit="N s/m", lower=0.0, upper=1e3),
