@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis import attribution
+from gfm.diagnosis import attribution, fitting
 from gfm.diagnosis.attribution import InStretches, Round, attribute, price, worth_it
 from gfm.diagnosis.diagnose import clearness
-from gfm.diagnosis.fitting import Fit, at_bound
+from gfm.diagnosis.fitting import Fit, along_valley, at_bound
 from gfm.diagnosis.problem import Noise, Problem
 from gfm.diagnosis.screening import Screened, shortlist
 from gfm.diagnosis.signals import starts_at_rest
@@ -173,3 +173,27 @@ def test_stretches_are_looked_into_once_and_what_they_tell_of_stays():
         (0, True),
     ]
     assert len(found.stretches) == 1
+
+
+def test_amounts_are_begun_from_both_sides_of_their_valley(monkeypatch):
+    """A landscape with a second minimum along the direction that is hardly determined."""
+    dry, viscous = (
+        instance("coulomb_friction", torque=1.0),
+        instance("viscous_friction", coefficient=2.0),
+    )
+    begun = []
+
+    def fit(_, effects):
+        torque, coefficient = (next(iter(e.values.values())) for e in effects)
+        begun.append((torque, coefficient))
+        return replace(start, effects=effects, cost=5.0 if torque > 1.5 else 6.0)
+
+    # More of the one for less of the other, by equal shares, changes a hundredth of the rest.
+    jacobian = np.array([[1.0, 0.5], [0.01, -0.005]])
+    start = Fit(effects=(dry, viscous), cost=6.0, jacobian=jacobian, residual=np.zeros(2))
+    monkeypatch.setattr(fitting, "fit", fit)
+    best = along_valley(zero_model(np.zeros((len(TIME_S), 1))), start)
+    assert sorted(begun[:2]) == [pytest.approx((0.5, 4.0)), pytest.approx((2.0, 1.0))]
+    assert best.cost == 5.0
+    assert best.effects[0].values["torque"] == pytest.approx(2.0)
+    assert len(begun) == 4  # from the better one again, on both sides, in vain

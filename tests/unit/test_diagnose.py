@@ -177,10 +177,11 @@ def test_what_is_usually_wrong_is_found_beside_what_is_known_already():
     assert found == MISSING
 
 
-def test_a_torque_limit_is_found_though_only_few_stretches_reach_it():
+@pytest.mark.parametrize("asked", [1.5, 15.0])
+def test_a_torque_limit_is_found_though_only_few_stretches_reach_it(asked):
     time_s = np.arange(0.0, 18.0, PERIOD_S)
     told = 0.2 * command(time_s, 0)
-    told[(time_s > 11.0) & (time_s < 11.4)] += 1.5
+    told[(time_s > 11.0) & (time_s < 11.4)] += asked  # ten times, or a hundred times the limit
     runs = [swung(told, seed=0, noise=0.3 * NOISE, limit=LIMIT)]
     specs = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
     problem = make_problem(specs, runs)

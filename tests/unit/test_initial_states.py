@@ -8,7 +8,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind
+from gfm.diagnosis.attribution import polished
+from gfm.diagnosis.fitting import fit
 from gfm.diagnosis.problem import Noise, Problem, settled
+from gfm.effects import EffectInstance, find_effect
 from gfm.sim.predict import Segment
 
 #: A point mass on a light rod, near its upright equilibrium, whose fall multiplies what it begins
@@ -24,10 +27,10 @@ TIME_S = 0.01 * np.arange(100.0)
 NOISE = 1e-4
 
 
-def fallen(angle, speed):
-    """Returns the angles of the fall, shape (T, 1)."""
+def fallen(angle, speed, friction=0.0):
+    """Returns the angles of the fall, shape (T, 1), with viscous friction in N m s/rad."""
     found = solve_ivp(
-        lambda _, y: [y[1], 9.81 / LENGTH * np.sin(y[0])],
+        lambda _, y: [y[1], 9.81 / LENGTH * np.sin(y[0]) - friction / LENGTH**2 * y[1]],
         (0.0, TIME_S[-1]),
         [angle, speed],
         t_eval=TIME_S,
@@ -73,3 +76,18 @@ def test_a_servo_forgets_how_it_began():
     assert settled(led, ()).segments == led.segments
     off = replace(led, segments=(replace(led.segments[0], servo_gain=np.zeros(1)),))
     assert settled(off, ()).segments[0].initial_velocity[0] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_rivals_are_compared_from_initial_states_of_their_own():
+    """Those of the problem suit the model without friction: beside it, friction looks wrong."""
+    problem = falling(CommandKind.EFFORT, error=0.0)
+    slowed = replace(problem.segments[0], position=fallen(0.1, 0.0, friction=0.05))
+    suited = settled(replace(problem, segments=(slowed,)), ())
+    some = EffectInstance(
+        effect=find_effect("viscous_friction"), joints=("j",), values={"coefficient": 0.01}
+    )
+    there = fit(suited, (some,))
+    assert there.cost > 5.0
+    best = polished(suited, [there])[0]
+    assert best.cost < 0.1
+    assert best.effects[0].values["coefficient"] == pytest.approx(0.05, rel=0.01)
