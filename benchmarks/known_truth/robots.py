@@ -73,6 +73,11 @@ class Robot:
         """Whether all joints are parallel and horizontal."""
         return bool((self.axis == [0.0, 1.0, 0.0]).all() and not self.turn.any())
 
+    @property
+    def upright(self) -> bool:
+        """Whether the first joint turns about the vertical: nothing tells where its zero is."""
+        return bool((self.axis[0] == [0.0, 0.0, 1.0]).all() and not self.turn[0, :2].any())
+
 
 def _array(*values: float) -> Array:
     return np.array(values)

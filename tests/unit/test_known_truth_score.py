@@ -7,12 +7,13 @@ from collections import Counter
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from known_truth import generate as generation
 from known_truth import page
-from known_truth.draft import LEAST_SIGNAL
+from known_truth.draft import LEAST_SIGNAL, draft
 from known_truth.outside import SLIPPING, STRANGE
 from known_truth.plans import VOCABULARY, Plan, plans
 from known_truth.score import Score, relative_error, score
@@ -189,6 +190,19 @@ def test_a_case_is_what_a_user_would_have(tmp_path: Path, monkeypatch: pytest.Mo
     assert hidden["joints"] == ["hinge"]
     assert hidden["signal"] >= LEAST_SIGNAL
     assert not list(case.glob("*.json"))
+
+
+def test_no_encoder_offset_is_hidden_where_nothing_tells_of_it() -> None:
+    """Not about the vertical: gravity and motion look the same from wherever angles count."""
+    (plan,) = [p for p in plans(3) if p.name == "spatial_both-encoder_offset"]
+    drawn = draft(plan)
+    still = np.zeros((1, len(drawn.robot.joints)))
+    drawn.nominal = [SimpleNamespace(servo=still, effort=still)]
+    assert drawn.robot.upright
+    assert drawn.joints[0] == 0
+    assert drawn.candidate().joints == (drawn.joints[1],)
+    drawn.plan = replace(plan, effects=("armature",))
+    assert drawn.candidate().joints == (0,)
 
 
 def test_what_is_there_is_not_made_again(tmp_path: Path) -> None:
