@@ -396,15 +396,24 @@ def play_round(
 
 
 def polished(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
-    """Returns the fits, best first, those in front with all their parameters fitted to the end.
-
-    Each with initial states as they fit best under its own effects: those of `problem` suit what
-    was found before, and among close rivals that which changes least beside it.
-    """
+    """Returns the fits, best first, those in front with all their parameters fitted to the end."""
     by_cost = sorted(fits, key=lambda f: f.cost)
     front = [f for f in by_cost[:POLISHED] if f.cost < CLOSE * by_cost[0].cost]
-    done = [fit(settled(problem, f.effects), f.effects) for f in front]
+    done = [_fitted_out(problem, f.effects) for f in front]
     return sorted([*done, *by_cost[len(front) :]], key=lambda f: f.cost)
+
+
+def _fitted_out(problem: Problem, effects: Sequence[EffectInstance]) -> Fit:
+    """Returns the fit of effects, also from initial states of their own if that is better.
+
+    Those of `problem` suit what was found before, and among close rivals that which changes least
+    beside it.
+    """
+    as_it_is = fit(problem, effects)
+    own = settled(problem, as_it_is.effects)
+    if own.segments == problem.segments:
+        return as_it_is
+    return min(as_it_is, fit(own, as_it_is.effects), key=lambda f: f.cost)
 
 
 def _with_lookalikes(

@@ -6,7 +6,7 @@ Shape letters: N numbers of a residual.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,7 +33,9 @@ LEAST_SUSPECTS = 2
 class Screened:
     """A candidate with the amount that fits best to first order.
 
-    `gain` is the share of the squared residual that it would explain.
+    `gain` is the share of the squared residual that it would explain, to first order or, if that is
+    more, in a rollout with that amount: far from the truth, first order says little of a law that
+    makes joints stick.
     """
 
     instance: EffectInstance
@@ -68,11 +70,20 @@ def screen(
     """Returns the candidates with their best amounts to first order, best first."""
     sample = problem.sample(SCREENING_S)
     fast, here = coarse(problem.subset(sample)), _rows(problem, sample)
+    there = replace(base, jacobian=base.jacobian[here], residual=base.residual[here])
+    found = _to_first_order(fast, candidates, scales, there)
+    return sorted(_tried(fast, found, there), key=lambda s: -s.gain)
+
+
+def _to_first_order(
+    problem: Problem, candidates: Sequence[Place], scales: Sequence[Scales], base: Fit
+) -> list[Screened]:
+    """Returns what each candidate explains to first order beside `base`."""
     probes = list(_probes(problem, candidates, scales))
     sets = [(*base.effects, instance) for _, group in probes for instance in group]
-    still, *moved = fast.residuals([base.effects, *sets])
-    basis = orthonormal(base.jacobian[here])
-    residual = base.residual[here] - basis @ (basis.T @ base.residual[here])
+    still, *moved = problem.residuals([base.effects, *sets])
+    basis = orthonormal(base.jacobian)
+    residual = base.residual - basis @ (basis.T @ base.residual)
     best: dict[tuple[object, ...], Screened] = {}
     row = 0
     for place, group in probes:
@@ -84,7 +95,22 @@ def screen(
         variant = (place.key, *(group[0].values[name] for name in apart))
         if found and (variant not in best or found.gain > best[variant].gain):
             best[variant] = found
-    return sorted(best.values(), key=lambda s: -s.gain)
+    return list(best.values())
+
+
+def _tried(problem: Problem, found: Sequence[Screened], base: Fit) -> list[Screened]:
+    """Returns the candidates with what their amounts explain in a rollout, if that is more.
+
+    The effects of `base` make up for it to first order.
+    """
+    sets = [base.effects, *((*base.effects, one.instance) for one in found)]
+    residuals, basis = problem.residuals(sets), orthonormal(base.jacobian)
+    left = np.sum((residuals - (residuals @ basis) @ basis.T) ** 2, axis=1)
+    explained = 1.0 - left[1:] / left[0]
+    return [
+        replace(one, gain=max(one.gain, float(gain)))
+        for one, gain in zip(found, explained, strict=True)
+    ]
 
 
 def _rows(problem: Problem, segments: Sequence[int]) -> Array:
