@@ -8,12 +8,13 @@ import pytest
 from gfm.core import CommandKind
 from gfm.diagnosis import attribution, fitting
 from gfm.diagnosis.attribution import InStretches, Round, attribute, price, worth_it
+from gfm.diagnosis.candidates import places
 from gfm.diagnosis.diagnose import clearness
-from gfm.diagnosis.fitting import Fit, along_valley, at_bound
+from gfm.diagnosis.fitting import Fit, along_valley, at_bound, nothing
 from gfm.diagnosis.problem import Noise, Problem
-from gfm.diagnosis.screening import Screened, shortlist
+from gfm.diagnosis.screening import Screened, screen, shortlist
 from gfm.diagnosis.signals import starts_at_rest
-from gfm.effects import EffectInstance, effect_library
+from gfm.effects import EffectInstance, Scales, effect_library
 from gfm.sim.predict import Prediction, Segment
 
 TIME_S = 0.01 * np.arange(40.0)
@@ -197,3 +198,28 @@ def test_amounts_are_begun_from_both_sides_of_their_valley(monkeypatch):
     assert best.cost == 5.0
     assert best.effects[0].values["torque"] == pytest.approx(2.0)
     assert len(begun) == 4  # from the better one again, on both sides, in vain
+
+
+class Sticking(Predicted):
+    """Dry friction changes the residual sideways at first; what is missing sticks, and is right."""
+
+    def residuals(self, candidates):
+        missing, sideways = np.zeros((2, len(TIME_S)))
+        missing[0], sideways[1] = 1.0, 1.0
+        rows = {0.0: missing, 0.5 * SCALES.excess_nm: 0.7 * missing + 0.9 * sideways}
+        torques = [sum(e.values["torque"] for e in effects) for effects in candidates]
+        return np.stack([rows.get(torque, 0.2 * missing) for torque in torques])
+
+
+SCALES = Scales(
+    torque_nm=1.0, excess_nm=0.1, velocity_rad_s=1.0, position_rad=1.0, peak_nm=3.0, inertia=0.1
+)
+
+
+def test_what_first_order_misjudges_is_screened_by_what_it_explains_where_it_is_put_in():
+    plain = zero_model(np.zeros((len(TIME_S), 1)))
+    sticking = Sticking(**{name: getattr(plain, name) for name in plain.__dataclass_fields__})
+    base = nothing(sticking)
+    (place,) = places(effect_library()["coulomb_friction"], ("joint",))
+    (found,) = screen(sticking, [place], [SCALES], base)
+    assert found.gain == pytest.approx(1.0 - 0.2**2)  # to first order, 0.3^2 / (0.3^2 + 0.9^2)
