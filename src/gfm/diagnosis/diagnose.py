@@ -297,7 +297,7 @@ def _attribute(
     effects = found.fit.effects
     long_settled = settled(long, effects).robust(effects)
     final = fit(long_settled, effects)
-    if len(effects) > 1 and final.cost > ADEQUATE:
+    if final.cost > ADEQUATE:
         final = along_valley(long_settled, final)
     return replace(found, fit=fitly_named(final, problem.specs)), long
 

@@ -99,18 +99,28 @@ def along_valley(problem: Problem, fitted: Fit) -> Fit:
     become small. Amounts are doubled and halved in the proportion that changes least to first
     order, until that leads nowhere better.
     """
-    best: Fit | None = None
-    while best is not fitted:
-        best = fitted
-        values = amounts(best.effects)
-        flattest = np.linalg.svd(best.jacobian * values, full_matrices=False)[2][-1]
-        step = FARTHER ** (flattest / np.abs(flattest).max())
-        for start in (values * step, values / step):
-            begun = _with_amounts(best.effects, np.clip(start, *_bounds(best.effects)))
-            other = fit(problem, begun)
-            if other.cost < (1.0 - FIT_TOLERANCE) * fitted.cost:
-                fitted = other
-    return best
+    others = [fit(problem, begun) for begun in _both_sides(fitted)]
+    best = min([fitted, *others], key=lambda f: f.cost)
+    if best.cost > (1.0 - FIT_TOLERANCE) * fitted.cost:
+        return fitted
+    return along_valley(problem, best)
+
+
+def _both_sides(fitted: Fit) -> list[tuple[EffectInstance, ...]]:
+    """Returns the effects with other amounts in the proportion that changes the residual least."""
+    values = amounts(fitted.effects)
+    acting = np.flatnonzero(values)
+    if len(acting) < 2:
+        return []
+    flattest = np.zeros_like(values)
+    shares = (fitted.jacobian * values)[:, acting]
+    flattest[acting] = np.linalg.svd(shares, full_matrices=False)[2][-1]
+    step = FARTHER ** (flattest / np.abs(flattest).max())
+    bounds = _bounds(fitted.effects)
+    return [
+        _with_amounts(fitted.effects, np.clip(start, *bounds))
+        for start in (values * step, values / step)
+    ]
 
 
 def free_parameters(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:
