@@ -11,7 +11,7 @@ from gfm.diagnosis.attribution import InStretches, Round, attribute, price, wort
 from gfm.diagnosis.candidates import places
 from gfm.diagnosis.diagnose import clearness
 from gfm.diagnosis.fitting import Fit, along_valley, at_bound, nothing
-from gfm.diagnosis.problem import Noise, Problem
+from gfm.diagnosis.problem import Noise, Problem, with_state_basis
 from gfm.diagnosis.screening import Screened, screen, shortlist
 from gfm.diagnosis.signals import starts_at_rest
 from gfm.effects import EffectInstance, Scales, effect_library
@@ -68,6 +68,12 @@ def test_limits_follow_what_a_typical_stretch_shows_and_never_cut_into_noise():
     loud, quiet = np.full((len(TIME_S), 1), 5.0), np.full((len(TIME_S), 1), 1e-3)
     assert zero_model(loud).robust(()).outlying_from[0, 0] == pytest.approx(3.0 * 10.0)
     assert zero_model(quiet).robust(()).outlying_from[0, 0] == pytest.approx(3.0)
+
+
+def test_an_initial_state_that_changes_nothing_explains_nothing():
+    """As where simulations run away: all of them are cut off at the same size."""
+    basis = with_state_basis(zero_model(np.ones((len(TIME_S), 1)))).state_basis[0]
+    assert basis.shape == (len(TIME_S), 0)
 
 
 def test_a_joint_rests_where_its_slope_is_noise():

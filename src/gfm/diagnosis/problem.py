@@ -530,6 +530,13 @@ def _moved(segment: Segment, change: Array) -> Segment:
 
 
 def _orthonormal(columns: Array) -> Array:
-    """Returns an orthonormal basis of the columns, without directions that are numerical noise."""
-    left, sizes, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
-    return np.asarray(left[:, sizes > 1e-3 * sizes[0]])
+    """Returns an orthonormal basis of the columns, without directions that are numerical noise.
+
+    A column is nothing where an initial state changes nothing: where a simulation ran away.
+    """
+    sizes = np.linalg.norm(columns, axis=0)
+    acting = sizes > 0.0
+    if not acting.any():
+        return columns[:, :0]
+    left, shares, _ = np.linalg.svd(columns[:, acting] / sizes[acting], full_matrices=False)
+    return np.asarray(left[:, shares > 1e-3 * shares[0]])
