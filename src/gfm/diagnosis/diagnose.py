@@ -64,7 +64,7 @@ ADEQUATE_RATIO = 1.25
 CREDIBLE_RATIO, INEXACT_SHARE = 1.5, 0.003
 #: More noise floors than this are left by something else than inexact laws.
 FAR_FROM_NOISE = 20.0
-#: Share of the held-out gap that must be closed to call it explained although some is left.
+#: Share of the held-out gap that abrupt laws must close to call it explained although some is left.
 EXPLAINED_SHARE = 0.99
 #: Share of the gap that has to be closed to name anything.
 LEAST_SHARE = 0.05
@@ -312,7 +312,8 @@ def _verdict(error: ErrorSummary, named: Sequence[NamedEffect]) -> Verdict:
     if not named:
         adequate = error.before <= ADEQUATE_RATIO * error.noise_floor
         return Verdict.NO_GAP if adequate else Verdict.UNEXPLAINED
-    if error.after <= CREDIBLE_RATIO * error.noise_floor or _left_little(error, EXPLAINED_SHARE):
+    abrupt = any(effect_library()[one.effect].abrupt for one in named)
+    if credible([error], abrupt=abrupt, share=EXPLAINED_SHARE):
         return Verdict.EXPLAINED
     return Verdict.PARTLY_EXPLAINED
 
@@ -381,15 +382,16 @@ def _where_it_acts(
     return [one for joint, one in by_joint.items() if not local or joint in instance.joints]
 
 
-def credible(errors: Sequence[ErrorSummary], *, abrupt: bool) -> bool:
+def credible(
+    errors: Sequence[ErrorSummary], *, abrupt: bool, share: float = 1.0 - INEXACT_SHARE
+) -> bool:
     """Returns whether noise is left, by all of `errors`.
 
-    Beside an `abrupt` law also where next to nothing is left of what was there. Smooth laws are
-    simulated exactly: what they leave, they do not describe.
+    Beside an `abrupt` law also where that share of the gap was closed. Smooth laws are simulated
+    exactly: what they leave, they do not describe.
     """
     return all(
-        one.after <= CREDIBLE_RATIO * one.noise_floor
-        or (abrupt and _left_little(one, 1.0 - INEXACT_SHARE))
+        one.after <= CREDIBLE_RATIO * one.noise_floor or (abrupt and _left_little(one, share))
         for one in errors
     )
 
