@@ -9,7 +9,7 @@ from gfm.core import CommandKind
 from gfm.diagnosis import attribution, fitting
 from gfm.diagnosis.attribution import InStretches, Round, attribute, price, worth_it
 from gfm.diagnosis.candidates import places
-from gfm.diagnosis.diagnose import clearness
+from gfm.diagnosis.claims import clearness
 from gfm.diagnosis.fitting import Fit, along_valley, at_bound, nothing
 from gfm.diagnosis.problem import Noise, Problem, with_state_basis
 from gfm.diagnosis.screening import Screened, screen, shortlist

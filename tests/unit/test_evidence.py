@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.diagnose import credible, effects_in_words
+from gfm.diagnosis.claims import credible
 from gfm.diagnosis.evidence import MISFIT, law_plots, profile_plots
 from gfm.diagnosis.problem import make_problem
 from gfm.diagnosis.result import ErrorSummary, NamedEffect, ParameterEstimate
+from gfm.diagnosis.sentences import effects_in_words
 from gfm.effects import EffectInstance, effect_library
 from pendulum import MODEL, PERIOD_S, swung
 

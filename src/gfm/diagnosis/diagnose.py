@@ -12,21 +12,20 @@ import numpy as np
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis import evidence
-from gfm.diagnosis.attribution import (
-    ADEQUATE,
-    Attribution,
-    Round,
-    attribute,
-    describe,
-    price,
-)
+from gfm.diagnosis.attribution import ADEQUATE, Attribution, attribute
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.chain import evidence_chain
+from gfm.diagnosis.claims import (
+    closed_share,
+    named_effects,
+    suspects_of,
+    verdict_on,
+    verdict_on_both,
+)
 from gfm.diagnosis.correction import corrected_model
-from gfm.diagnosis.fitting import Fit, along_valley, fit, free_parameters
-from gfm.diagnosis.intervals import half_widths
+from gfm.diagnosis.fitting import along_valley, fit
 from gfm.diagnosis.learned import learned_report
-from gfm.diagnosis.naming import fitly_named, twins
+from gfm.diagnosis.naming import fitly_named
 from gfm.diagnosis.objects import ObjectPart, examine_object, widened
 from gfm.diagnosis.problem import (
     LONG,
@@ -44,28 +43,17 @@ from gfm.diagnosis.result import (
     EvidencePlot,
     JointError,
     NamedEffect,
-    ParameterEstimate,
     RecordingSummary,
-    Suspect,
     Verdict,
 )
+from gfm.diagnosis.sentences import sentence_on, sentence_on_object
 from gfm.diagnosis.stretches import look_into_stretches
 from gfm.diagnosis.usual import usually_missing
-from gfm.effects import EffectInstance, Scope, effect_library
+from gfm.effects import EffectInstance, effect_library
 from gfm.excitation.blind_spots import blind_spots
 from gfm.sim.learned import LearnedForces
 from gfm.sim.plant import native_spec
 
-#: Held-out RMSE, in units of the sensor noise, up to which a nominal model counts as adequate.
-ADEQUATE_RATIO = 1.25
-#: The same for a corrected one, and for what is claimed of one effect, where it acts; and the share
-#: of the gap there that abrupt laws, which are not quite exact, may leave: what leaves more stands,
-#: perhaps, for something that no known effect describes.
-CREDIBLE_RATIO, INEXACT_SHARE = 1.5, 0.003
-#: More noise floors than this are left by something else than inexact laws.
-FAR_FROM_NOISE = 20.0
-#: Share of the held-out gap that abrupt laws must close to call it explained although some is left.
-EXPLAINED_SHARE = 0.99
 #: Share of the gap that has to be closed to name anything.
 LEAST_SHARE = 0.05
 #: Less motion or time than this says nothing about dynamics.
@@ -74,10 +62,6 @@ LEAST_MOTION_RAD, LEAST_TIME_S, LEAST_RATE_HZ = 0.01, 1.5, 10.0
 LOOKED_AT_S = 72.0
 #: Recorded time on which the profiles of amounts are drawn (of an arm; of smaller robots more).
 PROFILED_S = 12.0
-#: Two candidates are equal when the runner-up leaves so little more of what the best explains.
-EQUAL, CLEAR = 0.01, 0.10
-#: How sure one may be, by the ratio of the runner-up's cost to that of a best that leaves noise.
-WORSE = ((1.0, 1.02, 1.1, 1.5), (0.5, 0.6, 0.9, 0.99))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,23 +149,23 @@ def diagnose(
     instances = found.fit.effects if found else ()
     report("measuring the corrected model on held-out recordings")
     errors = _errors(held, instances)
-    if found and _closed(errors.summary) < LEAST_SHARE:
+    if found and closed_share(errors.summary) < LEAST_SHARE:
         instances, errors = (), HeldOut(problem=held, before=errors.before, after=errors.before)
     named = (
-        _named(fitted_to.slices(), found, instances, errors.summary, errors.by_joint)
+        named_effects(fitted_to.slices(), found, instances, errors.summary, errors.by_joint)
         if found
         else ()
     )
-    verdict = Verdict.INSUFFICIENT_DATA if lack else _verdict(errors.summary, named)
+    verdict = Verdict.INSUFFICIENT_DATA if lack else verdict_on(errors.summary, named)
     both = (*named, *pushed)
     corrected = {kind: corrected_model(spec, both, given) for kind, spec in specs.items()}
     first = corrected[recordings[0].command_kind]
     findings = all_findings(long, recordings, holdout, instances)
     robot = Diagnosis(
         verdict=verdict,
-        sentence=_sentence(verdict, named, errors.summary, lack),
+        sentence=sentence_on(verdict, named, errors.summary, lack),
         effects=named,
-        suspects=_suspects(found, instances) if found else (),
+        suspects=suspects_of(found, instances) if found else (),
         error=errors.summary,
         joints=_joint_errors(errors),
         recordings=tuple(
@@ -204,9 +188,9 @@ def diagnose(
 
 def _pushed(thing: ObjectPart | None) -> tuple[NamedEffect, ...]:
     """Returns what the object lacks, if that explains more than next to nothing."""
-    if thing is None or _closed(thing.overall) < LEAST_SHARE:
+    if thing is None or closed_share(thing.overall) < LEAST_SHARE:
         return ()
-    named = _named(thing.problem.slices(), thing.found, thing.effects, thing.overall)
+    named = named_effects(thing.problem.slices(), thing.found, thing.effects, thing.overall)
     return tuple(widened(one) for one in named)
 
 
@@ -223,33 +207,14 @@ def _with_object(robot: Diagnosis, thing: ObjectPart, pushed: tuple[NamedEffect,
     """Returns the answer on robot and object together."""
     return replace(
         robot,
-        verdict=_of_both(robot.verdict, _verdict(thing.overall, pushed)),
-        sentence=f"{robot.sentence} {_object_sentence(thing, pushed)}",
+        verdict=verdict_on_both(robot.verdict, verdict_on(thing.overall, pushed)),
+        sentence=f"{robot.sentence} {sentence_on_object(thing, pushed)}",
         effects=(*robot.effects, *pushed),
-        suspects=(*robot.suspects, *_suspects(thing.found, thing.effects if pushed else ())),
+        suspects=(*robot.suspects, *suspects_of(thing.found, thing.effects if pushed else ())),
         object_error=dict(zip(("position", "yaw"), thing.errors, strict=True)),
         blind_spots=(*robot.blind_spots, *thing.blind_spots),
         plots=(*robot.plots, *thing.plots),
         notes=(*robot.notes, *thing.notes),
-    )
-
-
-def _of_both(robot: Verdict, thing: Verdict) -> Verdict:
-    """Returns the verdict on the robot and the object together."""
-    if robot in (thing, Verdict.INSUFFICIENT_DATA) or thing is Verdict.NO_GAP:
-        return robot
-    return thing if robot is Verdict.NO_GAP else Verdict.PARTLY_EXPLAINED
-
-
-def _object_sentence(thing: ObjectPart, pushed: Sequence[NamedEffect]) -> str:
-    place = thing.errors[0]
-    names = "; ".join(_in_words(effect) for effect in pushed)
-    lacks = (
-        f"misses {names} of the object" if pushed else "misses nothing of the object with a name"
-    )
-    return (
-        f"It {lacks} (held-out error of its place {place.before:.3g} m before, "
-        f"{place.after:.3g} m after, noise {place.noise_floor:.3g} m)."
     )
 
 
@@ -300,258 +265,6 @@ def _attribute(
     if final.cost > ADEQUATE:
         final = along_valley(long_settled, final)
     return replace(found, fit=fitly_named(final, problem.specs)), long
-
-
-def _closed(error: ErrorSummary) -> float:
-    """Returns the share of the held-out gap (squared error above the noise) that was closed."""
-    gap = error.before**2 - error.noise_floor**2
-    return 0.0 if gap <= 0.0 else (error.before**2 - error.after**2) / gap
-
-
-def _verdict(error: ErrorSummary, named: Sequence[NamedEffect]) -> Verdict:
-    if not named:
-        adequate = error.before <= ADEQUATE_RATIO * error.noise_floor
-        return Verdict.NO_GAP if adequate else Verdict.UNEXPLAINED
-    abrupt = any(effect_library()[one.effect].abrupt for one in named)
-    if credible([error], abrupt=abrupt, share=EXPLAINED_SHARE):
-        return Verdict.EXPLAINED
-    return Verdict.PARTLY_EXPLAINED
-
-
-def _named(
-    blocks: Sequence[slice],
-    found: Attribution,
-    instances: Sequence[EffectInstance],
-    error: ErrorSummary,
-    by_joint: Mapping[str, ErrorSummary] | None = None,
-) -> tuple[NamedEffect, ...]:
-    """Returns the accepted effects with intervals, in the order in which they were found.
-
-    Args:
-        blocks: Rows of the fit's residual that belong together.
-        found: What was accepted, and when.
-        instances: The same with their amounts.
-        error: Held-out, of everything together.
-        by_joint: The same of every joint.
-    """
-    if not instances:
-        return ()
-    fitted = found.fit
-    free = free_parameters(instances)
-    values = np.array([instances[i].values[name] for i, name in free])
-    widths = half_widths(values, fitted.jacobian, fitted.residual, blocks)
-    by_place = dict(zip(free, widths, strict=True))
-    abrupt = any(instance.effect.abrupt for instance in instances)
-    named = []
-    for i, instance in enumerate(instances):
-        parameters = {}
-        here = [error, *_where_it_acts(instance, by_joint or {})]
-        adequate = all(one.after <= CREDIBLE_RATIO * one.noise_floor for one in here)
-        for p in instance.effect.parameters:
-            value, width = instance.values[p.name], float(by_place.get((i, p.name), np.inf))
-            holds = adequate and not instance.effect.only_in_stretches
-            parameters[p.name] = _estimate(value, p.unit, width, holds=holds)
-        named.append(
-            NamedEffect(
-                effect=instance.effect.name,
-                joints=instance.joints,
-                parameters=parameters,
-                confidence=_confidence(
-                    _found_in(instance, found.rounds), error, adequate=credible(here, abrupt=abrupt)
-                ),
-                native=instance.effect.native,
-            )
-        )
-    return tuple(named)
-
-
-def _estimate(value: float, unit: str, width: float, *, holds: bool) -> ParameterEstimate:
-    """Returns a value with its interval, or with its spread where no interval would hold."""
-    if not np.isfinite(width):
-        return ParameterEstimate(value=value, unit=unit, ci95=None)
-    if not holds:
-        return ParameterEstimate(value=value, unit=unit, ci95=None, spread=width)
-    return ParameterEstimate(value=value, unit=unit, ci95=(value - width, value + width))
-
-
-def _where_it_acts(
-    instance: EffectInstance, by_joint: Mapping[str, ErrorSummary]
-) -> list[ErrorSummary]:
-    """Returns the errors of the joints on which an effect acts: all, unless it is of some."""
-    local = instance.effect.scope in (Scope.JOINT, Scope.PAIR)
-    return [one for joint, one in by_joint.items() if not local or joint in instance.joints]
-
-
-def credible(
-    errors: Sequence[ErrorSummary], *, abrupt: bool, share: float = 1.0 - INEXACT_SHARE
-) -> bool:
-    """Returns whether noise is left, by all of `errors`.
-
-    Beside an `abrupt` law also where that share of the gap was closed. Smooth laws are simulated
-    exactly: what they leave, they do not describe.
-    """
-    return all(
-        one.after <= CREDIBLE_RATIO * one.noise_floor or (abrupt and _left_little(one, share))
-        for one in errors
-    )
-
-
-def _left_little(error: ErrorSummary, share: float) -> bool:
-    """Returns whether that share of the gap was closed, and what is left is not far from noise."""
-    return _closed(error) >= share and error.after <= FAR_FROM_NOISE * error.noise_floor
-
-
-def clearness(fits: Sequence[Fit], before: float, *, adequate: bool) -> float:
-    """Returns how clearly the first of `fits` is better than its runner-up, 0.5..0.99.
-
-    By the share of what was missing that only the best explains. Where what is left in the end is
-    noise, a runner-up that leaves more than the best is worse, however small that share is. What
-    explains as much with more parameters (a spring far from its rest, instead of a constant torque)
-    is no rival.
-
-    Args:
-        fits: The best first.
-        before: Cost without any of them.
-        adequate: Whether what is left in the end is noise.
-    """
-    best = fits[0]
-    costs = [
-        f.cost
-        for f in fits
-        if f.effects[-1].key != best.effects[-1].key and price(f) <= price(best)
-    ]
-    if not costs:
-        return 0.99
-    share = (min(costs) - best.cost) / max(before - best.cost, 1e-9)
-    clear = float(np.interp(share, [0.0, EQUAL, CLEAR, 1.0], [0.5, 0.6, 0.95, 0.99]))
-    worse = float(np.interp(min(costs) / best.cost, *WORSE))
-    return max(clear, worse) if adequate else clear
-
-
-def _found_in(instance: EffectInstance, rounds: Sequence[Round]) -> Round:
-    """Returns the round in which an effect was accepted, there or first on another joint.
-
-    A level came with its excess.
-    """
-    names = {instance.effect.name, *(twin.effect.name for twin, _ in twins([instance]))}
-    names |= {e.name for e in effect_library().values() if e.excess_of == instance.effect.name}
-    won = [r for r in rounds if r.accepted is not None]
-    alike = [(r, e) for r in won for e in r.new if e.effect.name in names]
-    here = [r for r, e in alike if e.joints == instance.joints]
-    return (here or [r for r, _ in alike])[0]
-
-
-def _confidence(this: Round, error: ErrorSummary, *, adequate: bool) -> float:
-    """Returns 0..1: high where the runner-up explains clearly less and only noise is left.
-
-    Half where the runner-up explains as much. Half at most where more than noise is left: what is
-    named may then stand for something that no known effect describes.
-    """
-    clear = clearness(this.fits, this.before, adequate=adequate)
-    closed = np.clip(_closed(error), 0.0, 1.0)
-    return round(float(clear * (1.0 if adequate else 0.5 * closed)), 3)
-
-
-def _suspects(found: Attribution, instances: Sequence[EffectInstance]) -> tuple[Suspect, ...]:
-    """Returns the candidates that were fitted and lost, by the round in which they did best."""
-    taken = {instance.key for instance in instances} | {t.key for t, _ in twins(instances)}
-    best: dict[tuple[str, tuple[str, ...]], Suspect] = {}
-    for this in found.rounds:
-        for fitted in this.fits:
-            instance = fitted.effects[-1]
-            gain = 1.0 - fitted.cost / this.before
-            if instance.key in taken or gain < 0.01 or instance.key in best:
-                continue
-            best[instance.key] = Suspect(
-                effect=instance.effect.name,
-                joints=instance.joints,
-                reason=_reason(fitted, this),
-                decided_by=instance.effect.shown_by,
-                gain=float(np.clip(gain, 0.0, 1.0)),
-            )
-    equal = [
-        Suspect(
-            effect=twin.effect.name,
-            joints=twin.joints,
-            reason=f"equal to {describe(instance)}: the same torque under another name",
-            decided_by=twin.effect.shown_by,
-            gain=_gain_of(twin, instance, found),
-        )
-        for twin, instance in twins(instances)
-    ]
-    return (*equal, *sorted(best.values(), key=lambda s: -s.gain))
-
-
-def _gain_of(twin: EffectInstance, instance: EffectInstance, found: Attribution) -> float:
-    """Returns the share of the squared residual that an effect explained when it was accepted."""
-    keys = (twin.key, instance.key)
-    gains = [
-        1.0 - this.fits[0].cost / this.before
-        for this in found.rounds
-        if this.fits and this.fits[0].effects[-1].key in keys
-    ]
-    return float(np.clip(max(gains, default=0.0), 0.0, 1.0))
-
-
-def _reason(fitted: Fit, this: Round) -> str:
-    winner, share = this.fits[0], 100.0 * (1.0 - fitted.cost / this.before)
-    if winner is fitted or this.accepted is None:
-        return f"explains only {share:.1f} % of the squared residual"
-    gap = (fitted.cost - winner.cost) / max(this.before - winner.cost, 1e-9)
-    rival = "several effects together" if this.together else describe(winner.effects[-1])
-    explains = "explain" if this.together else "explains"
-    if gap < EQUAL:
-        return f"equal to {rival}: both explain {share:.1f} % of the squared residual"
-    best = 100.0 * (1.0 - winner.cost / this.before)
-    return f"explains {share:.1f} % of the squared residual; {rival} {explains} {best:.1f} %"
-
-
-def _sentence(
-    verdict: Verdict, named: Sequence[NamedEffect], error: ErrorSummary, lack: str
-) -> str:
-    if verdict is Verdict.INSUFFICIENT_DATA:
-        return f"The recordings do not say enough about the dynamics: {lack}."
-    figures = (
-        f"held-out position error {error.before:.3g} rad before, {error.after:.3g} rad after, "
-        f"sensor noise {error.noise_floor:.3g} rad"
-    )
-    if verdict is Verdict.NO_GAP:
-        return f"The model explains the recordings to within the sensor noise ({figures})."
-    if verdict is Verdict.UNEXPLAINED:
-        return f"The model misses something that no known effect explains ({figures})."
-    names = "; ".join(effects_in_words(named))
-    part = "misses" if verdict is Verdict.EXPLAINED else "misses, among what stays unexplained,"
-    return f"The model {part} {names} ({figures})."
-
-
-def effects_in_words(named: Sequence[NamedEffect]) -> list[str]:
-    """Returns the effects in words, those of one kind on several joints as one."""
-    kinds: dict[str, list[NamedEffect]] = {}
-    for effect in named:
-        kinds.setdefault(effect.effect, []).append(effect)
-    return [_in_words(alike[0]) if len(alike) == 1 else _of_kind(alike) for alike in kinds.values()]
-
-
-def _of_kind(alike: Sequence[NamedEffect]) -> str:
-    first = alike[0]
-    joints = ", ".join(joint for effect in alike for joint in effect.joints)
-    ranges = []
-    for name, parameter in first.parameters.items():
-        values = [effect.parameters[name].value for effect in alike]
-        unit = "" if parameter.unit == "1" else parameter.unit
-        ranges.append(
-            f"{name.replace('_', ' ')} {min(values):.3g} to {max(values):.3g} {unit}".rstrip()
-        )
-    return f"{first.effect.replace('_', ' ')} on {joints} ({', '.join(ranges)})"
-
-
-def _in_words(effect: NamedEffect) -> str:
-    where = f" on {', '.join(effect.joints)}" if effect.joints else ""
-    amounts = ", ".join(
-        f"{name.replace('_', ' ')} {p.value:.4g} {'' if p.unit == '1' else p.unit}".rstrip()
-        for name, p in effect.parameters.items()
-    )
-    return f"{effect.effect.replace('_', ' ')}{where} ({amounts})"
 
 
 def _joint_errors(errors: HeldOut) -> tuple[JointError, ...]:

@@ -1,0 +1,70 @@
+"""The answer in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gfm.diagnosis.objects import ObjectPart
+from gfm.diagnosis.result import ErrorSummary, NamedEffect, Verdict
+
+
+def sentence_on(
+    verdict: Verdict, named: Sequence[NamedEffect], error: ErrorSummary, lack: str
+) -> str:
+    """Returns the verdict on a robot in one sentence; `lack` says what the data do not show."""
+    if verdict is Verdict.INSUFFICIENT_DATA:
+        return f"The recordings do not say enough about the dynamics: {lack}."
+    figures = (
+        f"held-out position error {error.before:.3g} rad before, {error.after:.3g} rad after, "
+        f"sensor noise {error.noise_floor:.3g} rad"
+    )
+    if verdict is Verdict.NO_GAP:
+        return f"The model explains the recordings to within the sensor noise ({figures})."
+    if verdict is Verdict.UNEXPLAINED:
+        return f"The model misses something that no known effect explains ({figures})."
+    names = "; ".join(effects_in_words(named))
+    part = "misses" if verdict is Verdict.EXPLAINED else "misses, among what stays unexplained,"
+    return f"The model {part} {names} ({figures})."
+
+
+def sentence_on_object(thing: ObjectPart, pushed: Sequence[NamedEffect]) -> str:
+    """Returns what the model lacks of a pushed object, in one sentence."""
+    place = thing.errors[0]
+    names = "; ".join(_in_words(effect) for effect in pushed)
+    lacks = (
+        f"misses {names} of the object" if pushed else "misses nothing of the object with a name"
+    )
+    return (
+        f"It {lacks} (held-out error of its place {place.before:.3g} m before, "
+        f"{place.after:.3g} m after, noise {place.noise_floor:.3g} m)."
+    )
+
+
+def effects_in_words(named: Sequence[NamedEffect]) -> list[str]:
+    """Returns the effects in words, those of one kind on several joints as one."""
+    kinds: dict[str, list[NamedEffect]] = {}
+    for effect in named:
+        kinds.setdefault(effect.effect, []).append(effect)
+    return [_in_words(alike[0]) if len(alike) == 1 else _of_kind(alike) for alike in kinds.values()]
+
+
+def _of_kind(alike: Sequence[NamedEffect]) -> str:
+    first = alike[0]
+    joints = ", ".join(joint for effect in alike for joint in effect.joints)
+    ranges = []
+    for name, parameter in first.parameters.items():
+        values = [effect.parameters[name].value for effect in alike]
+        unit = "" if parameter.unit == "1" else parameter.unit
+        ranges.append(
+            f"{name.replace('_', ' ')} {min(values):.3g} to {max(values):.3g} {unit}".rstrip()
+        )
+    return f"{first.effect.replace('_', ' ')} on {joints} ({', '.join(ranges)})"
+
+
+def _in_words(effect: NamedEffect) -> str:
+    where = f" on {', '.join(effect.joints)}" if effect.joints else ""
+    amounts = ", ".join(
+        f"{name.replace('_', ' ')} {p.value:.4g} {'' if p.unit == '1' else p.unit}".rstrip()
+        for name, p in effect.parameters.items()
+    )
+    return f"{effect.effect.replace('_', ' ')}{where} ({amounts})"
