@@ -56,6 +56,15 @@ def test_the_picture_of_a_law_has_the_other_effects_in_its_model(problem, runs):
     assert np.median(np.abs(alone.series[0].y - alone.series[1].y)[moving]) > 2.0 * FRICTION
 
 
+def test_friction_that_grows_with_the_load_is_one_line_whichever_way_the_joint_moves(problem, runs):
+    (plot,) = law_plots([instance("load_dependent_friction", coefficient=0.3)], problem, runs)
+    law = plot.series[1]
+    # The sign of a measured velocity is blurred about zero: there, and only there, it is less.
+    assert (law.y <= 0.3 * law.x + 1e-9).all()
+    assert (law.y >= 0.0).all()
+    assert np.median(law.y / law.x) == pytest.approx(0.3, rel=0.01)
+
+
 def test_the_profile_of_an_amount_has_its_valley_where_it_was_fitted(problem):
     delay, gain = profile_plots(TRUTH, problem, problem)
     assert (delay.effect, gain.effect) == ("command_delay", "actuator_gain")

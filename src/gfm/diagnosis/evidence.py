@@ -25,9 +25,9 @@ PROFILE_POINTS = 9
 MISFIT = "error of rollouts in noise floors [1]"
 #: Labels of the signals over which laws are drawn.
 AXES = {
-    "velocity": "velocity [rad/s]",
-    "position": "position [rad]",
-    "drive": "drive torque [N m]",
+    "velocity": ("velocity [rad/s]", "missing torque [N m]"),
+    "position": ("position [rad]", "missing torque [N m]"),
+    "drive": ("size of the drive torque [N m]", "missing torque against the motion [N m]"),
 }
 
 
@@ -92,6 +92,10 @@ def _law_plot(
     law = _law_on(joint, instance, problem, views)
     signal = instance.effect.seen_over
     axis = np.concatenate([getattr(view, signal)[:, joint] for view in views])
+    if signal == "drive":
+        # Friction that grows with the load acts against the motion, whichever way the drive pushes.
+        against = -np.sign(np.concatenate([view.velocity[:, joint] for view in views]))
+        axis, missing, law = np.abs(axis), against * missing, against * law
     order = np.argsort(axis)
     keep = order[:: max(len(order) // MOST_POINTS, 1)]
     name = instance.effect.name.replace("_", " ")
@@ -100,8 +104,8 @@ def _law_plot(
         title=f"{name} on {instance.joints[0]}: torque that the model lacks without it{beside}",
         effect=instance.effect.name,
         joint=instance.joints[0],
-        x_label=AXES[signal],
-        y_label="missing torque [N m]",
+        x_label=AXES[signal][0],
+        y_label=AXES[signal][1],
         series=(
             Series(label="measured", x=axis[keep], y=missing[keep], style="points"),
             Series(label="fitted law", x=axis[keep], y=law[keep], style="line"),

@@ -149,7 +149,8 @@ class Effect(ABC):
     excess_of: ClassVar[str | None] = None
     #: The motion that shows it, in words.
     shown_by: ClassVar[str]
-    #: Over which signal of `Motion` the report draws its law: velocity, position or drive.
+    #: Over which signal of `Motion` the report draws its law: velocity, position or drive (over the
+    #: size of the drive torque, against the motion).
     seen_over: ClassVar[str] = "velocity"
     #: Effects that look like it in many motions: they are always put beside it.
     confused_with: ClassVar[tuple[str, ...]] = ()
