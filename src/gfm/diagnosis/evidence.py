@@ -23,6 +23,8 @@ MOST_POINTS = 1500
 PROFILE_POINTS = 9
 #: Label of what rollouts leave.
 MISFIT = "error of rollouts in noise floors [1]"
+#: Speed from which a joint moves: several times that at which the sign of one is blurred.
+MOVING_RAD_S = 0.05
 #: Labels of the signals over which laws are drawn.
 AXES = {
     "velocity": ("velocity [rad/s]", "missing torque [N m]"),
@@ -93,9 +95,13 @@ def _law_plot(
     signal = instance.effect.seen_over
     axis = np.concatenate([getattr(view, signal)[:, joint] for view in views])
     if signal == "drive":
-        # Friction that grows with the load acts against the motion, whichever way the drive pushes.
-        against = -np.sign(np.concatenate([view.velocity[:, joint] for view in views]))
-        axis, missing, law = np.abs(axis), against * missing, against * law
+        # Friction that grows with the load acts against the motion, whichever way the drive pushes;
+        # at rest it is whatever holds.
+        velocity = np.concatenate([view.velocity[:, joint] for view in views])
+        axis, missing, law = (
+            one[np.abs(velocity) > MOVING_RAD_S]
+            for one in (np.abs(axis), -np.sign(velocity) * missing, -np.sign(velocity) * law)
+        )
     order = np.argsort(axis)
     keep = order[:: max(len(order) // MOST_POINTS, 1)]
     name = instance.effect.name.replace("_", " ")
