@@ -86,8 +86,8 @@ class Draft:
         turn = self.attempt // _TRIES
         if self.plan.same_joint and self.found:
             return self.found[0].joints
-        hides_nothing = [0] if effect == "encoder_offset" and self.robot.upright else []
-        able = [joint for joint in self.joints if joint not in hides_nothing]
+        unseen = effect == "encoder_offset" and self.robot.upright
+        able = [joint for joint in self.joints if joint > 0 or not unseen]
         one = able[(turn + number) % len(able)]
         if effect == "coupled_friction":
             one = min(one, count - 2)

@@ -36,7 +36,7 @@ from gfm.diagnosis.problem import Problem, coarse, settled
 from gfm.diagnosis.screening import Screened, screen, shortlist, suspected
 from gfm.effects import EffectInstance, Scales, Scope
 
-#: Share of the best first-order gain from which a candidate is a rival of the best.
+#: Share of the best gain from which a candidate is a rival of the best.
 RIVAL = 0.33
 #: Recorded time on which the shortlist is fitted.
 FITTING_S = 24.0
@@ -48,7 +48,7 @@ ADEQUATE = 1.15
 INEXACT = 0.001
 #: Rounds that are played at most.
 MOST_ROUNDS = 6
-#: Share of the best first-order gain on its joint from which an effect found on another joint is
+#: Share of the best gain on its joint from which an effect found on another joint is
 #: looked for on this one, too.
 LIKELY = 0.3
 #: Mean squared residual of a joint, in units of the noise, from which on that is done, and the
@@ -81,7 +81,7 @@ class Round:
 
     Attributes:
         before: Cost without a new effect, on the recordings to which the shortlist is fitted.
-        screened: Candidates by first-order gain, best first.
+        screened: Candidates by gain, best first.
         fits: The shortlist, fitted, best first; the new effect is the last of each fit's effects.
         accepted: The best of them, or None where it explains too little.
         together: How many new effects the first fit has, if none of them explains much alone.

@@ -30,6 +30,9 @@ COGGING_KEPT = 3
 REACHES_M, POSTURES = (0.05, 0.1, 0.2), 5000
 #: Periods that the motion has to cover: both a crest and a trough.
 LEAST_PERIODS = 0.75
+#: Percentiles of sizes: one that a few command steps, where effort and motion disagree, do not set,
+#: and the largest but for a few moments.
+TYPICAL, PEAK = 80.0, 99.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,10 +154,10 @@ def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:
     return [
         Scales(
             torque_nm=_rms([v.drive[:, j] - v.drive[:, j].mean() for v in views]),
-            excess_nm=max(_robust([v.missing[:, j] for v in views]), 1e-6),
+            excess_nm=max(_percentile([v.missing[:, j] for v in views], TYPICAL), 1e-6),
             velocity_rad_s=max(_rms([v.velocity[:, j] for v in views]), 1e-3),
             position_rad=max(0.5 * float(np.ptp(_joined(views, "position", j))), 1e-3),
-            peak_nm=max(_peak([v.missing[:, j] + v.drive[:, j] for v in views]), 1e-6),
+            peak_nm=max(_percentile([v.missing[:, j] + v.drive[:, j] for v in views], PEAK), 1e-6),
             inertia=float(inertia[dof, dof]),
             cogging_per_revolution=cogging_orders(views, j),
             lowest_m=lowest_points(plant, views) if j == len(plant.dof) - 1 else (),
@@ -221,11 +224,6 @@ def _rms(parts: Sequence[Array]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
-def _peak(parts: Sequence[Array]) -> float:
-    """Returns the largest size, but for a few moments."""
-    return float(np.percentile(np.abs(np.concatenate(parts)), 99.5))
-
-
-def _robust(parts: Sequence[Array]) -> float:
-    """Returns a scale that a few command steps, where effort and motion disagree, do not set."""
-    return float(np.percentile(np.abs(np.concatenate(parts)), 80.0))
+def _percentile(parts: Sequence[Array], percent: float) -> float:
+    """Returns the size that so many percent of all values do not exceed."""
+    return float(np.percentile(np.abs(np.concatenate(parts)), percent))

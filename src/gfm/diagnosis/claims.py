@@ -84,7 +84,7 @@ def named_effects(
     for i, instance in enumerate(instances):
         parameters = {}
         here = [error, *_where_it_acts(instance, by_joint or {})]
-        adequate = all(one.after <= CREDIBLE_RATIO * one.noise_floor for one in here)
+        adequate = credible(here, abrupt=False)
         for p in instance.effect.parameters:
             value, width = instance.values[p.name], float(by_place.get((i, p.name), np.inf))
             holds = adequate and not instance.effect.only_in_stretches

@@ -19,7 +19,7 @@ from gfm.effects import EffectInstance, Scales, Scope
 #: Candidates that are fitted in earnest in each round, places of one effect among them, and values
 #: from which the fit of one begins.
 SHORTLIST, SHORTLIST_PER_EFFECT, STARTS = 6, 2, 3
-#: First-order gain from which an effect of the whole robot is fitted in any case.
+#: Gain from which an effect of the whole robot is fitted in any case.
 WHOLE_GAIN = 0.2
 #: Recorded time on which candidates are screened.
 SCREENING_S = 24.0
