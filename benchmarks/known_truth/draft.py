@@ -18,8 +18,12 @@ from known_truth.sizes import DRAWS, Place
 
 #: Change of the motion, in units of the sensor noise, that an effect must make, and may.
 LEAST_SIGNAL, MOST_SIGNAL = 5.0, 2000.0
+#: Recordings by which a size is judged.
+TRIED = 2
 #: How often a size is tried before another joint is, and by how much it is changed at most.
 _TRIES, _FACTOR = 3, 6.0
+#: How often the gains of a loop over torques are halved that an effect makes unstable.
+_SOFTER = 3
 #: Commands begin so long before the first measurement, time steps.
 _BEFORE = 400
 _LAST = ("payload", SLIPPING)
@@ -36,12 +40,14 @@ class Draft:
         runs: Of its recordings, nothing hidden.
         names: Of the recordings: role and motion.
         sensors: Of the robot.
-        nominal: What the robot would do with nothing hidden, on the tried recordings.
+        nominal: What the robot would do with nothing hidden, on the tried recordings; empty if it is
+            to be simulated.
         joints: In which order joints are tried.
         found: Sizes that were found.
         signals: How much each changes the motion, in units of the sensor noise.
         attempt: How often sizes were tried for the next effect.
         strength: Of the next effect's size.
+        softer: How often the gains of its loop were halved.
     """
 
     plan: Plan
@@ -55,6 +61,7 @@ class Draft:
     signals: list[float] = field(default_factory=list)
     attempt: int = 0
     strength: float = 1.0
+    softer: int = 0
 
     @property
     def complete(self) -> bool:
@@ -66,11 +73,12 @@ class Draft:
         number = len(self.found)
         effect, rng = self.plan.effects[number], np.random.default_rng([self.plan.seed, 7, number])
         joints = self._joints(effect, number)
+        joint, courses = joints[0] if joints else 0, self.nominal[:TRIED]
         place = Place(
             robot=self.robot,
-            joint=joints[0] if joints else 0,
-            servo=np.concatenate([c.servo[:, joints[0] if joints else 0] for c in self.nominal]),
-            effort=np.concatenate([c.effort[:, joints[0] if joints else 0] for c in self.nominal]),
+            joint=joint,
+            servo=np.concatenate([c.servo[:, joint] for c in courses]),
+            effort=np.concatenate([c.effort[:, joint] for c in courses]),
         )
         parameters = DRAWS[effect](place, rng, self.strength)
         return Hidden(effect=effect, joints=joints, parameters=parameters)
@@ -95,8 +103,14 @@ class Draft:
         return (one,)
 
     def judge(self, candidate: Hidden, signal: float) -> None:
-        """Takes the candidate if its signal is right, else changes what is tried next."""
-        poor = self.plan.category == "poor"
+        """Takes the candidate if its signal is right, else changes what is tried next.
+
+        An infinite signal is that of an unstable loop.
+        """
+        if np.isinf(signal) and self.softer < _SOFTER and "effort" in self.plan.setup.kinds:
+            self._soften()
+            return
+        poor = self.plan.category == "poor" and np.isfinite(signal)
         if poor or LEAST_SIGNAL <= signal <= MOST_SIGNAL:
             self.found.append(candidate)
             self.signals.append(signal)
@@ -109,6 +123,13 @@ class Draft:
         self.strength *= float(np.clip(aim / signal, 1.0 / _FACTOR, _FACTOR)) if signal else _FACTOR
         if self.attempt % _TRIES == 0:
             self.strength = 1.0
+
+    def _soften(self) -> None:
+        """Halves the gains of the loop, as everybody does whose robot begins to shake."""
+        stiffness, damping = self.runs[0].control
+        control = (0.5 * stiffness, 0.5 * damping)
+        self.runs = [replace(run, control=control) for run in self.runs]
+        self.nominal, self.softer = [], self.softer + 1
 
 
 def draft(plan: Plan) -> Draft:

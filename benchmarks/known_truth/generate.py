@@ -9,11 +9,12 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
-from known_truth.draft import Draft, draft
+from known_truth.draft import TRIED, Draft, draft
 from known_truth.mjcf import mjcf
 from known_truth.plans import Plan
 from known_truth.recordings import write_recording
@@ -23,8 +24,11 @@ from known_truth.truth import truth
 
 #: Robots simulated side by side.
 _BATCH = 320
-#: Recordings on which sizes are tried, and how much of each, s.
-_TRIED, _TRIED_S = 2, 5.0
+#: How much of each recording is tried, s.
+_TRIED_S = 5.0
+#: Torque, in units of the most that the robot takes with nothing hidden, beyond which its loop is
+#: unstable: nobody records that.
+_RUNAWAY = 3.0
 
 
 def generate(plans: Sequence[Plan], folder: Path) -> None:
@@ -55,33 +59,46 @@ def _portions(drafts: Sequence[Draft]) -> Iterator[list[Draft]]:
 
 def _find_sizes(drafts: Sequence[Draft]) -> None:
     """Finds sizes for all effects of all drafts, in rounds."""
-    tried = [one for one in drafts if one.plan.effects]
-    courses = simulate([run for one in tried for run in _beginnings(one)]) if tried else []
-    for i, one in enumerate(tried):
-        one.nominal = courses[_TRIED * i : _TRIED * (i + 1)]
-    while open_ := [one for one in tried if not one.complete]:
+    while open_ := [one for one in drafts if not one.complete]:
+        _simulate_nominal([one for one in open_ if not one.nominal])
         candidates = [one.candidate() for one in open_]
         runs = [
             replace(run, hidden=(candidate,))
             for one, candidate in zip(open_, candidates, strict=True)
             for run in _beginnings(one)
         ]
-        courses = simulate(runs)
-        for i, (one, candidate) in enumerate(zip(open_, candidates, strict=True)):
-            one.judge(candidate, _signal(one, courses[_TRIED * i : _TRIED * (i + 1)]))
+        courses = iter(simulate(runs))
+        for one, candidate in zip(open_, candidates, strict=True):
+            one.judge(candidate, _signal(one, list(islice(courses, len(one.nominal)))))
+
+
+def _simulate_nominal(drafts: Sequence[Draft]) -> None:
+    """Simulates what robots would do with nothing hidden."""
+    courses = iter(simulate([run for one in drafts for run in _beginnings(one)]) if drafts else [])
+    for one in drafts:
+        one.nominal = list(islice(courses, len(_beginnings(one))))
 
 
 def _beginnings(one: Draft) -> list[Run]:
-    """Returns the beginnings of the recordings on which sizes are tried."""
+    """Returns the beginnings of the recordings on which sizes are tried.
+
+    A loop that is closed over torques may be unstable in one motion and not in another: all of them
+    are tried.
+    """
     end = round(_TRIED_S / STEP_S)
-    return [replace(r, measured_at=r.measured_at[r.measured_at <= end]) for r in one.runs[:_TRIED]]
+    runs = one.runs if "effort" in one.plan.setup.kinds else one.runs[:TRIED]
+    return [replace(r, measured_at=r.measured_at[r.measured_at <= end]) for r in runs]
 
 
 def _signal(one: Draft, courses: Sequence[Course]) -> float:
-    """Returns the RMS change of the joint that changes most, in units of the sensor noise."""
-    change = np.concatenate(
-        [a.position - b.position for a, b in zip(courses, one.nominal, strict=True)]
-    )
+    """Returns the RMS change of the joint that changes most, in units of the sensor noise.
+
+    Infinite where the robot's loop is unstable.
+    """
+    pairs = list(zip(courses, one.nominal, strict=True))
+    if any(np.abs(a.effort).max() > _RUNAWAY * np.abs(b.effort).max() for a, b in pairs):
+        return float("inf")
+    change = np.concatenate([a.position - b.position for a, b in pairs[:TRIED]])
     return float(np.sqrt(np.mean(change**2, axis=0)).max() / one.sensors.position_std)
 
 
