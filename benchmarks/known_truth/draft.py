@@ -40,8 +40,8 @@ class Draft:
         runs: Of its recordings, nothing hidden.
         names: Of the recordings: role and motion.
         sensors: Of the robot.
-        nominal: What the robot would do with nothing hidden, on the tried recordings; empty if it is
-            to be simulated.
+        nominal: What the robot would do with nothing hidden, on the tried recordings; empty where
+            that is still to be simulated.
         joints: In which order joints are tried.
         found: Sizes that were found.
         signals: How much each changes the motion, in units of the sensor noise.

@@ -20,7 +20,10 @@ import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.candidates import Place
+from gfm.diagnosis.elsewhere import holds_elsewhere
 from gfm.diagnosis.fitting import (
+    FITTING_S,
+    LEAST_GAIN,
     ROUGH,
     Fit,
     amounts,
@@ -32,16 +35,13 @@ from gfm.diagnosis.fitting import (
     nothing,
     orthonormal,
 )
+from gfm.diagnosis.naming import describe
 from gfm.diagnosis.problem import Problem, coarse, settled
 from gfm.diagnosis.screening import Screened, screen, shortlist, suspected
 from gfm.effects import EffectInstance, Scales, Scope
 
 #: Share of the best gain from which a candidate is a rival of the best.
 RIVAL = 0.33
-#: Recorded time on which the shortlist is fitted.
-FITTING_S = 24.0
-#: Least share of the squared residual that a new effect must explain for each of its parameters.
-LEAST_GAIN = 0.03
 #: Mean squared residual, in units of the noise, at which nothing is left to explain.
 ADEQUATE = 1.15
 #: Share of the nominal model's misfit that is left to the laws' own inexactness.
@@ -62,9 +62,8 @@ HARDLY = 1.5
 OBVIOUS = 0.5
 #: Mean square, in units of the bounded one, from which on outliers dominate it.
 DOMINATED = 10.0
-#: Parts into which recordings are divided to see whether an effect holds for others, and
-#: candidates that are put to that test in one round.
-FOLDS, MOST_TESTED = 2, 3
+#: Candidates that are put to the test on other recordings in one round.
+MOST_TESTED = 3
 #: Cost at which a simpler effect is accepted before others are looked at, as a share of that
 #: without it.
 SUBSTANTIAL = 0.2
@@ -178,14 +177,18 @@ def attribute(
             accepted = spread(problem, this.screened, accepted, report)
     if len(accepted.effects) > 1:
         report("looking for what became superfluous")
-        kept = [this.new[0].key for this in rounds if this.stretches]
-        accepted = without_superfluous(problem, accepted, kept)
+        accepted = without_superfluous(problem, accepted, of_stretches(rounds))
     return Attribution(
         nominal_cost=nominal,
         fit=accepted,
         rounds=tuple(rounds),
         stretches=tuple(stretches),
     )
+
+
+def of_stretches(rounds: Sequence[Round]) -> list[tuple[object, ...]]:
+    """Returns the keys of what was found by stretches in which it acts: nothing else judges it."""
+    return [this.new[0].key for this in rounds if this.stretches]
 
 
 def _doubtful(this: Round, before: Fit, looked_beside: tuple[EffectInstance, ...] | None) -> bool:
@@ -467,48 +470,6 @@ def worth_it(fitted: Fit, start: Fit) -> bool:
     return fitted.cost < (1.0 - price(fitted)) * start.cost
 
 
-def holds_elsewhere(
-    problem: Problem, base: Sequence[EffectInstance], effects: Sequence[EffectInstance]
-) -> bool:
-    """Returns whether `effects` explain more than `base` on recordings they are not fitted to.
-
-    In all, and in more of them than not: one recording in which something else happened (a stop, a
-    collision) is no reason to be wrong about the others.
-    """
-    recordings = sorted({s.recording for s in problem.segments})
-    if len(recordings) < FOLDS:
-        return True
-    totals = np.zeros(2)
-    helped = harmed = 0
-    for fold in range(FOLDS):
-        rest = [
-            i for i, s in enumerate(problem.segments) if s.recording not in recordings[fold::FOLDS]
-        ]
-        other = problem.subset(rest)
-        other = other.subset(other.sample(FITTING_S))
-        both = [fit(other, e, tolerance=ROUGH).effects for e in (base, effects)]
-        for recording in recordings[fold::FOLDS]:
-            before, after = _costs_of(problem, recording, both, effects[-1])
-            totals += before, after
-            helped += after < (1.0 - LEAST_GAIN) * before
-            harmed += after > (1.0 + LEAST_GAIN) * before
-    return bool(totals[1] < (1.0 - LEAST_GAIN) * totals[0]) and helped >= harmed
-
-
-def _costs_of(
-    problem: Problem,
-    recording: int,
-    candidates: Sequence[Sequence[EffectInstance]],
-    newest: EffectInstance,
-) -> Array:
-    """Returns the sum of squares of one recording where an effect acts, for each candidate."""
-    part = problem.subset([i for i, s in enumerate(problem.segments) if s.recording == recording])
-    residuals = part.residuals(candidates)
-    joints = [problem.joints.index(name) for name in newest.joints] or range(len(problem.joints))
-    count = residuals.shape[1]
-    return np.asarray([count * part.joint_costs(one)[list(joints)].sum() for one in residuals])
-
-
 def fit_best(
     problem: Problem,
     screened: Sequence[Screened],
@@ -532,9 +493,3 @@ def fit_best(
             begun = fit(plain, effects, tolerance=ROUGH).effects
             fits.append(fit(problem, begun, known=base.jacobian, tolerance=ROUGH))
     return fits
-
-
-def describe(instance: EffectInstance) -> str:
-    """Returns an effect and its place in words."""
-    where = f" on {', '.join(instance.joints)}" if instance.joints else ""
-    return f"{instance.effect.name.replace('_', ' ')}{where}"

@@ -144,6 +144,28 @@ def torque_views(
     return [torque_view(plants[recording.command_kind], recording) for recording in recordings]
 
 
+def has_law(instance: EffectInstance) -> bool:
+    """Returns whether an effect is a force of position, velocity and drive."""
+    nothing = np.zeros(1)
+    motion = Motion(position=nothing, velocity=nothing, drive=nothing, other_velocity=nothing)
+    return bool(instance.joints) and instance.effect.torque(motion, instance.values) is not None
+
+
+def law_along(
+    joint: int, instance: EffectInstance, joints: Sequence[str], views: Sequence[TorqueView]
+) -> Array:
+    """Returns the torque of an effect's law on a joint along all views, N m; zero without a law."""
+    places = [joints.index(name) for name in instance.joints]
+    if joint not in places or not has_law(instance):
+        return np.zeros(sum(len(view.missing) for view in views))
+    second = places[1] if len(places) == 2 else None
+    parts = [
+        instance.effect.torque(view.motion(places[0], second), instance.values) for view in views
+    ]
+    torque = np.concatenate([part for part in parts if part is not None])
+    return -torque if joint == second else torque
+
+
 def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:
     """Returns the typical sizes of every joint's signals."""
     plant = make_plant(next(iter(problem.specs.values())), problem.joints)

@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gfm.diagnosis.attribution import Attribution, Round, describe, price
+from gfm.diagnosis.attribution import Attribution, Round, price
 from gfm.diagnosis.fitting import Fit, free_parameters
 from gfm.diagnosis.intervals import half_widths
-from gfm.diagnosis.naming import twins
+from gfm.diagnosis.naming import describe, twins
 from gfm.diagnosis.result import ErrorSummary, NamedEffect, ParameterEstimate, Suspect, Verdict
 from gfm.effects import EffectInstance, Scope, effect_library
 
@@ -23,7 +23,7 @@ ADEQUATE_RATIO = 1.25
 #: perhaps, for something that no known effect describes.
 CREDIBLE_RATIO, INEXACT_SHARE = 1.5, 0.003
 #: More noise floors than this are left by something else than inexact laws.
-FAR_FROM_NOISE = 20.0
+FAR_FROM_NOISE = 10.0
 #: Share of the held-out gap that abrupt laws must close to call it explained although some is left.
 EXPLAINED_SHARE = 0.99
 #: Two candidates are equal when the runner-up leaves so little more of what the best explains.

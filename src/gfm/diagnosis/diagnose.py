@@ -12,7 +12,7 @@ import numpy as np
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis import evidence
-from gfm.diagnosis.attribution import ADEQUATE, Attribution, attribute
+from gfm.diagnosis.attribution import ADEQUATE, Attribution, attribute, of_stretches
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.chain import evidence_chain
 from gfm.diagnosis.claims import (
@@ -23,6 +23,8 @@ from gfm.diagnosis.claims import (
     verdict_on_both,
 )
 from gfm.diagnosis.correction import corrected_model
+from gfm.diagnosis.elsewhere import what_holds
+from gfm.diagnosis.exchange import exchanges
 from gfm.diagnosis.fitting import along_valley, fit
 from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.naming import fitly_named
@@ -244,7 +246,8 @@ def _attribute(
     Found in short stretches, and in those that stay far off; amounts are settled in long ones.
     """
     report("looking at torques")
-    scales = joint_scales(problem, torque_views(problem, recordings))
+    views = torque_views(problem, recordings)
+    scales = joint_scales(problem, views)
     looked_for = [effect for effect in effect_library().values() if effect.twin is None]
     candidates = [place for effect in looked_for for place in places(effect, problem.joints)]
     always = [place for place in candidates if not place.effect.only_in_stretches]
@@ -263,6 +266,13 @@ def _attribute(
     long_settled = settled(long, effects).robust(effects)
     final = fit(long_settled, effects)
     if final.cost > ADEQUATE:
+        better = exchanges(long_settled, final, always, scales, views, report)
+        found = replace(found, rounds=(*found.rounds, *better))
+        effects, kept = (
+            (better[-1].fits[0] if better else final).effects,
+            of_stretches(found.rounds),
+        )
+        final = fit(long_settled, what_holds(long_settled, effects, kept, report))
         final = along_valley(long_settled, final)
     return replace(found, fit=fitly_named(final, problem.specs)), long
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.candidates import TorqueView, torque_views
+from gfm.diagnosis.candidates import TorqueView, has_law, law_along, torque_views
 from gfm.diagnosis.problem import Problem
 from gfm.diagnosis.result import EvidencePlot, Series
-from gfm.effects import EffectInstance, Motion
+from gfm.effects import EffectInstance
 
 #: Points of a cloud at most.
 MOST_POINTS = 1500
@@ -47,7 +47,7 @@ def law_plots(
         others = [one for one in instances if one is not instance]
         told = _without_law(others)
         key = tuple(id(one) for one in told)
-        if _has_law(instance):
+        if has_law(instance):
             if key not in seen:
                 seen[key] = torque_views(problem, recordings, told)
             plots.append(_law_plot(instance, others, problem, seen[key]))
@@ -66,19 +66,13 @@ def torque_left(
     left = np.concatenate([view.missing for view in views])
     for joint, column in enumerate(left.T):
         for instance in instances:
-            column -= _law_on(joint, instance, problem, views)
+            column -= law_along(joint, instance, problem.joints, views)
     return left
 
 
 def _without_law(instances: Sequence[EffectInstance]) -> list[EffectInstance]:
     """Returns the effects without a law in closed form: inverse dynamics have to be told."""
-    return [one for one in instances if not _has_law(one) and not one.effect.separates_motor]
-
-
-def _has_law(instance: EffectInstance) -> bool:
-    nothing = np.zeros(1)
-    motion = Motion(position=nothing, velocity=nothing, drive=nothing, other_velocity=nothing)
-    return bool(instance.joints) and instance.effect.torque(motion, instance.values) is not None
+    return [one for one in instances if not has_law(one) and not one.effect.separates_motor]
 
 
 def _law_plot(
@@ -90,8 +84,8 @@ def _law_plot(
     joint = problem.joints.index(instance.joints[0])
     missing = np.concatenate([view.missing[:, joint] for view in views])
     for other in others:
-        missing = missing - _law_on(joint, other, problem, views)
-    law = _law_on(joint, instance, problem, views)
+        missing = missing - law_along(joint, other, problem.joints, views)
+    law = law_along(joint, instance, problem.joints, views)
     signal = instance.effect.seen_over
     axis = np.concatenate([getattr(view, signal)[:, joint] for view in views])
     if signal == "drive":
@@ -119,21 +113,6 @@ def _law_plot(
     )
 
 
-def _law_on(
-    joint: int, instance: EffectInstance, problem: Problem, views: Sequence[TorqueView]
-) -> Array:
-    """Returns the torque of an effect's law on a joint along all views; zero without a law."""
-    places = [problem.joints.index(name) for name in instance.joints]
-    if joint not in places or not _has_law(instance):
-        return np.zeros(sum(len(view.missing) for view in views))
-    second = places[1] if len(places) == 2 else None
-    parts = [
-        instance.effect.torque(view.motion(places[0], second), instance.values) for view in views
-    ]
-    torque = np.concatenate([part for part in parts if part is not None])
-    return -torque if joint == second else torque
-
-
 def profile_plots(
     instances: Sequence[EffectInstance], problem: Problem, rare: Problem
 ) -> list[EvidencePlot]:
@@ -149,7 +128,7 @@ def profile_plots(
     """
     plots = []
     for place, instance in enumerate(instances):
-        if _has_law(instance):
+        if has_law(instance):
             continue
         first = instance.effect.parameters[0]
         low = 0.0 if first.lower <= 0.0 else 0.5

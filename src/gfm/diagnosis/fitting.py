@@ -15,6 +15,10 @@ from gfm.core.checks import Array
 from gfm.diagnosis.problem import Problem, coarse
 from gfm.effects import EffectInstance
 
+#: Recorded time on which what competes is fitted.
+FITTING_S = 24.0
+#: Least share of the squared residual that an effect must explain for each of its parameters.
+LEAST_GAIN = 0.03
 #: Gauss-Newton steps of a fit, and the relative gain below which it ends.
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
 #: The same where candidates are compared only.
@@ -23,8 +27,8 @@ ROUGH = 1e-2
 FARTHER = 2.0
 #: A parameter this close to its bound, as a share of the allowed range, has not been found.
 AT_BOUND = 1e-3
-#: Damping beyond which no step helps.
-MOST_DAMPING = 1e3
+#: Damping of the first step, and that beyond which no step helps.
+DAMPING, MOST_DAMPING = 1e-3, 1e3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +80,7 @@ def fit(
     bounds, fast = _bounds(effects), coarse(problem)
     residual = problem.residuals([current])[0]
     jacobian = derivatives(fast, current, known)
-    damping = 1e-3
+    damping = DAMPING
     for _ in range(FIT_STEPS):
         trial = values + _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
         candidate = _with_amounts(current, trial)
@@ -121,6 +125,18 @@ def _both_sides(fitted: Fit) -> list[tuple[EffectInstance, ...]]:
         _with_amounts(fitted.effects, np.clip(start, *bounds))
         for start in (values * step, values / step)
     ]
+
+
+def without_each(problem: Problem, fitted: Fit) -> list[tuple[EffectInstance, ...]]:
+    """Returns, for each effect, the others with what they make up for it, to first order."""
+    owner = np.array([i for i, _ in free_parameters(fitted.effects)])
+    rests = [tuple(e for e in fitted.effects if e is not one) for one in fitted.effects]
+    moved = []
+    for i, (rest, residual) in enumerate(zip(rests, problem.residuals(rests), strict=True)):
+        values, (low, high) = amounts(rest), _bounds(rest)
+        step = _step(fitted.jacobian[:, owner != i], residual, DAMPING, low - values, high - values)
+        moved.append(_with_amounts(rest, values + step))
+    return moved
 
 
 def free_parameters(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:

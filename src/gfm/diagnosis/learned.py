@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.attribution import LEAST_GAIN
 from gfm.diagnosis.candidates import Place, joint_scales, places
 from gfm.diagnosis.chain.torques import TorqueDomain, torque_domain
-from gfm.diagnosis.fitting import Fit, at_bound, free_parameters
+from gfm.diagnosis.fitting import LEAST_GAIN, Fit, at_bound, free_parameters
 from gfm.diagnosis.naming import fitly_named
 from gfm.diagnosis.problem import Problem
 from gfm.effects import EffectInstance, Scales, effect_library

@@ -60,3 +60,9 @@ def twin_of(instance: EffectInstance) -> EffectInstance:
 def twins(effects: Sequence[EffectInstance]) -> list[tuple[EffectInstance, EffectInstance]]:
     """Returns the other name of each of `effects` that has one, with the effect itself."""
     return [(twin_of(e), e) for e in effects if e.effect.name in (OFFSET, ASYMMETRY)]
+
+
+def describe(instance: EffectInstance) -> str:
+    """Returns an effect and its place in words."""
+    where = f" on {', '.join(instance.joints)}" if instance.joints else ""
+    return f"{instance.effect.name.replace('_', ' ')}{where}"

@@ -79,17 +79,17 @@ def _to_first_order(
     problem: Problem, candidates: Sequence[Place], scales: Sequence[Scales], base: Fit
 ) -> list[Screened]:
     """Returns what each candidate explains to first order beside `base`."""
-    probes = list(_probes(problem, candidates, scales))
-    sets = [(*base.effects, instance) for _, group in probes for instance in group]
+    groups = list(probes(problem, candidates, scales))
+    sets = [(*base.effects, instance) for _, group in groups for instance in group]
     still, *moved = problem.residuals([base.effects, *sets])
     basis = orthonormal(base.jacobian)
     residual = base.residual - basis @ (basis.T @ base.residual)
     best: dict[tuple[object, ...], Screened] = {}
     row = 0
-    for place, group in probes:
+    for place, group in groups:
         columns = still[:, None] - np.stack(moved[row : row + len(group)], axis=1)
         row += len(group)
-        found = _weigh(place, group, columns - basis @ (basis.T @ columns), residual)
+        found = weigh(place, group, columns - basis @ (basis.T @ columns), residual)
         # A fit cannot go from one valley to another: each is a candidate.
         apart = (*place.effect.fixed, *place.effect.valleys)
         variant = (place.key, *(group[0].values[name] for name in apart))
@@ -122,9 +122,10 @@ def _rows(problem: Problem, segments: Sequence[int]) -> Array:
     return mask
 
 
-def _probes(
+def probes(
     problem: Problem, candidates: Sequence[Place], scales: Sequence[Scales]
 ) -> Iterator[tuple[Place, list[EffectInstance]]]:
+    """Yields candidates with amounts that are tried together, to be weighed, see `weigh`."""
     for place in candidates:
         first = problem.joints.index(place.joints[0]) if place.joints else 0
         for group in place.effect.probes(scales[first]):
@@ -137,7 +138,7 @@ def _probes(
             )
 
 
-def _weigh(
+def weigh(
     place: Place, group: Sequence[EffectInstance], columns: Array, residual: Array
 ) -> Screened | None:
     """Returns a candidate with the weights of its probes that explain most, or None."""

@@ -15,20 +15,18 @@ import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.attribution import (
-    FITTING_S,
-    LEAST_GAIN,
     MOST_TESTED,
     MUCH,
     OBVIOUS,
     InStretches,
     Round,
-    describe,
     fit_best,
     polished,
     without_superfluous,
 )
 from gfm.diagnosis.candidates import Place
-from gfm.diagnosis.fitting import ROUGH, Fit, at_bound, fit, nothing
+from gfm.diagnosis.fitting import FITTING_S, LEAST_GAIN, ROUGH, Fit, at_bound, fit, nothing
+from gfm.diagnosis.naming import describe
 from gfm.diagnosis.outliers import OUTLYING
 from gfm.diagnosis.problem import Problem, settled, with_state_basis
 from gfm.diagnosis.screening import Screened, screen, suspected

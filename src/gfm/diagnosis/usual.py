@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.attribution import FITTING_S, LEAST_GAIN
-from gfm.diagnosis.fitting import ROUGH, Fit, fit, free_parameters
+from gfm.diagnosis.fitting import FITTING_S, LEAST_GAIN, ROUGH, Fit, fit, free_parameters
 from gfm.diagnosis.problem import Problem
 from gfm.diagnosis.screening import SUSPECT_JOINT
 from gfm.effects import EffectInstance, Scales, Scope, find_effect

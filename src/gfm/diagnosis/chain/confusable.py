@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gfm.diagnosis.attribution import LEAST_GAIN, Attribution, Round, price
-from gfm.diagnosis.fitting import Fit
+from gfm.diagnosis.attribution import Attribution, Round, price
+from gfm.diagnosis.fitting import LEAST_GAIN, Fit
 from gfm.diagnosis.naming import twins
 from gfm.effects import EffectInstance
 

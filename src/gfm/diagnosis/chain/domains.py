@@ -17,9 +17,9 @@ from enum import StrEnum
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.attribution import Attribution, describe
+from gfm.diagnosis.attribution import Attribution
 from gfm.diagnosis.chain.torques import TorqueDomain
-from gfm.diagnosis.naming import twins
+from gfm.diagnosis.naming import describe, twins
 from gfm.effects import EffectInstance
 
 #: Share of the missing torque from which on a regression on it says anything: below, it is made of

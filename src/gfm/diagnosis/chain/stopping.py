@@ -10,15 +10,14 @@ from gfm.diagnosis.attribution import (
     ADEQUATE,
     FAR_LESS,
     INEXACT,
-    LEAST_GAIN,
     MOST_ROUNDS,
     OBVIOUS,
     Attribution,
     Round,
-    describe,
     price,
 )
-from gfm.diagnosis.fitting import Fit, at_bound
+from gfm.diagnosis.fitting import LEAST_GAIN, Fit, at_bound
+from gfm.diagnosis.naming import describe
 
 #: Simulated robots without any hidden effect that were diagnosed (of docs/results, 33 are in
 #: known_truth*.md, 10 in run_random_effects.md), and those of them on which anything was named.

@@ -1,0 +1,161 @@
+"""What is asked of effects once all are found: do they hold elsewhere, is a lookalike better."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gfm.core import CommandKind
+from gfm.diagnosis import elsewhere, exchange
+from gfm.diagnosis.candidates import TorqueView, places
+from gfm.diagnosis.exchange import exchanges, lookalikes
+from gfm.diagnosis.fitting import Fit
+from gfm.diagnosis.problem import Noise, Problem
+from gfm.effects import EffectInstance, Scales, effect_library
+from gfm.sim.predict import Segment
+
+TIME_S = 0.01 * np.arange(40.0)
+SCALES = Scales(
+    torque_nm=1.0,
+    excess_nm=0.1,
+    velocity_rad_s=1.0,
+    position_rad=1.0,
+    peak_nm=2.0,
+    inertia=0.1,
+    cogging_per_revolution=(),
+)
+
+
+def instance(name, **values):
+    return EffectInstance(effect=effect_library()[name], joints=("joint",), values=values)
+
+
+def fitted(cost, *effects):
+    nothing = np.zeros(0)
+    return Fit(effects=effects, cost=cost, jacobian=nothing.reshape(0, 0), residual=nothing)
+
+
+def problem(recordings):
+    position = np.zeros((len(TIME_S), 1))
+    stretch = Segment(
+        time_s=TIME_S,
+        position=position,
+        effort=None,
+        kind=CommandKind.POSITION,
+        command_time_s=TIME_S,
+        command=position,
+        initial_position=position[0],
+        initial_velocity=np.zeros(1),
+        servo_gain=np.ones(1),
+    )
+    return Problem(
+        specs={},
+        joints=("joint",),
+        segments=tuple(replace(stretch, recording=i) for i in range(recordings)),
+        noise=Noise(position=np.ones(1), effort=None),
+    )
+
+
+@pytest.fixture
+def left(monkeypatch):
+    """What is left of each recording, by the names of the effects that are in the model."""
+    sums = {}
+    monkeypatch.setattr(elsewhere, "fit", lambda _p, effects, **_: fitted(1.0, *effects))
+    monkeypatch.setattr(
+        elsewhere,
+        "without_each",
+        lambda _p, f: [tuple(e for e in f.effects if e is not one) for one in f.effects],
+    )
+
+    def summed(here, candidates):
+        row = sums[here.segments[0].recording]
+        return np.array([[row["+".join(sorted(e.effect.name for e in c))]] for c in candidates])
+
+    monkeypatch.setattr(elsewhere, "_sums", summed)
+    return sums
+
+
+def test_an_effect_must_help_more_recordings_than_it_harms(left):
+    """One recording gains much, two others lose a little: something else happened in the one."""
+    offset = instance("torque_offset", torque=0.1)
+    left |= {0: {"": 9.0, "torque_offset": 1.0}}
+    left |= {i: {"": 1.0, "torque_offset": 1.2} for i in (1, 2)}
+    assert not elsewhere.holds_elsewhere(problem(3), (), (offset,))
+    left[2]["torque_offset"] = 0.5
+    assert elsewhere.holds_elsewhere(problem(3), (), (offset,))
+
+
+def test_one_recording_says_nothing_of_others():
+    both = (instance("torque_offset", torque=0.1), instance("armature", inertia=0.1))
+    assert elsewhere.holds_elsewhere(problem(1), (), both[:1])
+    assert elsewhere.what_holds(problem(1), both) == both
+
+
+def test_what_explains_nothing_elsewhere_is_taken_out(left):
+    offset, armature = instance("torque_offset", torque=0.1), instance("armature", inertia=0.1)
+    row = {"armature+torque_offset": 2.0, "torque_offset": 1.9, "armature": 8.0, "": 9.0}
+    left |= {0: row, 1: row}
+    assert elsewhere.what_holds(problem(2), (offset, armature)) == (offset,)
+    assert elsewhere.what_holds(problem(2), (offset, armature), [armature.key]) == (
+        offset,
+        armature,
+    )
+    needed = row | {"torque_offset": 2.5}
+    left |= {0: needed, 1: needed}
+    assert elsewhere.what_holds(problem(2), (offset, armature)) == (offset, armature)
+
+
+def test_the_last_effect_stays():
+    offset = instance("torque_offset", torque=0.1)
+    assert elsewhere.what_holds(problem(2), (offset,)) == (offset,)
+
+
+def view():
+    """Returns a motion of one joint: a sine of 0.5 rad."""
+    position = 0.5 * np.sin(6.0 * np.linspace(0.0, 5.0, 500))[:, None]
+    return TorqueView(
+        position=position,
+        velocity=np.gradient(position, 0.01, axis=0),
+        drive=np.zeros_like(position),
+        missing=np.zeros_like(position),
+    )
+
+
+def somewhere(*names):
+    return [place for name in names for place in places(effect_library()[name], ["joint"])]
+
+
+def test_a_spring_whose_rest_is_far_away_looks_like_a_constant_torque():
+    spring = instance("joint_spring", stiffness=0.006, rest_angle=-13.0)
+    candidates = somewhere("torque_offset", "viscous_friction", "armature")
+    (alike,) = lookalikes(spring, problem(1), candidates, [SCALES], [view()])
+    assert alike.effect.name == "torque_offset"
+    assert alike.values["torque"] == pytest.approx(-0.006 * 13.0, rel=0.01)
+
+
+def test_a_spring_that_rests_in_the_middle_looks_like_nothing_else():
+    spring = instance("joint_spring", stiffness=0.006, rest_angle=0.0)
+    assert not lookalikes(spring, problem(1), somewhere("torque_offset"), [SCALES], [view()])
+
+
+def test_what_is_no_torque_looks_like_nothing():
+    delay = instance("command_delay", delay=0.01)
+    assert not lookalikes(delay, problem(1), somewhere("torque_offset"), [SCALES], [view()])
+
+
+def test_an_effect_makes_way_for_a_lookalike_that_explains_more(monkeypatch):
+    spring = instance("joint_spring", stiffness=0.006, rest_angle=-13.0)
+    friction = instance("coulomb_friction", torque=0.1)
+    costs = {"joint_spring": 12.0, "torque_offset": 1.1}
+
+    def fit(_problem, effects):
+        return fitted(min(costs.get(e.effect.name, np.inf) for e in effects), *effects)
+
+    monkeypatch.setattr(exchange, "fit", fit)
+    found, offsets = fitted(12.0, spring, friction), somewhere("torque_offset")
+    (this,) = exchanges(problem(1), found, offsets, [SCALES], [view()])
+    assert [e.effect.name for e in this.fits[0].effects] == ["coulomb_friction", "torque_offset"]
+    assert (this.before, this.accepted) == (12.0, this.fits[0])
+    costs["torque_offset"] = 11.9
+    assert not exchanges(problem(1), found, offsets, [SCALES], [view()])
+    assert not exchanges(problem(1), fitted(12.0, spring), offsets, [SCALES], [view()])
