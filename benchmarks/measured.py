@@ -17,6 +17,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -86,13 +87,13 @@ def overall(errors: Sequence[Array]) -> str:
     return f"{np.sqrt(np.mean(np.concatenate(errors) ** 2)):.4f}"
 
 
-def authors_friction(data: Path) -> list[EffectInstance]:
-    """Returns the double pendulum's friction as its authors identified it.
+def authors_friction(data: Path, design: str) -> list[EffectInstance]:
+    """Returns a double pendulum's friction as its authors identified it.
 
     Their law, cf atan(100 v) + b v, is dry friction of cf pi / 2 from a few hundredths of a rad/s
     on. Their masses and inertias are those of the model.
     """
-    text = (data / "dfki_double_pendulum/authors_design_C.1_model_1.0.yml").read_text()
+    text = (data / f"dfki_double_pendulum/authors_design_{design}_model_1.0.yml").read_text()
     told = {key: float(value) for key, value in (row.split(":") for row in text.splitlines())}
     friction = []
     for i, joint in enumerate(("shoulder", "elbow"), start=1):
@@ -122,7 +123,16 @@ RIGS = {
         figure="median position RMSE of 0.5 s rollouts, shoulder / elbow, rad",
         measure=medians,
         excited="C1_2023",
-        published=authors_friction,
+        published=partial(authors_friction, design="C.1"),
+    ),
+    "double_pendulum_a0": Rig(
+        files=("dfki_double_pendulum/A0_*.csv.gz",),
+        model="models/double_pendulum_a0.xml",
+        mapping="models/mappings/double_pendulum.toml",
+        held_out=("-11", "-13"),
+        figure="median position RMSE of 0.5 s rollouts, shoulder / elbow, rad",
+        measure=medians,
+        published=partial(authors_friction, design="A.0"),
     ),
     "so101": Rig(
         files=("so101/*_control.csv.gz", "so101/*_state_motor.csv.gz"),
@@ -266,7 +276,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/measured"), metavar="DIR")
     parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE")
     arguments = parser.parse_args()
-    names = arguments.sets or ["xl330", "double_pendulum"]
+    names = arguments.sets or list(RIGS)
     sections = [section(name, arguments.data, arguments.out) for name in names]
     arguments.page.parent.mkdir(parents=True, exist_ok=True)
     sets = " ".join(f"--set {name}" for name in names)
