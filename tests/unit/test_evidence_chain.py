@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.attribution import Attribution, Round
+from gfm.diagnosis.attribution import ADEQUATE, INEXACT, Attribution, Round, enough
 from gfm.diagnosis.chain import evidence_chain
 from gfm.diagnosis.chain.adequacy import slow_share
 from gfm.diagnosis.chain.confusable import confusable_sets
@@ -18,6 +18,7 @@ from gfm.diagnosis.chain.energy import energy_balance
 from gfm.diagnosis.chain.localisation import energy_by
 from gfm.diagnosis.chain.stopping import CLEAN_ROBOTS, FALSE_ALARMS, largest_rate, stopping
 from gfm.diagnosis.chain.torques import torque_domain
+from gfm.diagnosis.claims import suspects_of
 from gfm.diagnosis.fitting import Fit
 from gfm.diagnosis.problem import WHOLE, make_problem
 from gfm.effects import EffectInstance, find_effect
@@ -258,6 +259,35 @@ def test_it_is_said_why_the_search_ended(found, reason):
     told = stopping(found)
     assert reason in told.reason
     assert len(told.rounds) == len(found.rounds)
+
+
+def test_it_is_said_what_was_taken_out_again_and_why():
+    offset, spring = effect("torque_offset", torque=0.2), effect("joint_spring", stiffness=0.1)
+    viscous, armature = effect("viscous_friction", coefficient=0.1), effect("armature", inertia=0.1)
+    accepted = [(9.0, [fitted(one, 3.0)], True) for one in (spring, viscous, armature, offset)]
+    found = found_in(*accepted)
+    *rounds, last = found.rounds
+    found = replace(
+        found,
+        fit=replace(found.fit, effects=(offset,)),
+        rounds=(*rounds, replace(last, instead_of=spring)),
+        unsupported=(armature,),
+    )
+    told = stopping(found)
+    assert [row.instead_of for row in told.rounds] == ["", "", "", "joint spring on j"]
+    assert told.taken_out == (
+        "joint spring on j: torque offset on j gives nearly the same torque and explains more",
+        "viscous friction on j: superfluous beside what was found later",
+        "armature on j: explains nothing on recordings that it was not fitted to",
+    )
+    suspects = {one.effect: one.reason for one in suspects_of(found, (offset,))}
+    assert suspects["armature"] == "explains nothing on recordings that it was not fitted to"
+
+
+def test_only_laws_with_a_kink_may_leave_more_than_noise():
+    friction, spring = effect("coulomb_friction", torque=0.1), effect("joint_spring", stiffness=0.1)
+    assert enough(1e4, [spring]) == enough(1e4, []) == ADEQUATE
+    assert enough(1e4, [spring, friction]) == pytest.approx(1.0 + 1e4 * INEXACT, rel=1e-3)
 
 
 def test_no_error_in_a_few_cases_leaves_a_rate_possible():

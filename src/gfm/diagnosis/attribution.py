@@ -44,7 +44,7 @@ from gfm.effects import EffectInstance, Scales, Scope
 RIVAL = 0.33
 #: Mean squared residual, in units of the noise, at which nothing is left to explain.
 ADEQUATE = 1.15
-#: Share of the nominal model's misfit that is left to the laws' own inexactness.
+#: Share of the nominal model's misfit that is left to the inexactness of abrupt laws.
 INEXACT = 0.001
 #: Rounds that are played at most.
 MOST_ROUNDS = 6
@@ -85,6 +85,7 @@ class Round:
         accepted: The best of them, or None where it explains too little.
         together: How many new effects the first fit has, if none of them explains much alone.
         stretches: How many stretches it was about, those that stayed far off; 0 for all.
+        instead_of: What made way for the new effect.
     """
 
     before: float
@@ -93,6 +94,7 @@ class Round:
     accepted: Fit | None
     together: int = 0
     stretches: int = 0
+    instead_of: EffectInstance | None = None
 
     @property
     def new(self) -> tuple[EffectInstance, ...]:
@@ -102,12 +104,33 @@ class Round:
 
 @dataclass(frozen=True, kw_only=True)
 class Attribution:
-    """All rounds, what was accepted in the end, and the stretches that told of rare effects."""
+    """How a search went.
+
+    Attributes:
+        nominal_cost: Of the nominal model.
+        fit: What was accepted in the end.
+        rounds: First to last.
+        stretches: That told of what acts now and then only.
+        unsupported: What was accepted, but explains nothing that it was not fitted to.
+    """
 
     nominal_cost: float
     fit: Fit
     rounds: tuple[Round, ...] = ()
     stretches: tuple[Problem, ...] = ()
+    unsupported: tuple[EffectInstance, ...] = ()
+
+    def why_taken_out(self, instance: EffectInstance) -> str:
+        """Returns why an effect is not among the accepted in the end; nothing if it never was."""
+        if instance.key in {e.key for e in self.unsupported}:
+            return "explains nothing on recordings that it was not fitted to"
+        won = [this for this in self.rounds if this.accepted is not None]
+        by = [this.new[0] for this in won if (e := this.instead_of) and e.key == instance.key]
+        if by:
+            return f"{describe(by[0])} gives nearly the same torque and explains more"
+        if instance.key in {e.key for this in won for e in this.new}:
+            return "superfluous beside what was found later"
+        return ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,11 +174,10 @@ def attribute(
     rounds: list[Round] = []
     stretches: list[Problem] = []
     looked_beside: tuple[EffectInstance, ...] | None = None
-    enough = max(ADEQUATE, 1.0 + INEXACT * (nominal - 1.0))
-    while len(rounds) < MOST_ROUNDS and accepted.cost > enough:
+    while len(rounds) < MOST_ROUNDS and accepted.cost > enough(nominal, accepted.effects):
         here = suspected(problem, candidates, accepted)
         report(f"screening {len(here)} candidates (misfit {accepted.cost:.2f})")
-        this = play_round(problem, here, scales, accepted, enough, report)
+        this = play_round(problem, here, scales, accepted, nominal, report)
         if at_once is not None and not any(r.together for r in rounds) and hopeless(this):
             beside = _best(this, accepted).effects if rounds else ()
             this = _better(problem, this, accepted, at_once(problem, beside))
@@ -173,7 +195,7 @@ def attribute(
         problem = settled(problem, this.accepted.effects).robust(this.accepted.effects)
         accepted = fit(problem, this.accepted.effects)
         accepted = with_level(problem, this.screened, accepted, report)
-        if accepted.cost > enough:
+        if accepted.cost > enough(nominal, accepted.effects):
             accepted = spread(problem, this.screened, accepted, report)
     if len(accepted.effects) > 1:
         report("looking for what became superfluous")
@@ -184,6 +206,15 @@ def attribute(
         rounds=tuple(rounds),
         stretches=tuple(stretches),
     )
+
+
+def enough(nominal: float, effects: Sequence[EffectInstance]) -> float:
+    """Returns the cost at which nothing is left to explain beside `effects`.
+
+    Laws with a kink are not quite exact: of a large misfit they leave more than noise.
+    """
+    inexact = INEXACT if any(e.effect.abrupt for e in effects) else 0.0
+    return max(ADEQUATE, 1.0 + inexact * (nominal - 1.0))
 
 
 def of_stretches(rounds: Sequence[Round]) -> list[tuple[object, ...]]:
@@ -372,7 +403,7 @@ def play_round(
     candidates: Sequence[Place],
     scales: Sequence[Scales],
     base: Fit,
-    enough: float,
+    nominal: float,
     report: Callable[[str], None],
 ) -> Round:
     """Returns one round: screening, fits of the shortlist, and whether the best is accepted.
@@ -390,10 +421,10 @@ def play_round(
         screened.extend(found)
         fits = polished(part, [*fits, *fit_best(part, found, start, report)])
         fits = _with_lookalikes(part, fits, found, start)
-        if fits and fits[0].cost < max(enough, SUBSTANTIAL * start.cost):
+        if fits and _settles_it(fits[0], nominal, SUBSTANTIAL * start.cost):
             break
     screened.sort(key=lambda s: -s.gain)
-    fits = _best_first(problem, fits, start, enough, report)
+    fits = _best_first(problem, fits, start, nominal, report)
     accepted = fits[0] if fits else None
     return Round(before=start.cost, screened=tuple(screened), fits=tuple(fits), accepted=accepted)
 
@@ -442,7 +473,7 @@ def _best_first(
     problem: Problem,
     fits: list[Fit],
     start: Fit,
-    enough: float,
+    nominal: float,
     report: Callable[[str], None],
 ) -> list[Fit]:
     """Returns the fits with one first that can be accepted, if there is one."""
@@ -451,12 +482,17 @@ def _best_first(
         if worth_it(one, start) and not at_bound(one.effects[-1]):
             simplest.setdefault(one.effects[-1].key, one)
     for tested in list(simplest.values())[:MOST_TESTED]:
-        if tested.cost >= max(enough, (1.0 - OBVIOUS) * start.cost):
+        if not _settles_it(tested, nominal, (1.0 - OBVIOUS) * start.cost):
             report(f"testing {describe(tested.effects[-1])} on other recordings")
             if not holds_elsewhere(problem, start.effects, tested.effects):
                 continue
         return [tested, *(f for f in fits if f is not tested)]
     return []
+
+
+def _settles_it(fitted: Fit, nominal: float, little: float) -> bool:
+    """Returns whether a fit leaves nothing to explain, or little."""
+    return fitted.cost < max(enough(nominal, fitted.effects), little)
 
 
 def price(fitted: Fit) -> float:

@@ -203,7 +203,7 @@ def suspects_of(found: Attribution, instances: Sequence[EffectInstance]) -> tupl
             best[instance.key] = Suspect(
                 effect=instance.effect.name,
                 joints=instance.joints,
-                reason=_reason(fitted, this),
+                reason=found.why_taken_out(instance) or _reason(fitted, this),
                 decided_by=instance.effect.shown_by,
                 gain=float(np.clip(gain, 0.0, 1.0)),
             )

@@ -267,13 +267,14 @@ def _attribute(
     final = fit(long_settled, effects)
     if final.cost > ADEQUATE:
         better = exchanges(long_settled, final, always, scales, views, report)
-        found = replace(found, rounds=(*found.rounds, *better))
         effects, kept = (
             (better[-1].fits[0] if better else final).effects,
             of_stretches(found.rounds),
         )
-        final = fit(long_settled, what_holds(long_settled, effects, kept, report))
-        final = along_valley(long_settled, final)
+        hold = what_holds(long_settled, effects, kept, report)
+        unsupported = tuple(e for e in effects if e not in hold)
+        found = replace(found, rounds=(*found.rounds, *better), unsupported=unsupported)
+        final = along_valley(long_settled, fit(long_settled, hold))
     return replace(found, fit=fitly_named(final, problem.specs)), long
 
 

@@ -53,12 +53,16 @@ def exchanges(
             report(f"trying {describe(other)} in the place of {describe(here)}")
             changed = fit(problem, (*rest, other))
             if worth_it(changed, best) and not at_bound(changed.effects[-1]):
-                rounds.append(
-                    Round(before=best.cost, screened=(), fits=(changed,), accepted=changed)
-                )
+                rounds.append(_round(best, changed, here))
                 best = changed
                 break
     return tuple(rounds)
+
+
+def _round(before: Fit, after: Fit, instead_of: EffectInstance) -> Round:
+    return Round(
+        before=before.cost, screened=(), fits=(after,), accepted=after, instead_of=instead_of
+    )
 
 
 def lookalikes(

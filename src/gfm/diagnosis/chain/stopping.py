@@ -7,17 +7,16 @@ from dataclasses import dataclass
 from scipy.stats import beta
 
 from gfm.diagnosis.attribution import (
-    ADEQUATE,
     FAR_LESS,
-    INEXACT,
     MOST_ROUNDS,
     OBVIOUS,
     Attribution,
     Round,
+    enough,
     price,
 )
 from gfm.diagnosis.fitting import LEAST_GAIN, Fit, at_bound
-from gfm.diagnosis.naming import describe
+from gfm.diagnosis.naming import describe, twins
 
 #: Simulated robots without any hidden effect that were diagnosed (of docs/results, 33 are in
 #: known_truth*.md, 10 in run_random_effects.md), and those of them on which anything was named.
@@ -36,6 +35,7 @@ class RoundRow:
             together, far more than the best alone.
         accepted: Whether it was.
         stretches: How many stretches the round was about, those that stayed far off; 0 for all.
+        instead_of: What made way for the best candidate, in words; empty if nothing did.
     """
 
     before: float
@@ -44,6 +44,7 @@ class RoundRow:
     needed: float
     accepted: bool
     stretches: int = 0
+    instead_of: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +56,7 @@ class Stopping:
         left: Mean squared residual in the end, in units of the noise.
         enough: That at which it ends: nothing is left to explain.
         reason: Why it ended, in words.
+        taken_out: What was accepted, and is not among the accepted in the end, with the reason.
         clean_robots: Robots without a hidden effect that were diagnosed to see how often it errs.
         false_alarms: Those of them on which anything was named.
     """
@@ -63,6 +65,7 @@ class Stopping:
     left: float
     enough: float
     reason: str
+    taken_out: tuple[str, ...] = ()
     clean_robots: int = CLEAN_ROBOTS
     false_alarms: int = FALSE_ALARMS
 
@@ -79,9 +82,21 @@ def largest_rate(errors: int, cases: int) -> float:
 
 def stopping(found: Attribution) -> Stopping:
     """Returns how a search went and why it ended."""
-    enough = max(ADEQUATE, 1.0 + INEXACT * (found.nominal_cost - 1.0))
-    rows = tuple(_row(this) for this in found.rounds)
-    return Stopping(rounds=rows, left=found.fit.cost, enough=enough, reason=_reason(found, enough))
+    at_most = enough(found.nominal_cost, found.fit.effects)
+    return Stopping(
+        rounds=tuple(_row(this) for this in found.rounds),
+        left=found.fit.cost,
+        enough=at_most,
+        reason=_reason(found, at_most),
+        taken_out=_taken_out(found),
+    )
+
+
+def _taken_out(found: Attribution) -> tuple[str, ...]:
+    left = {e.key for e in found.fit.effects} | {twin.key for twin, _ in twins(found.fit.effects)}
+    accepted = [e for this in found.rounds if this.accepted is not None for e in this.new]
+    gone = {describe(e): found.why_taken_out(e) for e in accepted if e.key not in left}
+    return tuple(f"{words}: {why}" for words, why in gone.items())
 
 
 def _row(this: Round) -> RoundRow:
@@ -96,6 +111,7 @@ def _row(this: Round) -> RoundRow:
         needed=_needed(this, best, alone),
         accepted=this.accepted is not None,
         stretches=this.stretches,
+        instead_of=describe(this.instead_of) if this.instead_of else "",
     )
 
 
@@ -106,15 +122,18 @@ def _needed(this: Round, best: Fit, alone: float) -> float:
     return OBVIOUS if this.stretches else price(best)
 
 
-def _reason(found: Attribution, enough: float) -> str:
-    rounds = [this for this in found.rounds if not this.stretches]
+def _reason(found: Attribution, at_most: float) -> str:
+    played = [this for this in found.rounds if not this.instead_of]
+    rounds = [this for this in played if not this.stretches]
     if not rounds:
         return "the nominal model leaves no more than noise: nothing was looked for"
     last = rounds[-1]
     if last.accepted is not None:
-        if len(found.rounds) >= MOST_ROUNDS:
+        if len(played) >= MOST_ROUNDS:
             return f"{MOST_ROUNDS} rounds were played, the most there are"
-        return f"what is left is noise, or as little as the laws are inexact (at most {enough:.3g})"
+        return (
+            f"what is left is noise, or as little as the laws are inexact (at most {at_most:.3g})"
+        )
     if not last.fits:
         return "no candidate could be fitted, or none held for recordings it was not fitted to"
     if at_bound(last.fits[0].effects[-1]):
