@@ -157,6 +157,7 @@ def attribute(
     report: Callable[[str], None] = lambda _: None,
     at_once: Callable[[Problem, Sequence[EffectInstance]], Fit] | None = None,
     in_stretches: Callable[[Problem, Fit], InStretches] | None = None,
+    begun: Attribution | None = None,
 ) -> Attribution:
     """Returns which of `candidates` the recordings support, in which amounts.
 
@@ -167,11 +168,12 @@ def attribute(
         report: Told what is happening, in words.
         at_once: Fits several effects together, beside others: where no single one explains much.
         in_stretches: Looks for what acts now and then only, beside what was found.
+        begun: What was found so far in other stretches: the search goes on from there.
     """
-    problem = problem.robust(())
-    accepted = nothing(problem)
-    nominal = accepted.cost
-    rounds: list[Round] = []
+    accepted = nothing(problem.robust(())) if begun is None else begun.fit
+    problem = problem.robust(accepted.effects)
+    nominal = accepted.cost if begun is None else begun.nominal_cost
+    rounds = [] if begun is None else list(begun.rounds)
     stretches: list[Problem] = []
     looked_beside: tuple[EffectInstance, ...] | None = None
     while len(rounds) < MOST_ROUNDS and accepted.cost > enough(nominal, accepted.effects):

@@ -12,7 +12,7 @@ import numpy as np
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis import evidence
-from gfm.diagnosis.attribution import ADEQUATE, Attribution, attribute, of_stretches
+from gfm.diagnosis.attribution import ADEQUATE, Attribution, attribute, enough, of_stretches
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.chain import evidence_chain
 from gfm.diagnosis.claims import (
@@ -25,7 +25,7 @@ from gfm.diagnosis.claims import (
 from gfm.diagnosis.correction import corrected_model
 from gfm.diagnosis.elsewhere import what_holds
 from gfm.diagnosis.exchange import exchanges
-from gfm.diagnosis.fitting import along_valley, fit
+from gfm.diagnosis.fitting import Fit, along_valley, fit
 from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.naming import fitly_named
 from gfm.diagnosis.objects import ObjectPart, examine_object, widened
@@ -262,9 +262,13 @@ def _attribute(
     found = attribute(problem, always, scales, report, at_once, in_stretches)
     report("settling amounts")
     long = reduce(Problem.joined, found.stretches, long)
-    effects = found.fit.effects
-    long_settled = settled(long, effects).robust(effects)
-    final = fit(long_settled, effects)
+    long_settled, final = _settled(long, found.fit.effects)
+    if found.fit.cost <= enough(found.nominal_cost, found.fit.effects) < final.cost:
+        # What keeps a rollout off slowly, initial states of short stretches make up for.
+        report("looking on in long stretches")
+        on = attribute(long_settled, always, scales, report, begun=replace(found, fit=final))
+        found = replace(on, stretches=found.stretches)
+        long_settled, final = _settled(long, found.fit.effects)
     if final.cost > ADEQUATE:
         better = exchanges(long_settled, final, always, scales, views, report)
         effects, kept = (
@@ -276,6 +280,12 @@ def _attribute(
         found = replace(found, rounds=(*found.rounds, *better), unsupported=unsupported)
         final = along_valley(long_settled, fit(long_settled, hold))
     return replace(found, fit=fitly_named(final, problem.specs)), long
+
+
+def _settled(problem: Problem, effects: Sequence[EffectInstance]) -> tuple[Problem, Fit]:
+    """Returns the problem with initial states that suit `effects`, and their fit to it."""
+    own = settled(problem, effects).robust(effects)
+    return own, fit(own, effects)
 
 
 def _joint_errors(errors: HeldOut) -> tuple[JointError, ...]:
