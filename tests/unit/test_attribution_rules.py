@@ -7,7 +7,7 @@ import pytest
 
 from gfm.core import CommandKind
 from gfm.diagnosis import fitting
-from gfm.diagnosis.attribution import InStretches, Round, attribute, price, worth_it
+from gfm.diagnosis.attribution import Attribution, InStretches, Round, attribute, price, worth_it
 from gfm.diagnosis.candidates import places
 from gfm.diagnosis.claims import clearness
 from gfm.diagnosis.fitting import Fit, along_valley, at_bound, nothing
@@ -164,6 +164,19 @@ def test_stretches_are_looked_into_once_and_what_they_tell_of_stays():
         (0, True),
     ]
     assert len(found.stretches) == 1
+
+
+def test_a_search_goes_on_from_what_was_found_in_other_stretches():
+    off = zero_model(np.full((40, 1), 5.0))
+    offset = instance("torque_offset", torque=0.1)
+    start = nothing(off.robust(()))
+    won = replace(start, effects=(offset,), jacobian=np.zeros((len(start.residual), 1)))
+    this = Round(before=200.0, screened=(), fits=(won,), accepted=won)
+    found = attribute(off, (), (), begun=Attribution(nominal_cost=200.0, fit=won, rounds=(this,)))
+    assert found.fit.effects == (offset,)
+    assert found.nominal_cost == 200.0
+    assert found.rounds[0] is this
+    assert [one.accepted is None for one in found.rounds] == [False, True]
 
 
 def test_amounts_are_begun_from_both_sides_of_their_valley(monkeypatch):
