@@ -105,6 +105,35 @@ def test_what_explains_nothing_elsewhere_is_taken_out(left):
     assert elsewhere.what_holds(problem(2), (offset, armature)) == (offset, armature)
 
 
+def test_what_was_needed_beside_another_is_asked_again_without_it(left, monkeypatch):
+    """To first order the offset is superfluous; refitted, it is so only without the armature."""
+    offset, armature = instance("torque_offset", torque=0.1), instance("armature", inertia=0.1)
+    viscous, little = (
+        instance("viscous_friction", coefficient=0.1),
+        instance("quadratic_drag", coefficient=0.1),
+    )
+    row = {
+        "armature+torque_offset+viscous_friction": 2.0,
+        "armature+viscous_friction": 2.1,
+        "torque_offset+viscous_friction": 2.04,
+        "armature+torque_offset": 9.0,
+        "viscous_friction": 2.05,
+        "torque_offset": 9.0,
+        "quadratic_drag": 1.0,
+    }
+    left |= {0: row, 1: row}
+    exact = elsewhere.without_each
+    monkeypatch.setattr(
+        elsewhere,
+        "without_each",
+        lambda p, f: [
+            (little,) if one is offset else rest
+            for one, rest in zip(f.effects, exact(p, f), strict=True)
+        ],
+    )
+    assert elsewhere.what_holds(problem(2), (viscous, offset, armature)) == (viscous,)
+
+
 def test_the_last_effect_stays():
     offset = instance("torque_offset", torque=0.1)
     assert elsewhere.what_holds(problem(2), (offset,)) == (offset,)

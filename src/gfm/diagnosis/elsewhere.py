@@ -106,7 +106,7 @@ def what_holds(
     One after the other is taken out without which the others do as well elsewhere, that first
     without which they do best. Those with the keys in `kept` stay, and so does the last.
     """
-    folds, needed = folds_of(problem), set(kept)
+    folds, needed = folds_of(problem), {*kept}
     if not folds or len(effects) < 2:
         return tuple(effects)
     fits = [fold.fitted(effects) for fold in folds]
@@ -116,7 +116,10 @@ def what_holds(
         without = [fold.fitted(rest) for fold, rest in zip(folds, rests, strict=True)]
         pairs = [(f.effects, other.effects) for f, other in zip(fits, without, strict=True)]
         if _ratios(folds, pairs, [doubtful])[0] < 1.0 + LEAST_GAIN:
-            fits = without
+            fits, needed = (
+                without,
+                {*kept},
+            )  # what stood for it, or against it, may be needed no more
         else:
             needed.add(doubtful.key)
     left = {e.key for e in fits[0].effects}
@@ -131,11 +134,13 @@ def _least_needed(
     The others make up for it as far as they can.
     """
     effects = fits[0].effects
+    if len(effects) < 2:
+        return None
     pairs = zip(folds, fits, strict=True)
     sets = [(f.effects, *without_each(fold.others, f)) for fold, f in pairs]
     rows = zip(_ratios(folds, sets, effects), effects, strict=True)
     open_ = [(ratio, one) for ratio, one in rows if one.key not in needed and ratio < HARDLY]
-    return min(open_, key=lambda pair: pair[0])[1] if open_ and len(effects) > 1 else None
+    return min(open_, key=lambda pair: pair[0])[1] if open_ else None
 
 
 def _ratios(
