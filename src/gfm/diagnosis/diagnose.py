@@ -271,11 +271,8 @@ def _attribute(
         long_settled, final = _settled(long, found.fit.effects)
     if final.cost > ADEQUATE:
         better = exchanges(long_settled, final, always, scales, views, report)
-        effects, kept = (
-            (better[-1].fits[0] if better else final).effects,
-            of_stretches(found.rounds),
-        )
-        hold = what_holds(long_settled, effects, kept, report)
+        effects = (better[-1].fits[0] if better else final).effects
+        hold = what_holds(long_settled, effects, of_stretches(found.rounds), report)
         unsupported = tuple(e for e in effects if e not in hold)
         found = replace(found, rounds=(*found.rounds, *better), unsupported=unsupported)
         final = along_valley(long_settled, fit(long_settled, hold))

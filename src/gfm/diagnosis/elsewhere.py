@@ -116,10 +116,8 @@ def what_holds(
         without = [fold.fitted(rest) for fold, rest in zip(folds, rests, strict=True)]
         pairs = [(f.effects, other.effects) for f, other in zip(fits, without, strict=True)]
         if _ratios(folds, pairs, [doubtful])[0] < 1.0 + LEAST_GAIN:
-            fits, needed = (
-                without,
-                {*kept},
-            )  # what stood for it, or against it, may be needed no more
+            # What stood for it, or against it, may be needed no more.
+            fits, needed = without, {*kept}
         else:
             needed.add(doubtful.key)
     left = {e.key for e in fits[0].effects}
