@@ -16,6 +16,7 @@ from gfm.diagnosis.attribution import ADEQUATE, Attribution, attribute, enough, 
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.chain import evidence_chain
 from gfm.diagnosis.claims import (
+    ADEQUATE_RATIO,
     closed_share,
     named_effects,
     suspects_of,
@@ -263,7 +264,8 @@ def _attribute(
     report("settling amounts")
     long = reduce(Problem.joined, found.stretches, long)
     long_settled, final = _settled(long, found.fit.effects)
-    if found.fit.cost <= enough(found.nominal_cost, found.fit.effects) < final.cost:
+    little = enough(found.nominal_cost, found.fit.effects)
+    if found.fit.cost <= little and final.cost > max(little, ADEQUATE_RATIO**2):
         # What keeps a rollout off slowly, initial states of short stretches make up for.
         report("looking on in long stretches")
         on = attribute(long_settled, always, scales, report, begun=replace(found, fit=final))
