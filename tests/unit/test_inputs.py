@@ -63,6 +63,7 @@ def trajectory(name: str = "one", joints: tuple[str, ...] = ("a", "b")) -> Traje
         ("sawyer_velocity.xml", CommandKind.VELOCITY),
         ("xl330_pendulum.xml", CommandKind.POSITION),
         ("double_pendulum_c1.xml", CommandKind.EFFORT),
+        ("double_pendulum_a0.xml", CommandKind.EFFORT),
     ],
 )
 def test_the_kind_of_command_is_seen_in_the_actuators(file, kind):
