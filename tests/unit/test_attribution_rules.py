@@ -5,49 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gfm.core import CommandKind
 from gfm.diagnosis import fitting
 from gfm.diagnosis.attribution import Attribution, InStretches, Round, attribute, price, worth_it
 from gfm.diagnosis.candidates import places
 from gfm.diagnosis.claims import clearness
 from gfm.diagnosis.fitting import Fit, along_valley, at_bound, nothing
-from gfm.diagnosis.problem import Noise, Problem, with_state_basis
+from gfm.diagnosis.problem import Problem, with_state_basis
 from gfm.diagnosis.screening import Screened, screen, shortlist
 from gfm.diagnosis.signals import starts_at_rest
-from gfm.effects import EffectInstance, Scales, effect_library
-from gfm.sim.predict import Prediction, Segment
-
-TIME_S = 0.01 * np.arange(40.0)
-
-
-def instance(name, **values):
-    return EffectInstance(effect=effect_library()[name], joints=("joint",), values=values)
-
-
-def fitted(cost, *effects):
-    nothing = np.zeros(0)
-    return Fit(effects=effects, cost=cost, jacobian=nothing.reshape(0, 0), residual=nothing)
-
-
-def problem(position, outlying_from):
-    segment = Segment(
-        time_s=TIME_S,
-        position=position,
-        effort=None,
-        kind=CommandKind.POSITION,
-        command_time_s=TIME_S,
-        command=position,
-        initial_position=position[0],
-        initial_velocity=np.zeros(1),
-        servo_gain=np.ones(1),
-    )
-    return Problem(
-        specs={},
-        joints=("joint",),
-        segments=(segment,),
-        noise=Noise(position=np.full(1, 0.5), effort=None),
-        outlying_from=outlying_from,
-    )
+from gfm.effects import effect_library
+from gfm.sim.predict import Prediction
+from one_joint import SCALES, TIME_S, fitted, instance, problem
 
 
 class Predicted(Problem):
@@ -212,11 +180,6 @@ class Sticking(Predicted):
         rows = {0.0: missing, 0.5 * SCALES.excess_nm: 0.7 * missing + 0.9 * sideways}
         torques = [sum(e.values["torque"] for e in effects) for effects in candidates]
         return np.stack([rows.get(torque, 0.2 * missing) for torque in torques])
-
-
-SCALES = Scales(
-    torque_nm=1.0, excess_nm=0.1, velocity_rad_s=1.0, position_rad=1.0, peak_nm=3.0, inertia=0.1
-)
 
 
 def test_what_first_order_misjudges_is_screened_by_what_it_explains_where_it_is_put_in():

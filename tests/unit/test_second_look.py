@@ -5,55 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gfm.core import CommandKind
 from gfm.diagnosis import elsewhere, exchange
 from gfm.diagnosis.candidates import TorqueView, places
 from gfm.diagnosis.exchange import exchanges, lookalikes
-from gfm.diagnosis.fitting import Fit
-from gfm.diagnosis.problem import Noise, Problem
-from gfm.effects import EffectInstance, Scales, effect_library
-from gfm.sim.predict import Segment
-
-TIME_S = 0.01 * np.arange(40.0)
-SCALES = Scales(
-    torque_nm=1.0,
-    excess_nm=0.1,
-    velocity_rad_s=1.0,
-    position_rad=1.0,
-    peak_nm=2.0,
-    inertia=0.1,
-    cogging_per_revolution=(),
-)
+from gfm.effects import effect_library
+from one_joint import SCALES, TIME_S, fitted, instance, problem
 
 
-def instance(name, **values):
-    return EffectInstance(effect=effect_library()[name], joints=("joint",), values=values)
-
-
-def fitted(cost, *effects):
-    nothing = np.zeros(0)
-    return Fit(effects=effects, cost=cost, jacobian=nothing.reshape(0, 0), residual=nothing)
-
-
-def problem(recordings):
-    position = np.zeros((len(TIME_S), 1))
-    stretch = Segment(
-        time_s=TIME_S,
-        position=position,
-        effort=None,
-        kind=CommandKind.POSITION,
-        command_time_s=TIME_S,
-        command=position,
-        initial_position=position[0],
-        initial_velocity=np.zeros(1),
-        servo_gain=np.ones(1),
-    )
-    return Problem(
-        specs={},
-        joints=("joint",),
-        segments=tuple(replace(stretch, recording=i) for i in range(recordings)),
-        noise=Noise(position=np.ones(1), effort=None),
-    )
+def recorded(recordings):
+    """Returns a problem with one stretch of each of so many recordings."""
+    one = problem(np.zeros((len(TIME_S), 1)))
+    (stretch,) = one.segments
+    return replace(one, segments=tuple(replace(stretch, recording=i) for i in range(recordings)))
 
 
 @pytest.fixture
@@ -80,29 +43,29 @@ def test_an_effect_must_help_more_recordings_than_it_harms(left):
     offset = instance("torque_offset", torque=0.1)
     left |= {0: {"": 9.0, "torque_offset": 1.0}}
     left |= {i: {"": 1.0, "torque_offset": 1.2} for i in (1, 2)}
-    assert not elsewhere.holds_elsewhere(problem(3), (), (offset,))
+    assert not elsewhere.holds_elsewhere(recorded(3), (), (offset,))
     left[2]["torque_offset"] = 0.5
-    assert elsewhere.holds_elsewhere(problem(3), (), (offset,))
+    assert elsewhere.holds_elsewhere(recorded(3), (), (offset,))
 
 
 def test_one_recording_says_nothing_of_others():
     both = (instance("torque_offset", torque=0.1), instance("armature", inertia=0.1))
-    assert elsewhere.holds_elsewhere(problem(1), (), both[:1])
-    assert elsewhere.what_holds(problem(1), both) == both
+    assert elsewhere.holds_elsewhere(recorded(1), (), both[:1])
+    assert elsewhere.what_holds(recorded(1), both) == both
 
 
 def test_what_explains_nothing_elsewhere_is_taken_out(left):
     offset, armature = instance("torque_offset", torque=0.1), instance("armature", inertia=0.1)
     row = {"armature+torque_offset": 2.0, "torque_offset": 1.9, "armature": 8.0, "": 9.0}
     left |= {0: row, 1: row}
-    assert elsewhere.what_holds(problem(2), (offset, armature)) == (offset,)
-    assert elsewhere.what_holds(problem(2), (offset, armature), [armature.key]) == (
+    assert elsewhere.what_holds(recorded(2), (offset, armature)) == (offset,)
+    assert elsewhere.what_holds(recorded(2), (offset, armature), [armature.key]) == (
         offset,
         armature,
     )
     needed = row | {"torque_offset": 2.5}
     left |= {0: needed, 1: needed}
-    assert elsewhere.what_holds(problem(2), (offset, armature)) == (offset, armature)
+    assert elsewhere.what_holds(recorded(2), (offset, armature)) == (offset, armature)
 
 
 def test_what_was_needed_beside_another_is_asked_again_without_it(left, monkeypatch):
@@ -131,12 +94,12 @@ def test_what_was_needed_beside_another_is_asked_again_without_it(left, monkeypa
             for one, rest in zip(f.effects, exact(p, f), strict=True)
         ],
     )
-    assert elsewhere.what_holds(problem(2), (viscous, offset, armature)) == (viscous,)
+    assert elsewhere.what_holds(recorded(2), (viscous, offset, armature)) == (viscous,)
 
 
 def test_the_last_effect_stays():
     offset = instance("torque_offset", torque=0.1)
-    assert elsewhere.what_holds(problem(2), (offset,)) == (offset,)
+    assert elsewhere.what_holds(recorded(2), (offset,)) == (offset,)
 
 
 def view():
@@ -157,19 +120,19 @@ def somewhere(*names):
 def test_a_spring_whose_rest_is_far_away_looks_like_a_constant_torque():
     spring = instance("joint_spring", stiffness=0.006, rest_angle=-13.0)
     candidates = somewhere("torque_offset", "viscous_friction", "armature")
-    (alike,) = lookalikes(spring, problem(1), candidates, [SCALES], [view()])
+    (alike,) = lookalikes(spring, recorded(1), candidates, [SCALES], [view()])
     assert alike.effect.name == "torque_offset"
     assert alike.values["torque"] == pytest.approx(-0.006 * 13.0, rel=0.01)
 
 
 def test_a_spring_that_rests_in_the_middle_looks_like_nothing_else():
     spring = instance("joint_spring", stiffness=0.006, rest_angle=0.0)
-    assert not lookalikes(spring, problem(1), somewhere("torque_offset"), [SCALES], [view()])
+    assert not lookalikes(spring, recorded(1), somewhere("torque_offset"), [SCALES], [view()])
 
 
 def test_what_is_no_torque_looks_like_nothing():
     delay = instance("command_delay", delay=0.01)
-    assert not lookalikes(delay, problem(1), somewhere("torque_offset"), [SCALES], [view()])
+    assert not lookalikes(delay, recorded(1), somewhere("torque_offset"), [SCALES], [view()])
 
 
 def test_an_effect_makes_way_for_a_lookalike_that_explains_more(monkeypatch):
@@ -182,9 +145,9 @@ def test_an_effect_makes_way_for_a_lookalike_that_explains_more(monkeypatch):
 
     monkeypatch.setattr(exchange, "fit", fit)
     found, offsets = fitted(12.0, spring, friction), somewhere("torque_offset")
-    (this,) = exchanges(problem(1), found, offsets, [SCALES], [view()])
+    (this,) = exchanges(recorded(1), found, offsets, [SCALES], [view()])
     assert [e.effect.name for e in this.fits[0].effects] == ["coulomb_friction", "torque_offset"]
     assert (this.before, this.accepted) == (12.0, this.fits[0])
     costs["torque_offset"] = 11.9
-    assert not exchanges(problem(1), found, offsets, [SCALES], [view()])
-    assert not exchanges(problem(1), fitted(12.0, spring), offsets, [SCALES], [view()])
+    assert not exchanges(recorded(1), found, offsets, [SCALES], [view()])
+    assert not exchanges(recorded(1), fitted(12.0, spring), offsets, [SCALES], [view()])

@@ -1,0 +1,44 @@
+"""The smallest problem there is: one joint, one stretch, a model that is not asked."""
+
+import numpy as np
+
+from gfm.core import CommandKind
+from gfm.diagnosis.fitting import Fit
+from gfm.diagnosis.problem import Noise, Problem
+from gfm.effects import EffectInstance, Scales, effect_library
+from gfm.sim.predict import Segment
+
+TIME_S = 0.01 * np.arange(40.0)
+SCALES = Scales(
+    torque_nm=1.0, excess_nm=0.1, velocity_rad_s=1.0, position_rad=1.0, peak_nm=3.0, inertia=0.1
+)
+
+
+def instance(name, **values):
+    return EffectInstance(effect=effect_library()[name], joints=("joint",), values=values)
+
+
+def fitted(cost, *effects):
+    nothing = np.zeros(0)
+    return Fit(effects=effects, cost=cost, jacobian=nothing.reshape(0, 0), residual=nothing)
+
+
+def problem(position, outlying_from=None):
+    segment = Segment(
+        time_s=TIME_S,
+        position=position,
+        effort=None,
+        kind=CommandKind.POSITION,
+        command_time_s=TIME_S,
+        command=position,
+        initial_position=position[0],
+        initial_velocity=np.zeros(1),
+        servo_gain=np.ones(1),
+    )
+    return Problem(
+        specs={},
+        joints=("joint",),
+        segments=(segment,),
+        noise=Noise(position=np.full(1, 0.5), effort=None),
+        outlying_from=outlying_from,
+    )
