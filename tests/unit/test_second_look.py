@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gfm.diagnosis import elsewhere, exchange
+from gfm.diagnosis import cross_validation
+from gfm.diagnosis import lookalikes as lookalikes_module
 from gfm.diagnosis.candidates import TorqueView, places
-from gfm.diagnosis.exchange import exchanges, lookalikes
+from gfm.diagnosis.lookalikes import exchanges, lookalikes
 from gfm.effects import effect_library
 from one_joint import SCALES, TIME_S, fitted, instance, problem
 
@@ -23,9 +24,9 @@ def recorded(recordings):
 def left(monkeypatch):
     """What is left of each recording, by the names of the effects that are in the model."""
     sums = {}
-    monkeypatch.setattr(elsewhere, "fit", lambda _p, effects, **_: fitted(1.0, *effects))
+    monkeypatch.setattr(cross_validation, "fit", lambda _p, effects, **_: fitted(1.0, *effects))
     monkeypatch.setattr(
-        elsewhere,
+        cross_validation,
         "without_each",
         lambda _p, f: [tuple(e for e in f.effects if e is not one) for one in f.effects],
     )
@@ -34,7 +35,7 @@ def left(monkeypatch):
         row = sums[here.segments[0].recording]
         return np.array([[row["+".join(sorted(e.effect.name for e in c))]] for c in candidates])
 
-    monkeypatch.setattr(elsewhere, "_sums", summed)
+    monkeypatch.setattr(cross_validation, "_sums", summed)
     return sums
 
 
@@ -43,29 +44,29 @@ def test_an_effect_must_help_more_recordings_than_it_harms(left):
     offset = instance("torque_offset", torque=0.1)
     left |= {0: {"": 9.0, "torque_offset": 1.0}}
     left |= {i: {"": 1.0, "torque_offset": 1.2} for i in (1, 2)}
-    assert not elsewhere.holds_elsewhere(recorded(3), (), (offset,))
+    assert not cross_validation.holds_elsewhere(recorded(3), (), (offset,))
     left[2]["torque_offset"] = 0.5
-    assert elsewhere.holds_elsewhere(recorded(3), (), (offset,))
+    assert cross_validation.holds_elsewhere(recorded(3), (), (offset,))
 
 
 def test_one_recording_says_nothing_of_others():
     both = (instance("torque_offset", torque=0.1), instance("armature", inertia=0.1))
-    assert elsewhere.holds_elsewhere(recorded(1), (), both[:1])
-    assert elsewhere.what_holds(recorded(1), both) == both
+    assert cross_validation.holds_elsewhere(recorded(1), (), both[:1])
+    assert cross_validation.what_holds(recorded(1), both) == both
 
 
 def test_what_explains_nothing_elsewhere_is_taken_out(left):
     offset, armature = instance("torque_offset", torque=0.1), instance("armature", inertia=0.1)
     row = {"armature+torque_offset": 2.0, "torque_offset": 1.9, "armature": 8.0, "": 9.0}
     left |= {0: row, 1: row}
-    assert elsewhere.what_holds(recorded(2), (offset, armature)) == (offset,)
-    assert elsewhere.what_holds(recorded(2), (offset, armature), [armature.key]) == (
+    assert cross_validation.what_holds(recorded(2), (offset, armature)) == (offset,)
+    assert cross_validation.what_holds(recorded(2), (offset, armature), [armature.key]) == (
         offset,
         armature,
     )
     needed = row | {"torque_offset": 2.5}
     left |= {0: needed, 1: needed}
-    assert elsewhere.what_holds(recorded(2), (offset, armature)) == (offset, armature)
+    assert cross_validation.what_holds(recorded(2), (offset, armature)) == (offset, armature)
 
 
 def test_what_was_needed_beside_another_is_asked_again_without_it(left, monkeypatch):
@@ -85,21 +86,21 @@ def test_what_was_needed_beside_another_is_asked_again_without_it(left, monkeypa
         "quadratic_drag": 1.0,
     }
     left |= {0: row, 1: row}
-    exact = elsewhere.without_each
+    exact = cross_validation.without_each
     monkeypatch.setattr(
-        elsewhere,
+        cross_validation,
         "without_each",
         lambda p, f: [
             (little,) if one is offset else rest
             for one, rest in zip(f.effects, exact(p, f), strict=True)
         ],
     )
-    assert elsewhere.what_holds(recorded(2), (viscous, offset, armature)) == (viscous,)
+    assert cross_validation.what_holds(recorded(2), (viscous, offset, armature)) == (viscous,)
 
 
 def test_the_last_effect_stays():
     offset = instance("torque_offset", torque=0.1)
-    assert elsewhere.what_holds(recorded(2), (offset,)) == (offset,)
+    assert cross_validation.what_holds(recorded(2), (offset,)) == (offset,)
 
 
 def view():
@@ -143,7 +144,7 @@ def test_an_effect_makes_way_for_a_lookalike_that_explains_more(monkeypatch):
     def fit(_problem, effects):
         return fitted(min(costs.get(e.effect.name, np.inf) for e in effects), *effects)
 
-    monkeypatch.setattr(exchange, "fit", fit)
+    monkeypatch.setattr(lookalikes_module, "fit", fit)
     found, offsets = fitted(12.0, spring, friction), somewhere("torque_offset")
     (this,) = exchanges(recorded(1), found, offsets, [SCALES], [view()])
     assert [e.effect.name for e in this.fits[0].effects] == ["coulomb_friction", "torque_offset"]

@@ -20,7 +20,7 @@ import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.candidates import Place
-from gfm.diagnosis.elsewhere import holds_elsewhere
+from gfm.diagnosis.cross_validation import holds_elsewhere
 from gfm.diagnosis.fitting import (
     FITTING_S,
     LEAST_GAIN,
@@ -29,6 +29,7 @@ from gfm.diagnosis.fitting import (
     amounts,
     at_bound,
     derivatives,
+    each_left_out,
     fit,
     free_parameters,
     mean_square,
@@ -386,12 +387,11 @@ def _without_one(
 
     The others make up for it to first order.
     """
-    rests = [tuple(other for other in effects if other is not one) for one in effects]
+    rests, theirs = each_left_out(effects)
     jacobian = derivatives(coarse(problem), effects, None)
-    owner = np.array([i for i, _ in free_parameters(effects)])
     costs = []
-    for i, residual in enumerate(problem.residuals(rests)):
-        basis = orthonormal(jacobian[:, owner != i])
+    for columns, residual in zip(theirs, problem.residuals(rests), strict=True):
+        basis = orthonormal(jacobian[:, columns])
         costs.append(mean_square(residual - basis @ (basis.T @ residual)))
     return sorted(zip(costs, effects, strict=True), key=lambda pair: pair[0])
 

@@ -24,10 +24,10 @@ from gfm.diagnosis.claims import (
     verdict_on_both,
 )
 from gfm.diagnosis.correction import corrected_model
-from gfm.diagnosis.elsewhere import what_holds
-from gfm.diagnosis.exchange import exchanges
+from gfm.diagnosis.cross_validation import what_holds
 from gfm.diagnosis.fitting import Fit, along_valley, fit
 from gfm.diagnosis.learned import learned_report
+from gfm.diagnosis.lookalikes import exchanges
 from gfm.diagnosis.naming import fitly_named
 from gfm.diagnosis.objects import ObjectPart, examine_object, widened
 from gfm.diagnosis.problem import (

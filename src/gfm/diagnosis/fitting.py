@@ -129,14 +129,22 @@ def _both_sides(fitted: Fit) -> list[tuple[EffectInstance, ...]]:
 
 def without_each(problem: Problem, fitted: Fit) -> list[tuple[EffectInstance, ...]]:
     """Returns, for each effect, the others with what they make up for it, to first order."""
-    owner = np.array([i for i, _ in free_parameters(fitted.effects)])
-    rests = [tuple(e for e in fitted.effects if e is not one) for one in fitted.effects]
+    rests, theirs = each_left_out(fitted.effects)
     moved = []
-    for i, (rest, residual) in enumerate(zip(rests, problem.residuals(rests), strict=True)):
+    for rest, columns, residual in zip(rests, theirs, problem.residuals(rests), strict=True):
         values, (low, high) = amounts(rest), _bounds(rest)
-        step = _step(fitted.jacobian[:, owner != i], residual, DAMPING, low - values, high - values)
+        step = _step(fitted.jacobian[:, columns], residual, DAMPING, low - values, high - values)
         moved.append(_with_amounts(rest, values + step))
     return moved
+
+
+def each_left_out(
+    effects: Sequence[EffectInstance],
+) -> tuple[list[tuple[EffectInstance, ...]], list[Array]]:
+    """Returns, for each effect, the others, and which free parameters are theirs, shape (P,)."""
+    owner = np.array([i for i, _ in free_parameters(effects)])
+    rests = [tuple(e for e in effects if e is not one) for one in effects]
+    return rests, [owner != i for i in range(len(effects))]
 
 
 def free_parameters(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:
