@@ -282,6 +282,18 @@ def test_it_is_said_what_was_taken_out_again_and_why():
     )
     suspects = {one.effect: one.reason for one in suspects_of(found, (offset,))}
     assert suspects["armature"] == "explains nothing on recordings that it was not fitted to"
+    sister = effect("armature", joints=("k",), inertia=0.1)
+    assert (
+        "armature on k: explains nothing"
+        in stopping(replace(found, unsupported=(sister,))).taken_out[-1]
+    )
+
+
+def test_what_closes_too_little_of_the_held_out_error_is_not_called_superfluous():
+    offset = effect("torque_offset", torque=0.2)
+    found = found_in((9.0, [fitted(offset, 3.0)], True))
+    (suspect,) = suspects_of(replace(found, fit=replace(found.fit, effects=(offset,))), ())
+    assert suspect.reason.startswith("explains too little of the held-out recordings")
 
 
 def test_only_laws_with_a_kink_may_leave_more_than_noise():

@@ -36,7 +36,7 @@ from gfm.diagnosis.fitting import (
     nothing,
     orthonormal,
 )
-from gfm.diagnosis.naming import describe
+from gfm.diagnosis.naming import describe, twins
 from gfm.diagnosis.problem import Problem, coarse, settled
 from gfm.diagnosis.screening import Screened, screen, shortlist, suspected
 from gfm.effects import EffectInstance, Scales, Scope
@@ -122,7 +122,10 @@ class Attribution:
     unsupported: tuple[EffectInstance, ...] = ()
 
     def why_taken_out(self, instance: EffectInstance) -> str:
-        """Returns why an effect is not among the accepted in the end; nothing if it never was."""
+        """Returns why an accepted effect is not named in the end; nothing if it never was one."""
+        fitted = self.fit.effects
+        if instance.key in {e.key for e in (*fitted, *(twin for twin, _ in twins(fitted)))}:
+            return "explains too little of the held-out recordings, with all that was found"
         if instance.key in {e.key for e in self.unsupported}:
             return "explains nothing on recordings that it was not fitted to"
         won = [this for this in self.rounds if this.accepted is not None]

@@ -94,7 +94,8 @@ def stopping(found: Attribution) -> Stopping:
 
 def _taken_out(found: Attribution) -> tuple[str, ...]:
     left = {e.key for e in found.fit.effects} | {twin.key for twin, _ in twins(found.fit.effects)}
-    accepted = [e for this in found.rounds if this.accepted is not None for e in this.new]
+    won = [e for this in found.rounds if this.accepted is not None for e in this.new]
+    accepted = (*won, *found.unsupported)  # what came with another joint's has no round of its own
     gone = {describe(e): found.why_taken_out(e) for e in accepted if e.key not in left}
     return tuple(f"{words}: {why}" for words, why in gone.items())
 
