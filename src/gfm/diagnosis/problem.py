@@ -22,15 +22,9 @@ import numpy as np
 
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
-from gfm.core.rounding import resolution
+from gfm.diagnosis.noise import steady_noise, typical_noise
 from gfm.diagnosis.outliers import OUTLYING, bounded
-from gfm.diagnosis.signals import (
-    LEAST_NOISE,
-    evenly,
-    noise_std,
-    smooth_states,
-    starts_at_rest,
-)
+from gfm.diagnosis.signals import smooth_states, starts_at_rest
 from gfm.effects import EffectInstance
 from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.plant import check_joints, make_plant
@@ -377,27 +371,15 @@ def check_recordings(
 
 
 def measure_noise(recordings: Sequence[Trajectory]) -> Noise:
-    """Returns the sensor noise over the recordings."""
+    """Returns the sensor noise over the recordings.
+
+    Efforts may well be noisier where they are large: theirs is the typical one.
+    """
     efforts = [(r.time_s, r.effort) for r in recordings if r.effort is not None]
     return Noise(
-        position=_noise_of([(r.time_s, r.position) for r in recordings]),
-        effort=_noise_of(efforts) if efforts else None,
+        position=steady_noise([(r.time_s, r.position) for r in recordings]),
+        effort=typical_noise(efforts) if efforts else None,
     )
-
-
-def _noise_of(signals: Sequence[tuple[Array, Array]]) -> Array:
-    """Returns the noise of a channel, shape (J,), from its recordings as times and values.
-
-    The median over those in which it changes at all; never less than what its rounding makes.
-    """
-    white = np.stack([noise_std(evenly(*signal)[1]) for signal in signals])
-    steps = np.stack([resolution(values) for _, values in signals])
-    moved = np.stack([np.ptp(values, axis=0) > 0.0 for _, values in signals])
-    columns = range(white.shape[1])
-    typical = [np.median(white[moved[:, j], j]) if moved[:, j].any() else 0.0 for j in columns]
-    rounded = [np.median(steps[moved[:, j], j]) if moved[:, j].any() else 0.0 for j in columns]
-    least = np.maximum(np.array(rounded) / np.sqrt(12.0), LEAST_NOISE)
-    return np.asarray(np.maximum(typical, least))
 
 
 def cut(recording: Trajectory, index: int, noise: Noise, window_s: float) -> list[Segment]:

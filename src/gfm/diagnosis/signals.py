@@ -1,44 +1,19 @@
-"""What can be said of measured signals alone: noise and smooth states.
+"""What can be said of measured signals alone: even sampling, smooth states, rest.
 
 Shape letters: T measurements, J joints.
 """
 
 from __future__ import annotations
 
-from math import comb
-
 import numpy as np
 from scipy.signal import savgol_filter
 
 from gfm.core.checks import Array
-from gfm.core.rounding import resolution
 
-#: Order of the differences in which only noise is left of a smooth signal.
-NOISE_ORDER = 4
-#: Noise of a channel that shows none.
-LEAST_NOISE = 1e-9
 #: Span and order of the polynomials from which velocity and acceleration are taken.
 SMOOTHING_S, SMOOTHING_ORDER = 0.09, 3
 #: Time over which a joint has to rest, and speed that may be noise, in standard deviations.
 REST_S, REST_SIGMAS = 0.15, 3.0
-
-
-def noise_std(signal: Array) -> Array:
-    """Returns the standard deviation of the noise on each column, shape (J,).
-
-    From differences of a high order, in which a smooth signal vanishes and white noise of variance
-    s^2 becomes noise of variance binom(2k, k) s^2; the median makes jumps harmless. Never less than
-    what rounding to the finest step seen would give.
-
-    Args:
-        signal: Evenly sampled, shape (T, J).
-    """
-    differences = np.diff(signal, n=NOISE_ORDER, axis=0)
-    spread = np.median(np.abs(differences), axis=0) / 0.6745
-    white = spread / np.sqrt(comb(2 * NOISE_ORDER, NOISE_ORDER))
-    return np.asarray(
-        np.maximum(np.maximum(white, resolution(signal) / np.sqrt(12.0)), LEAST_NOISE)
-    )
 
 
 def evenly(time_s: Array, signal: Array) -> tuple[Array, Array]:

@@ -12,8 +12,9 @@ import numpy as np
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.core.rounding import resolution
+from gfm.diagnosis.noise import noise_std
 from gfm.diagnosis.quality.finding import Finding, Objection, held_command, joint_finding
-from gfm.diagnosis.signals import evenly, noise_std
+from gfm.diagnosis.signals import evenly
 
 #: A command that moves by so much while the joint does not: more than any dry friction holds
 #: against a servo that works, rad.

@@ -10,8 +10,9 @@ import numpy as np
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.core.rounding import resolution
+from gfm.diagnosis.noise import noise_std
 from gfm.diagnosis.quality.finding import Finding, held_command, joint_finding
-from gfm.diagnosis.signals import evenly, noise_std, smooth_states
+from gfm.diagnosis.signals import evenly, smooth_states
 from gfm.sim.plant import Plant
 
 #: Share of the measurements that must lie in a plateau, and how much fuller than the next level

@@ -10,8 +10,9 @@ import numpy as np
 from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.core.rounding import resolution
+from gfm.diagnosis.noise import noise_std
 from gfm.diagnosis.quality.finding import Finding, Objection
-from gfm.diagnosis.signals import evenly, noise_std
+from gfm.diagnosis.signals import evenly
 
 #: Joint states come tens to thousands of times a second; what lies outside is another unit.
 LEAST_RATE_HZ, MOST_RATE_HZ = 1.0, 10_000.0
