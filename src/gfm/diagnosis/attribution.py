@@ -37,7 +37,7 @@ from gfm.diagnosis.fitting import (
     orthonormal,
 )
 from gfm.diagnosis.naming import describe, twins
-from gfm.diagnosis.problem import Problem, coarse, settled
+from gfm.diagnosis.problem import Problem, settled
 from gfm.diagnosis.screening import Screened, screen, shortlist, suspected
 from gfm.effects import EffectInstance, Scales, Scope
 
@@ -391,7 +391,7 @@ def _without_one(
     The others make up for it to first order.
     """
     rests, theirs = each_left_out(effects)
-    jacobian = derivatives(coarse(problem), effects, None)
+    jacobian = derivatives(problem.coarse(), effects, None)
     costs = []
     for columns, residual in zip(theirs, problem.residuals(rests), strict=True):
         basis = orthonormal(jacobian[:, columns])

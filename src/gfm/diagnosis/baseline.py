@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.problem import Problem, coarse, make_problem
+from gfm.diagnosis.problem import Problem, make_problem
 from gfm.effects import Effect, EffectInstance, find_effect
 
 #: Relative steps of the finite differences: of the gain, and of the damping's unit.
@@ -124,7 +124,7 @@ class _Objective:
 
     def __init__(self, problem: Problem) -> None:
         self._joints = problem.joints
-        self._fast = coarse(problem)
+        self._fast = problem.coarse()
         self._noise = problem.noise.position
         damping = [
             [spec.joint(name).damping[0] for name in problem.joints]

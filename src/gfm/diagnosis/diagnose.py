@@ -17,6 +17,7 @@ from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.chain import evidence_chain
 from gfm.diagnosis.claims import (
     ADEQUATE_RATIO,
+    FAR_FROM_NOISE,
     closed_share,
     named_effects,
     suspects_of,
@@ -52,6 +53,7 @@ from gfm.diagnosis.result import (
 from gfm.diagnosis.sentences import sentence_on, sentence_on_object
 from gfm.diagnosis.stretches import look_into_stretches
 from gfm.diagnosis.usual import usually_missing
+from gfm.diagnosis.witnesses import borne_out
 from gfm.effects import EffectInstance, effect_library
 from gfm.excitation.blind_spots import blind_spots
 from gfm.sim.learned import LearnedForces
@@ -278,6 +280,9 @@ def _attribute(
         unsupported = tuple(e for e in effects if e not in hold)
         found = replace(found, rounds=(*found.rounds, *better), unsupported=unsupported)
         final = along_valley(long_settled, fit(long_settled, hold))
+    if final.cost > FAR_FROM_NOISE**2:
+        report("settling amounts by the measured torques, too")
+        final = borne_out(long_settled, recordings, final)
     return replace(found, fit=fitly_named(final, problem.specs)), long
 
 

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol, Self
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
 from gfm.core.checks import Array
-from gfm.diagnosis.problem import Problem, coarse
 from gfm.effects import EffectInstance
 
 #: Recorded time on which what competes is fitted.
@@ -29,6 +29,16 @@ FARTHER = 2.0
 AT_BOUND = 1e-3
 #: Damping of the first step, and that beyond which no step helps.
 DAMPING, MOST_DAMPING = 1e-3, 1e3
+
+
+class LeastSquares(Protocol):
+    """What amounts are fitted to."""
+
+    def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
+        """Returns the residual of every candidate, shape (candidates, N)."""
+
+    def coarse(self) -> Self:
+        """Returns the same, faster: good enough for differences."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +58,7 @@ class Fit:
     residual: Array
 
 
-def nothing(problem: Problem) -> Fit:
+def nothing(problem: LeastSquares) -> Fit:
     """Returns the fit without any effect: the nominal model."""
     residual = problem.residuals([()])[0]
     return Fit(
@@ -59,8 +69,17 @@ def nothing(problem: Problem) -> Fit:
     )
 
 
+def measured(problem: LeastSquares, effects: Sequence[EffectInstance]) -> Fit:
+    """Returns `effects` with the values that they have as a fit."""
+    residual = problem.residuals([effects])[0]
+    jacobian = derivatives(problem.coarse(), tuple(effects), None)
+    return Fit(
+        effects=tuple(effects), cost=mean_square(residual), jacobian=jacobian, residual=residual
+    )
+
+
 def fit(
-    problem: Problem,
+    problem: LeastSquares,
     effects: Sequence[EffectInstance],
     *,
     known: Array | None = None,
@@ -77,7 +96,7 @@ def fit(
     if not effects:
         return nothing(problem)
     current, values = tuple(effects), amounts(effects)
-    bounds, fast = _bounds(effects), coarse(problem)
+    bounds, fast = _bounds(effects), problem.coarse()
     residual = problem.residuals([current])[0]
     jacobian = derivatives(fast, current, known)
     damping = DAMPING
@@ -96,7 +115,7 @@ def fit(
     return Fit(effects=usual, cost=mean_square(residual), jacobian=jacobian, residual=residual)
 
 
-def along_valley(problem: Problem, fitted: Fit) -> Fit:
+def along_valley(problem: LeastSquares, fitted: Fit) -> Fit:
     """Returns the best of a fit and others that begin on both sides of it, in its valley.
 
     Where two effects explain nearly the same, a fit ends wherever steps along their common valley
@@ -127,7 +146,7 @@ def _both_sides(fitted: Fit) -> list[tuple[EffectInstance, ...]]:
     ]
 
 
-def without_each(problem: Problem, fitted: Fit) -> list[tuple[EffectInstance, ...]]:
+def without_each(problem: LeastSquares, fitted: Fit) -> list[tuple[EffectInstance, ...]]:
     """Returns, for each effect, the others with what they make up for it, to first order."""
     rests, theirs = each_left_out(fitted.effects)
     moved = []
@@ -190,7 +209,7 @@ def _bounds(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
 
 
 def derivatives(
-    problem: Problem, effects: tuple[EffectInstance, ...], known: Array | None
+    problem: LeastSquares, effects: tuple[EffectInstance, ...], known: Array | None
 ) -> Array:
     """Returns the derivative of the residual by each free parameter, shape (N, P).
 

@@ -203,6 +203,13 @@ class Problem:
             state_basis=tuple(self.state_basis[i] for i in keep) if self.state_basis else (),
         )
 
+    def coarse(self) -> Problem:
+        """Returns the problem with fast integration: good enough for differences of predictions."""
+        fast = {kind: spec.copy() for kind, spec in self.specs.items()}
+        for spec in fast.values():
+            spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        return replace(self, specs=fast)
+
     def joined(self, other: Problem) -> Problem:
         """Returns the same problem with the segments of another one behind its own."""
         return replace(
@@ -302,14 +309,6 @@ def all_stretches(
     return Problem(
         specs=accurate, joints=joints, segments=segments, noise=noise, given=tuple(given)
     )
-
-
-def coarse(problem: Problem) -> Problem:
-    """Returns the problem with fast integration: good enough for differences of predictions."""
-    fast = {kind: spec.copy() for kind, spec in problem.specs.items()}
-    for spec in fast.values():
-        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    return replace(problem, specs=fast)
 
 
 def accurately_integrated(spec: mujoco.MjSpec) -> mujoco.MjSpec:
@@ -485,7 +484,7 @@ def with_state_basis(problem: Problem, effects: Sequence[EffectInstance] = ()) -
 
 def _state_columns(problem: Problem, effects: Sequence[EffectInstance]) -> list[Array]:
     """Returns by how much each step of an initial state changes residuals, (N, 2 J) each."""
-    fast = coarse(problem)
+    fast = problem.coarse()
     base = _whitened(fast, effects)
     columns: list[list[Array]] = [[] for _ in problem.segments]
     steps = np.repeat(STATE_STEP, len(problem.joints))

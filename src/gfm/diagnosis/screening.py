@@ -13,7 +13,7 @@ import numpy as np
 from gfm.core.checks import Array
 from gfm.diagnosis.candidates import Place
 from gfm.diagnosis.fitting import Fit, orthonormal
-from gfm.diagnosis.problem import Problem, coarse
+from gfm.diagnosis.problem import Problem
 from gfm.effects import EffectInstance, Scales, Scope
 
 #: Candidates that are fitted in earnest in each round, places of one effect among them, and values
@@ -69,7 +69,7 @@ def screen(
 ) -> list[Screened]:
     """Returns the candidates with their best amounts to first order, best first."""
     sample = problem.sample(SCREENING_S)
-    fast, here = coarse(problem.subset(sample)), _rows(problem, sample)
+    fast, here = problem.subset(sample).coarse(), _rows(problem, sample)
     there = replace(base, jacobian=base.jacobian[here], residual=base.residual[here])
     found = _to_first_order(fast, candidates, scales, there)
     return sorted(_tried(fast, found, there), key=lambda s: -s.gain)

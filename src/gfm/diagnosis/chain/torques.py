@@ -150,7 +150,7 @@ class TorqueDomain:
     def blocks(self, rows: Sequence[Array]) -> Array:
         """Returns the block means of rows at the measurements, (T, J) each, shape (B, J)."""
         return np.concatenate(
-            [_means(row, r) for row, r in zip(rows, self.recordings, strict=True)]
+            [block_means(row, r) for row, r in zip(rows, self.recordings, strict=True)]
         )
 
 
@@ -252,7 +252,7 @@ def _command_change(recording: Trajectory) -> Array:
     return np.asarray(np.gradient(held_command(recording), recording.time_s, axis=0))
 
 
-def _means(rows: Array, recording: Trajectory) -> Array:
+def block_means(rows: Array, recording: Trajectory) -> Array:
     """Returns the means over whole blocks of a recording's rows (T, J), shape (B, J)."""
     period_s = float(np.median(np.diff(recording.time_s)))
     length = max(round(BLOCK_S / period_s), 1)
