@@ -71,6 +71,8 @@ SUBSTANTIAL = 0.2
 #: Mean squared residual, in units of the noise, that is much, and the share of it from which on the
 #: best single effect explains little; share of that to which several together must come.
 MUCH, HOPELESS, FAR_LESS = 100.0, 0.5, 0.5
+#: Times that several together are tried: what was worse than a single effect twice is not missing.
+MOST_AT_ONCE = 2
 #: Rough fits that are fitted to the end: so many in front, if they are this close to the best.
 POLISHED, CLOSE = 2, 1.5
 
@@ -180,11 +182,14 @@ def attribute(
     rounds = [] if begun is None else list(begun.rounds)
     stretches: list[Problem] = []
     looked_beside: tuple[EffectInstance, ...] | None = None
+    tries_at_once = MOST_AT_ONCE
     while len(rounds) < MOST_ROUNDS and accepted.cost > enough(nominal, accepted.effects):
         here = suspected(problem, candidates, accepted)
         report(f"screening {len(here)} candidates (misfit {accepted.cost:.2f})")
         this = play_round(problem, here, scales, accepted, nominal, report)
-        if at_once is not None and not any(r.together for r in rounds) and hopeless(this):
+        together = any(r.together for r in rounds)
+        if at_once is not None and tries_at_once and not together and hopeless(this):
+            tries_at_once -= 1
             beside = _best(this, accepted).effects if rounds else ()
             this = _better(problem, this, accepted, at_once(problem, beside))
         if in_stretches is not None and _doubtful(this, accepted, looked_beside):
