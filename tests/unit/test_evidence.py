@@ -108,3 +108,12 @@ def test_one_effect_on_several_joints_is_one_phrase():
         "coulomb friction on a, b (torque 0.2 to 0.35 N m)",
         "torque offset on b (torque 0.1 N m)",
     ]
+
+
+def test_of_many_amounts_a_sentence_tells_the_first():
+    place = {"height": 0.1, "x": 0.2, "y": 0.3, "z": 0.4, "friction": 0.5}
+    (words,) = effects_in_words([named("surface_contact", "b", **place)])
+    assert words.startswith("surface contact on b (height 0.1")
+    assert "x 0.2" in words
+    assert words.endswith(", ...)")
+    assert "friction" not in words

@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from gfm.diagnosis.objects import ObjectPart
 from gfm.diagnosis.result import ErrorSummary, NamedEffect, Verdict
 
+#: Parameters of an effect that a sentence tells at most.
+IN_A_SENTENCE = 3
+
 
 def sentence_on(
     verdict: Verdict, named: Sequence[NamedEffect], error: ErrorSummary, lack: str
@@ -58,13 +61,19 @@ def _of_kind(alike: Sequence[NamedEffect]) -> str:
         ranges.append(
             f"{name.replace('_', ' ')} {min(values):.3g} to {max(values):.3g} {unit}".rstrip()
         )
-    return f"{first.effect.replace('_', ' ')} on {joints} ({', '.join(ranges)})"
+    return f"{first.effect.replace('_', ' ')} on {joints} ({_first_of(ranges)})"
 
 
 def _in_words(effect: NamedEffect) -> str:
     where = f" on {', '.join(effect.joints)}" if effect.joints else ""
-    amounts = ", ".join(
+    amounts = [
         f"{name.replace('_', ' ')} {p.value:.4g} {'' if p.unit == '1' else p.unit}".rstrip()
         for name, p in effect.parameters.items()
-    )
-    return f"{effect.effect.replace('_', ' ')}{where} ({amounts})"
+    ]
+    return f"{effect.effect.replace('_', ' ')}{where} ({_first_of(amounts)})"
+
+
+def _first_of(amounts: Sequence[str]) -> str:
+    """Returns as many amounts as a sentence bears; all of them stand in the table below it."""
+    shown = ", ".join(amounts[:IN_A_SENTENCE])
+    return shown if len(amounts) <= IN_A_SENTENCE else f"{shown}, ..."
