@@ -275,7 +275,7 @@ def make_problem(
     """
     problem = all_stretches(specs, recordings, noise, given=given, windows_s=windows_s)
     problem = with_state_basis(problem.subset(problem.sample(most_s, of_each=1)))
-    return replace(problem, after_command=_efforts_follow_commands(problem))
+    return _timed(problem, ())
 
 
 def all_stretches(
@@ -427,25 +427,30 @@ def _commands(recording: Trajectory, start_s: float, end_s: float) -> dict[str, 
     }
 
 
-def _efforts_follow_commands(problem: Problem) -> bool:
-    """Returns whether the efforts fit better when taken after the command of the same stamp."""
+def _timed(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
+    """Returns the problem with efforts taken before or after the command of the same stamp.
+
+    As they fit better under `effects`.
+    """
     if problem.noise.effort is None:
-        return False
+        return problem
     misfit = [0.0, 0.0]
-    for segment, prediction in zip(problem.segments, problem.predictions([()])[0], strict=True):
+    predictions = problem.predictions([effects])[0]
+    for segment, prediction in zip(problem.segments, predictions, strict=True):
         if segment.effort is not None:
             for i, told in enumerate((prediction.effort, prediction.effort_after)):
                 misfit[i] += float(np.median(np.abs(segment.effort - told)))
-    return misfit[1] < misfit[0]
+    return replace(problem, after_command=misfit[1] < misfit[0])
 
 
 def settled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
-    """Returns the problem with initial states as they fit best under `effects`.
+    """Returns the problem with initial states, and times of efforts, that fit best under `effects`.
 
     Where nothing leads a joint back, what a stretch begins with counts to its end, and by more than
     to first order. A servo forgets it: its stretches stay as they are.
     """
     free = [i for i, s in enumerate(problem.segments) if not _led(s)]
+    problem = _timed(problem, effects)
     part = problem.subset(free)
     for _ in range(STATE_ROUNDS if free else 0):
         part = _nearer(part, effects)
