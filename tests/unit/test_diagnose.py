@@ -14,13 +14,13 @@ from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.fitting import fit, nothing
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.noise import noise_std, steady_noise, typical_noise
-from gfm.diagnosis.problem import make_problem
+from gfm.diagnosis.problem import make_problem, settled
 from gfm.diagnosis.result import Verdict
 from gfm.diagnosis.screening import Screened, screen
 from gfm.diagnosis.signals import smooth_states
 from gfm.diagnosis.usual import usually_missing
 from gfm.effects import EffectInstance, effect_library
-from pendulum import MODEL, PERIOD_S, swung
+from pendulum import DAMPING, MODEL, PERIOD_S, STIFFNESS, swung
 
 NOISE = 3e-4
 LIMIT = 3.0
@@ -228,6 +228,21 @@ def test_a_model_of_another_robot_is_refused():
     run = recording(0, duration=2.0)
     with pytest.raises(UnknownNameError, match="unknown joint 'j'; available: k"):
         diagnose(specs, [run], [run])
+
+
+@pytest.mark.parametrize("late", [0, 1])
+def test_when_efforts_were_measured_is_told_under_the_effects_that_were_found(late):
+    """A command at the stamp of a measurement is in force at it, or only afterwards."""
+    run = recording(0, torque=lambda _q, v: -3.0 * v)
+    q, v, _ = smooth_states(run.time_s, run.position)
+    in_force = np.roll(run.command, late, axis=0)
+    run = replace(run, effort=STIFFNESS * (in_force - q) - DAMPING * v)
+    problem = make_problem({CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}, [run])
+    viscous = EffectInstance(
+        effect=effect_library()["viscous_friction"], joints=("j",), values={"coefficient": 3.0}
+    )
+    assert problem.after_command  # the nominal model is far off and says so in either case
+    assert settled(problem, [viscous]).after_command is (late == 0)
 
 
 def test_noise_is_measured_under_a_smooth_motion():
