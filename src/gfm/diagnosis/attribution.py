@@ -506,9 +506,11 @@ def _settles_it(fitted: Fit, nominal: float, little: float) -> bool:
 
 
 def price(fitted: Fit) -> float:
-    """Returns the share of the squared residual that the newest effect must explain at least."""
-    newest = fitted.effects[-1].effect
-    return LEAST_GAIN * (len(newest.parameters) - len(newest.fixed))
+    """Returns the share of the squared residual that the newest effect must explain at least.
+
+    A number of periods counts, too: the best of many was looked for.
+    """
+    return LEAST_GAIN * len(fitted.effects[-1].effect.parameters)
 
 
 def worth_it(fitted: Fit, start: Fit) -> bool:
