@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from gfm.diagnosis import fitting
-from gfm.diagnosis.attribution import Attribution, InStretches, Round, attribute, price, worth_it
+from gfm.diagnosis.attribution import (
+    Attribution,
+    InStretches,
+    Round,
+    attribute,
+    by_torque,
+    price,
+    worth_it,
+)
 from gfm.diagnosis.candidates import places
 from gfm.diagnosis.claims import clearness
 from gfm.diagnosis.fitting import Fit, along_valley, at_bound, nothing
@@ -145,6 +153,22 @@ def test_a_search_goes_on_from_what_was_found_in_other_stretches():
     assert found.nominal_cost == 200.0
     assert found.rounds[0] is this
     assert [one.accepted is None for one in found.rounds] == [False, True]
+
+
+def test_close_calls_are_decided_by_the_torque_where_much_is_left():
+    offset = instance("torque_offset", torque=0.1)
+    armature = instance("armature", inertia=0.1)
+    drag = instance("quadratic_drag", coefficient=0.1)
+    shares = {"torque_offset": 0.0, "armature": 0.6, "quadratic_drag": 0.9}
+
+    def order(*costs):
+        fits = [fitted(c, e) for c, e in zip(costs, (offset, armature, drag), strict=True)]
+        ranked = by_torque(fits, lambda f: shares[f.effects[-1].effect.name])
+        return [f.effects[-1].effect.name for f in ranked]
+
+    assert order(1000.0, 1050.0, 1200.0) == ["armature", "torque_offset", "quadratic_drag"]
+    assert order(50.0, 52.0, 60.0) == ["torque_offset", "armature", "quadratic_drag"]
+    assert by_torque([], lambda _: 0.0) == []
 
 
 def test_amounts_are_begun_from_both_sides_of_their_valley(monkeypatch):

@@ -13,7 +13,7 @@ from gfm.diagnosis.attribution import ADEQUATE, INEXACT, Attribution, Round, eno
 from gfm.diagnosis.chain import evidence_chain
 from gfm.diagnosis.chain.adequacy import slow_share
 from gfm.diagnosis.chain.confusable import confusable_sets
-from gfm.diagnosis.chain.domains import Agreement, regressed, two_domains
+from gfm.diagnosis.chain.domains import Agreement, regressed, torque_share, two_domains
 from gfm.diagnosis.chain.energy import energy_balance
 from gfm.diagnosis.chain.localisation import energy_by
 from gfm.diagnosis.chain.stopping import CLEAN_ROBOTS, FALSE_ALARMS, largest_rate, stopping
@@ -88,6 +88,13 @@ def test_friction_that_a_model_lacks_goes_with_the_sign_of_the_velocity(rubbing)
     assert not row.before.adequate
     assert row.after.adequate
     assert row.words == "noise"
+
+
+def test_the_missing_torque_tells_a_friction_from_an_inertia(rubbing):
+    domain = torque_domain(SPECS, rubbing)
+    friction, inertia = effect("coulomb_friction", torque=0.2), effect("armature", inertia=0.01)
+    assert torque_share(domain, fitted(friction, 1.0)) > 0.9
+    assert torque_share(domain, fitted(inertia, 1.0)) < 0.1
 
 
 def test_half_of_the_friction_leaves_the_other_half():

@@ -73,6 +73,8 @@ SUBSTANTIAL = 0.2
 MUCH, HOPELESS, FAR_LESS = 100.0, 0.5, 0.5
 #: Times that several together are tried: what was worse than a single effect twice is not missing.
 MOST_AT_ONCE = 2
+#: Cost, as a multiple of the least, up to which fits that leave much are a close call.
+CLOSE_CALL = 1.1
 #: Rough fits that are fitted to the end: so many in front, if they are this close to the best.
 POLISHED, CLOSE = 2, 1.5
 
@@ -164,6 +166,7 @@ def attribute(
     at_once: Callable[[Problem, Sequence[EffectInstance]], Fit] | None = None,
     in_stretches: Callable[[Problem, Fit], InStretches] | None = None,
     begun: Attribution | None = None,
+    torque_share: Callable[[Fit], float] = lambda _: 0.0,
 ) -> Attribution:
     """Returns which of `candidates` the recordings support, in which amounts.
 
@@ -175,6 +178,7 @@ def attribute(
         at_once: Fits several effects together, beside others: where no single one explains much.
         in_stretches: Looks for what acts now and then only, beside what was found.
         begun: What was found so far in other stretches: the search goes on from there.
+        torque_share: Which share of the missing torque the newest effect of a fit explains.
     """
     accepted = nothing(problem.robust(())) if begun is None else begun.fit
     problem = problem.robust(accepted.effects)
@@ -186,7 +190,7 @@ def attribute(
     while len(rounds) < MOST_ROUNDS and accepted.cost > enough(nominal, accepted.effects):
         here = suspected(problem, candidates, accepted)
         report(f"screening {len(here)} candidates (misfit {accepted.cost:.2f})")
-        this = play_round(problem, here, scales, accepted, nominal, report)
+        this = play_round(problem, here, scales, accepted, nominal, report, torque_share)
         together = any(r.together for r in rounds)
         if at_once is not None and tries_at_once and not together and hopeless(this):
             tries_at_once -= 1
@@ -415,6 +419,7 @@ def play_round(
     base: Fit,
     nominal: float,
     report: Callable[[str], None],
+    torque_share: Callable[[Fit], float],
 ) -> Round:
     """Returns one round: screening, fits of the shortlist, and whether the best is accepted.
 
@@ -434,7 +439,7 @@ def play_round(
         if fits and _settles_it(fits[0], nominal, SUBSTANTIAL * start.cost):
             break
     screened.sort(key=lambda s: -s.gain)
-    fits = _best_first(problem, fits, start, nominal, report)
+    fits = _best_first(problem, fits, start, nominal, report, torque_share)
     accepted = fits[0] if fits else None
     return Round(before=start.cost, screened=tuple(screened), fits=tuple(fits), accepted=accepted)
 
@@ -485,19 +490,39 @@ def _best_first(
     start: Fit,
     nominal: float,
     report: Callable[[str], None],
+    torque_share: Callable[[Fit], float],
 ) -> list[Fit]:
     """Returns the fits with one first that can be accepted, if there is one."""
     simplest: dict[object, Fit] = {}
-    for one in sorted(fits, key=lambda f: f.cost / (1.0 - price(f))):
+    for one in sorted(fits, key=_priced):
         if worth_it(one, start) and not at_bound(one.effects[-1]):
             simplest.setdefault(one.effects[-1].key, one)
-    for tested in list(simplest.values())[:MOST_TESTED]:
+    for tested in by_torque(list(simplest.values()), torque_share)[:MOST_TESTED]:
         if not _settles_it(tested, nominal, (1.0 - OBVIOUS) * start.cost):
             report(f"testing {describe(tested.effects[-1])} on other recordings")
             if not holds_elsewhere(problem, start.effects, tested.effects):
                 continue
         return [tested, *(f for f in fits if f is not tested)]
     return []
+
+
+def by_torque(fits: Sequence[Fit], torque_share: Callable[[Fit], float]) -> list[Fit]:
+    """Returns fits, best first, those that are a close call by the torque that they explain.
+
+    Where much is left, rollouts by a model that is wrong anyway tell nearly equal fits apart by
+    chance. The missing torque is another witness.
+    """
+    if not fits or fits[0].cost < MUCH:
+        return list(fits)
+    level = CLOSE_CALL * _priced(fits[0])
+    close = [f for f in fits if _priced(f) < level]
+    far = [f for f in fits if _priced(f) >= level]
+    return [*sorted(close, key=lambda f: -torque_share(f)), *far]
+
+
+def _priced(fitted: Fit) -> float:
+    """Returns the cost of a fit with what its newest effect has to explain at least."""
+    return fitted.cost / (1.0 - price(fitted))
 
 
 def _settles_it(fitted: Fit, nominal: float, little: float) -> bool:

@@ -15,6 +15,8 @@ from gfm.diagnosis import evidence
 from gfm.diagnosis.attribution import ADEQUATE, Attribution, attribute, enough, of_stretches
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.chain import evidence_chain
+from gfm.diagnosis.chain.domains import torque_share
+from gfm.diagnosis.chain.torques import torque_domain
 from gfm.diagnosis.claims import (
     ADEQUATE_RATIO,
     FAR_FROM_NOISE,
@@ -262,7 +264,8 @@ def _attribute(
         scales=scales,
         report=report,
     )
-    found = attribute(problem, always, scales, report, at_once, in_stretches)
+    share = partial(torque_share, torque_domain(problem.specs, recordings, problem.given))
+    found = attribute(problem, always, scales, report, at_once, in_stretches, torque_share=share)
     report("settling amounts")
     long = reduce(Problem.joined, found.stretches, long)
     long_settled, final = _settled(long, found.fit.effects)
@@ -270,7 +273,8 @@ def _attribute(
     if found.fit.cost <= little and final.cost > max(little, ADEQUATE_RATIO**2):
         # What keeps a rollout off slowly, initial states of short stretches make up for.
         report("looking on in long stretches")
-        on = attribute(long_settled, always, scales, report, begun=replace(found, fit=final))
+        begun = replace(found, fit=final)
+        on = attribute(long_settled, always, scales, report, begun=begun, torque_share=share)
         found = replace(on, stretches=found.stretches)
         long_settled, final = _settled(long, found.fit.effects)
     if final.cost > ADEQUATE:

@@ -1,9 +1,10 @@
 """Two independent witnesses for every effect: open-loop rollouts, and the missing torque.
 
-Rollouts decide; they integrate a model over seconds. The missing torque needs no integration and no
-fit of states: there an effect is a column of numbers, and its amount a linear regression. Errors
-that fool one of them (a clock, a wrong initial state, noise of accelerations) hardly fool the other
-in the same way, so that a name on which both agree is worth more than either.
+Rollouts decide, but for close calls where much is left; they integrate a model over seconds. The
+missing torque needs no integration and no fit of states: there an effect is a column of numbers,
+and its amount a linear regression. Errors that fool one of them (a clock, a wrong initial state,
+noise of accelerations) hardly fool the other in the same way, so that a name on which both agree is
+worth more than either.
 
 Shape letters: B blocks, J joints, E effects.
 """
@@ -19,6 +20,7 @@ import numpy as np
 from gfm.core.checks import Array
 from gfm.diagnosis.attribution import Attribution
 from gfm.diagnosis.chain.torques import TorqueDomain
+from gfm.diagnosis.fitting import Fit
 from gfm.diagnosis.naming import describe, twins
 from gfm.effects import EffectInstance
 
@@ -100,6 +102,21 @@ def two_domains(
     pairs = [(c, _row(c, domain, missing, told, tuple(e.key for e in named))) for c in mine]
     beside = [(c, _row(c, domain, missing, told, ())) for c in others]
     return (*(_judged(c, row, beside) for c, row in pairs), *(row for _, row in beside))
+
+
+def torque_share(domain: TorqueDomain, fitted: Fit) -> float:
+    """Returns which share of the missing torque the newest effect of a fit explains.
+
+    On its joints, while they move, beside the effects before it.
+    """
+    *base, newest = fitted.effects
+    joints, moving = domain.touched(newest), domain.moving()
+
+    def column(torque: Array) -> Array:
+        return np.asarray((moving * torque)[:, joints].ravel())
+
+    others = [column(domain.response(instance)) for instance in base]
+    return regressed(column(domain.missing()), column(domain.response(newest)), others)[0]
 
 
 def _fitted(found: Attribution) -> dict[Key, _Candidate]:
