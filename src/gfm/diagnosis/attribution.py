@@ -187,7 +187,7 @@ def attribute(
     stretches: list[Problem] = []
     looked_beside: tuple[EffectInstance, ...] | None = None
     tries_at_once = MOST_AT_ONCE
-    while len(rounds) < MOST_ROUNDS and accepted.cost > enough(nominal, accepted.effects):
+    while len(rounds) < MOST_ROUNDS and not is_enough(problem, accepted, nominal):
         here = suspected(problem, candidates, accepted)
         report(f"screening {len(here)} candidates (misfit {accepted.cost:.2f})")
         this = play_round(problem, here, scales, accepted, nominal, report, torque_share)
@@ -210,7 +210,7 @@ def attribute(
         problem = settled(problem, this.accepted.effects).robust(this.accepted.effects)
         accepted = fit(problem, this.accepted.effects)
         accepted = with_level(problem, this.screened, accepted, report)
-        if accepted.cost > enough(nominal, accepted.effects):
+        if not is_enough(problem, accepted, nominal):
             accepted = spread(problem, this.screened, accepted, report)
     if len(accepted.effects) > 1:
         report("looking for what became superfluous")
@@ -230,6 +230,15 @@ def enough(nominal: float, effects: Sequence[EffectInstance]) -> float:
     """
     inexact = INEXACT if any(e.effect.abrupt for e in effects) else 0.0
     return max(ADEQUATE, 1.0 + inexact * (nominal - 1.0))
+
+
+def is_enough(problem: Problem, fitted: Fit, nominal: float = 1.0) -> bool:
+    """Returns whether nothing is left to explain beside what was fitted.
+
+    A joint that is quieter than its noise counts as noise: it would hide what another one misses.
+    """
+    left = np.mean(np.maximum(problem.joint_costs(fitted.residual), 1.0))
+    return bool(left <= enough(nominal, fitted.effects))
 
 
 def of_stretches(rounds: Sequence[Round]) -> list[tuple[object, ...]]:
@@ -436,7 +445,7 @@ def play_round(
         screened.extend(found)
         fits = polished(part, [*fits, *fit_best(part, found, start, report)])
         fits = _with_lookalikes(part, fits, found, start)
-        if fits and _settles_it(fits[0], nominal, SUBSTANTIAL * start.cost):
+        if fits and _settles_it(part, fits[0], nominal, SUBSTANTIAL * start.cost):
             break
     screened.sort(key=lambda s: -s.gain)
     fits = _best_first(problem, fits, start, nominal, report, torque_share)
@@ -498,7 +507,7 @@ def _best_first(
         if worth_it(one, start) and not at_bound(one.effects[-1]):
             simplest.setdefault(one.effects[-1].key, one)
     for tested in by_torque(list(simplest.values()), torque_share)[:MOST_TESTED]:
-        if not _settles_it(tested, nominal, (1.0 - OBVIOUS) * start.cost):
+        if not _settles_it(problem, tested, nominal, (1.0 - OBVIOUS) * start.cost):
             report(f"testing {describe(tested.effects[-1])} on other recordings")
             if not holds_elsewhere(problem, start.effects, tested.effects):
                 continue
@@ -525,9 +534,9 @@ def _priced(fitted: Fit) -> float:
     return fitted.cost / (1.0 - price(fitted))
 
 
-def _settles_it(fitted: Fit, nominal: float, little: float) -> bool:
+def _settles_it(problem: Problem, fitted: Fit, nominal: float, little: float) -> bool:
     """Returns whether a fit leaves nothing to explain, or little."""
-    return fitted.cost < max(enough(nominal, fitted.effects), little)
+    return fitted.cost < little or is_enough(problem, fitted, nominal)
 
 
 def price(fitted: Fit) -> float:

@@ -12,7 +12,13 @@ import numpy as np
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis import evidence
-from gfm.diagnosis.attribution import ADEQUATE, Attribution, attribute, enough, of_stretches
+from gfm.diagnosis.attribution import (
+    Attribution,
+    attribute,
+    enough,
+    is_enough,
+    of_stretches,
+)
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.chain import evidence_chain
 from gfm.diagnosis.chain.domains import torque_share
@@ -270,14 +276,15 @@ def _attribute(
     long = reduce(Problem.joined, found.stretches, long)
     long_settled, final = _settled(long, found.fit.effects)
     little = enough(found.nominal_cost, found.fit.effects)
-    if found.fit.cost <= little and final.cost > max(little, ADEQUATE_RATIO**2):
+    short_is_enough = is_enough(problem, found.fit, found.nominal_cost)
+    if short_is_enough and final.cost > max(little, ADEQUATE_RATIO**2):
         # What keeps a rollout off slowly, initial states of short stretches make up for.
         report("looking on in long stretches")
         begun = replace(found, fit=final)
         on = attribute(long_settled, always, scales, report, begun=begun, torque_share=share)
         found = replace(on, stretches=found.stretches)
         long_settled, final = _settled(long, found.fit.effects)
-    if final.cost > ADEQUATE:
+    if not is_enough(long_settled, final):
         better = exchanges(long_settled, final, always, scales, views, report)
         effects = (better[-1].fits[0] if better else final).effects
         hold = what_holds(long_settled, effects, of_stretches(found.rounds), report)
