@@ -14,6 +14,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis import evidence
 from gfm.diagnosis.attribution import (
     Attribution,
+    Round,
     attribute,
     enough,
     is_enough,
@@ -284,17 +285,43 @@ def _attribute(
         on = attribute(long_settled, always, scales, report, begun=begun, torque_share=share)
         found = replace(on, stretches=found.stretches)
         long_settled, final = _settled(long, found.fit.effects)
+    found = replace(found, fit=final)
     if not is_enough(long_settled, final):
         better = exchanges(long_settled, final, always, scales, views, report)
-        effects = (better[-1].fits[0] if better else final).effects
-        hold = what_holds(long_settled, effects, of_stretches(found.rounds), report)
-        unsupported = tuple(e for e in effects if e not in hold)
-        found = replace(found, rounds=(*found.rounds, *better), unsupported=unsupported)
-        final = along_valley(long_settled, fit(long_settled, hold))
-    if final.cost > FAR_FROM_NOISE**2:
-        report("settling amounts by the measured torques, too")
-        final = borne_out(long_settled, recordings, final)
+        found = _with_what_holds(long_settled, found, better, report)
+    final = _borne_out(long_settled, recordings, found.fit, report)
     return replace(found, fit=fitly_named(final, problem.specs)), long
+
+
+def _with_what_holds(
+    problem: Problem,
+    found: Attribution,
+    better: Sequence[Round],
+    report: Callable[[str], None],
+) -> Attribution:
+    """Returns what was found, after exchanges, without what explains nothing elsewhere."""
+    rounds = (*found.rounds, *better)
+    effects = (better[-1].fits[0] if better else found.fit).effects
+    hold = what_holds(problem, effects, of_stretches(rounds), report)
+    return replace(
+        found,
+        fit=along_valley(problem, fit(problem, hold)),
+        rounds=rounds,
+        unsupported=tuple(e for e in effects if e not in hold),
+    )
+
+
+def _borne_out(
+    problem: Problem,
+    recordings: Sequence[Trajectory],
+    fitted: Fit,
+    report: Callable[[str], None],
+) -> Fit:
+    """Returns the fit with amounts that measured torques bear out, too, where noise is far away."""
+    if fitted.cost <= FAR_FROM_NOISE**2:
+        return fitted
+    report("settling amounts by the measured torques, too")
+    return borne_out(problem, recordings, fitted)
 
 
 def _settled(problem: Problem, effects: Sequence[EffectInstance]) -> tuple[Problem, Fit]:
