@@ -1,0 +1,121 @@
+"""The whole search for what a model lacks: short stretches, long ones, a second look."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial, reduce
+
+from gfm.core import Trajectory
+from gfm.diagnosis.attribution import (
+    Attribution,
+    Round,
+    attribute,
+    enough,
+    is_enough,
+    of_stretches,
+)
+from gfm.diagnosis.candidates import joint_scales, places, torque_views
+from gfm.diagnosis.chain.domains import torque_share
+from gfm.diagnosis.chain.torques import torque_domain
+from gfm.diagnosis.claims import ADEQUATE_RATIO, FAR_FROM_NOISE
+from gfm.diagnosis.cross_validation import what_holds
+from gfm.diagnosis.fitting import Fit, along_valley, fit
+from gfm.diagnosis.lookalikes import exchanges
+from gfm.diagnosis.naming import fitly_named
+from gfm.diagnosis.problem import Problem, settled
+from gfm.diagnosis.stretches import look_into_stretches
+from gfm.diagnosis.usual import usually_missing
+from gfm.diagnosis.witnesses import borne_out
+from gfm.effects import EffectInstance, effect_library
+
+
+def search(
+    problem: Problem,
+    long: Problem,
+    everything: Problem,
+    recordings: Sequence[Trajectory],
+    report: Callable[[str], None],
+) -> tuple[Attribution, Problem]:
+    """Returns what recordings support, and that to which its amounts were fitted.
+
+    Found in short stretches, and in those that stay far off; amounts are settled in long ones.
+
+    Args:
+        problem: In short stretches.
+        long: In long ones.
+        everything: All short stretches there are.
+        recordings: From which they were cut.
+        report: Told what is happening, in words.
+    """
+    report("looking at torques")
+    views = torque_views(problem, recordings)
+    scales = joint_scales(problem, views)
+    looked_for = [effect for effect in effect_library().values() if effect.twin is None]
+    candidates = [place for effect in looked_for for place in places(effect, problem.joints)]
+    always = [place for place in candidates if not place.effect.only_in_stretches]
+    at_once = partial(usually_missing, scales=scales, report=report)
+    in_stretches = partial(
+        look_into_stretches,
+        everything=everything,
+        candidates=candidates,
+        scales=scales,
+        report=report,
+    )
+    share = partial(torque_share, torque_domain(problem.specs, recordings, problem.given))
+    found = attribute(problem, always, scales, report, at_once, in_stretches, torque_share=share)
+    report("settling amounts")
+    long = reduce(Problem.joined, found.stretches, long)
+    long_settled, final = _settled(long, found.fit.effects)
+    little = enough(found.nominal_cost, found.fit.effects)
+    short_is_enough = is_enough(problem, found.fit, found.nominal_cost)
+    if short_is_enough and final.cost > max(little, ADEQUATE_RATIO**2):
+        # What keeps a rollout off slowly, initial states of short stretches make up for.
+        report("looking on in long stretches")
+        begun = replace(found, fit=final)
+        on = attribute(long_settled, always, scales, report, begun=begun, torque_share=share)
+        found = replace(on, stretches=found.stretches)
+        long_settled, final = _settled(long, found.fit.effects)
+    found = replace(found, fit=final)
+    if not is_enough(long_settled, final):
+        better = exchanges(long_settled, final, always, scales, views, report)
+        found = _with_what_holds(long_settled, found, better, report)
+    final = _borne_out(long_settled, recordings, found.fit, report)
+    return replace(found, fit=fitly_named(final, problem.specs)), long
+
+
+def _with_what_holds(
+    problem: Problem,
+    found: Attribution,
+    better: Sequence[Round],
+    report: Callable[[str], None],
+) -> Attribution:
+    """Returns what was found, after exchanges, without what explains nothing elsewhere."""
+    rounds = (*found.rounds, *better)
+    effects = (better[-1].fits[0] if better else found.fit).effects
+    hold = what_holds(problem, effects, of_stretches(rounds), report)
+    return replace(
+        found,
+        fit=along_valley(problem, fit(problem, hold)),
+        rounds=rounds,
+        unsupported=tuple(e for e in effects if e not in hold),
+    )
+
+
+def _borne_out(
+    problem: Problem,
+    recordings: Sequence[Trajectory],
+    fitted: Fit,
+    report: Callable[[str], None],
+) -> Fit:
+    """Returns the fit with amounts that measured torques bear out, too, where noise is far away."""
+    if fitted.cost <= FAR_FROM_NOISE**2:
+        return fitted
+    report("settling amounts by the measured torques, too")
+    return borne_out(problem, recordings, fitted)
+
+
+def _settled(problem: Problem, effects: Sequence[EffectInstance]) -> tuple[Problem, Fit]:
+    """Returns the problem with initial states that suit `effects`, and their fit to it."""
+    own = settled(problem, effects).robust(effects)
+    return own, fit(own, effects)
