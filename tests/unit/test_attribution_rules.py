@@ -7,11 +7,13 @@ import pytest
 
 from gfm.diagnosis import fitting
 from gfm.diagnosis.attribution import (
+    ADEQUATE,
     Attribution,
     InStretches,
     Round,
     attribute,
     by_torque,
+    is_enough,
     price,
     worth_it,
 )
@@ -153,6 +155,17 @@ def test_a_search_goes_on_from_what_was_found_in_other_stretches():
     assert found.nominal_cost == 200.0
     assert found.rounds[0] is this
     assert [one.accepted is None for one in found.rounds] == [False, True]
+
+
+def test_quiet_joints_do_not_hide_what_another_one_misses():
+    two = replace(zero_model(np.zeros((40, 1))), joints=("quiet", "loud"))
+    residual = np.tile([0.2, 1.48], 50)
+    left = Fit(
+        effects=(), cost=float(np.mean(residual**2)), jacobian=np.zeros((100, 0)), residual=residual
+    )
+    assert left.cost < ADEQUATE
+    assert not is_enough(two, left)
+    assert is_enough(two, replace(left, residual=np.tile([1.0, 1.05], 50)))
 
 
 def test_close_calls_are_decided_by_the_torque_where_much_is_left():

@@ -303,6 +303,14 @@ def test_what_closes_too_little_of_the_held_out_error_is_not_called_superfluous(
     assert suspect.reason.startswith("explains too little of the held-out recordings")
 
 
+def test_a_rival_that_explains_more_by_rollouts_is_not_called_equal():
+    """It held nowhere else, or the missing torque spoke for the other one."""
+    armature, drag = effect("armature", inertia=0.1), effect("quadratic_drag", coefficient=0.1)
+    found = found_in((900.0, [fitted(armature, 330.0), fitted(drag, 310.0)], True))
+    (suspect,) = suspects_of(found, (armature,))
+    assert suspect.reason.startswith("explains 65.6 % of the squared residual, armature on j only")
+
+
 def test_only_laws_with_a_kink_may_leave_more_than_noise():
     friction, spring = effect("coulomb_friction", torque=0.1), effect("joint_spring", stiffness=0.1)
     assert enough(1e4, [spring]) == enough(1e4, []) == ADEQUATE

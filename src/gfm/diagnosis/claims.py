@@ -238,7 +238,12 @@ def _reason(fitted: Fit, this: Round) -> str:
     gap = (fitted.cost - winner.cost) / max(this.before - winner.cost, 1e-9)
     rival = "several effects together" if this.together else describe(winner.effects[-1])
     explains = "explain" if this.together else "explains"
+    best = 100.0 * (1.0 - winner.cost / this.before)
+    if gap < -EQUAL:
+        return (
+            f"explains {share:.1f} % of the squared residual, {rival} only {best:.1f} %: that "
+            "holds on other recordings, or explains more of the missing torque"
+        )
     if gap < EQUAL:
         return f"equal to {rival}: both explain {share:.1f} % of the squared residual"
-    best = 100.0 * (1.0 - winner.cost / this.before)
     return f"explains {share:.1f} % of the squared residual; {rival} {explains} {best:.1f} %"
