@@ -74,8 +74,11 @@ def steady_noise(signals: Sequence[Signal]) -> Array:
             white.append(noise_std(part))
             changes = np.median(np.abs(np.diff(part, axis=0)), axis=0)
             shown.append((changes > least) & (white[-1] > LEAST_NOISE))
+    typical = typical_noise(signals)
+    if not white:
+        return typical
     quiet = _over(partial(np.percentile, q=QUIET), white, shown, without=np.inf)
-    steady = np.minimum(typical_noise(signals), quiet / QUIET_SHARE)
+    steady = np.minimum(typical, quiet / QUIET_SHARE)
     return np.asarray(np.maximum(steady, rounding_noise(signals)))
 
 
@@ -111,7 +114,5 @@ def _over(
         counted: Which of them count, shape (J,) each.
         without: What stands where none does.
     """
-    if not rows:
-        return np.asarray(without)
     columns = zip(np.stack(rows).T, np.stack(counted).T, strict=True)
     return np.array([statistic(c[where]) if where.any() else without for c, where in columns])
