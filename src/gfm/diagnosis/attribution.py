@@ -31,6 +31,7 @@ from gfm.diagnosis.fitting import (
     derivatives,
     each_left_out,
     fit,
+    fit_settled,
     free_parameters,
     mean_square,
     nothing,
@@ -207,8 +208,7 @@ def attribute(
         rounds.append(this)
         if this.accepted is None:
             break
-        problem = settled(problem, this.accepted.effects).robust(this.accepted.effects)
-        accepted = fit(problem, this.accepted.effects)
+        problem, accepted = fit_settled(problem, this.accepted.effects)
         accepted = with_level(problem, this.screened, accepted, report)
         if not is_enough(problem, accepted, nominal):
             accepted = spread(problem, this.screened, accepted, report)
