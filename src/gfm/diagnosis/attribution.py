@@ -31,7 +31,6 @@ from gfm.diagnosis.fitting import (
     derivatives,
     each_left_out,
     fit,
-    fit_settled,
     free_parameters,
     mean_square,
     nothing,
@@ -208,7 +207,8 @@ def attribute(
         rounds.append(this)
         if this.accepted is None:
             break
-        problem, accepted = fit_settled(problem, this.accepted.effects)
+        problem = settled(problem, this.accepted.effects).robust(this.accepted.effects)
+        accepted = fit(problem, this.accepted.effects)
         accepted = with_level(problem, this.screened, accepted, report)
         if not is_enough(problem, accepted, nominal):
             accepted = spread(problem, this.screened, accepted, report)

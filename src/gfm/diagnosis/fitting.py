@@ -13,7 +13,6 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from gfm.core.checks import Array
-from gfm.diagnosis.problem import Problem, settled
 from gfm.effects import EffectInstance
 
 #: Recorded time on which what competes is fitted.
@@ -24,8 +23,6 @@ LEAST_GAIN = 0.03
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
 #: The same where candidates are compared only.
 ROUGH = 1e-2
-#: Times at most that initial states and amounts are fitted in turn.
-STATE_PASSES = 3
 #: Factor by which amounts are changed at most to begin elsewhere in a valley.
 FARTHER = 2.0
 #: A parameter this close to its bound, as a share of the allowed range, has not been found.
@@ -116,21 +113,6 @@ def fit(
             break
     usual = tuple(replace(e, values=e.effect.canonical(e.values)) for e in current)
     return Fit(effects=usual, cost=mean_square(residual), jacobian=jacobian, residual=residual)
-
-
-def fit_settled(problem: Problem, effects: Sequence[EffectInstance]) -> tuple[Problem, Fit]:
-    """Returns the problem with initial states that suit `effects`, and these fitted to it.
-
-    In turn: where nothing leads a joint back, states that suit the amounts change the amounts.
-    """
-    for _ in range(STATE_PASSES):
-        before = problem.segments
-        problem = settled(problem, effects).robust(effects)
-        fitted = fit(problem, effects)
-        effects = fitted.effects
-        if problem.segments == before:
-            break
-    return problem, fitted
 
 
 def along_valley(problem: LeastSquares, fitted: Fit) -> Fit:

@@ -20,14 +20,14 @@ from gfm.diagnosis.chain.domains import torque_share
 from gfm.diagnosis.chain.torques import torque_domain
 from gfm.diagnosis.claims import ADEQUATE_RATIO, FAR_FROM_NOISE
 from gfm.diagnosis.cross_validation import what_holds
-from gfm.diagnosis.fitting import Fit, along_valley, fit, fit_settled
+from gfm.diagnosis.fitting import Fit, along_valley, fit
 from gfm.diagnosis.lookalikes import exchanges
 from gfm.diagnosis.naming import fitly_named
-from gfm.diagnosis.problem import Problem
+from gfm.diagnosis.problem import Problem, settled
 from gfm.diagnosis.stretches import look_into_stretches
 from gfm.diagnosis.usual import usually_missing
 from gfm.diagnosis.witnesses import borne_out
-from gfm.effects import effect_library
+from gfm.effects import EffectInstance, effect_library
 
 
 def search(
@@ -66,7 +66,7 @@ def search(
     found = attribute(problem, always, scales, report, at_once, in_stretches, torque_share=share)
     report("settling amounts")
     long = reduce(Problem.joined, found.stretches, long)
-    long_settled, final = fit_settled(long, found.fit.effects)
+    long_settled, final = _settled(long, found.fit.effects)
     little = enough(found.nominal_cost, found.fit.effects)
     short_is_enough = is_enough(problem, found.fit, found.nominal_cost)
     if short_is_enough and final.cost > max(little, ADEQUATE_RATIO**2):
@@ -75,7 +75,7 @@ def search(
         begun = replace(found, fit=final)
         on = attribute(long_settled, always, scales, report, begun=begun, torque_share=share)
         found = replace(on, stretches=found.stretches)
-        long_settled, final = fit_settled(long, found.fit.effects)
+        long_settled, final = _settled(long, found.fit.effects)
     found = replace(found, fit=final)
     if not is_enough(long_settled, final):
         better = exchanges(long_settled, final, always, scales, views, report)
@@ -113,3 +113,9 @@ def _borne_out(
         return fitted
     report("settling amounts by the measured torques, too")
     return borne_out(problem, recordings, fitted)
+
+
+def _settled(problem: Problem, effects: Sequence[EffectInstance]) -> tuple[Problem, Fit]:
+    """Returns the problem with initial states that suit `effects`, and their fit to it."""
+    own = settled(problem, effects).robust(effects)
+    return own, fit(own, effects)
