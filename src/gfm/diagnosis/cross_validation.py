@@ -14,7 +14,7 @@ import numpy as np
 from gfm.core.checks import Array
 from gfm.diagnosis.fitting import FITTING_S, LEAST_GAIN, ROUGH, Fit, fit, without_each
 from gfm.diagnosis.naming import describe
-from gfm.diagnosis.problem import Problem, settled
+from gfm.diagnosis.problem import Problem
 from gfm.effects import EffectInstance
 
 #: Parts into which recordings are divided.
@@ -83,24 +83,16 @@ def holds_elsewhere(
     Where the newest of them acts: in all, and in more recordings than not. One recording in which
     something else happened (a stop, a collision) is no reason to be wrong about the others.
     """
-    before = _left_elsewhere(problem, base, effects[-1])
-    if not len(before):
+    folds = folds_of(problem)
+    if not folds:
         return True
-    # Initial states that suit the base would speak against whatever is new.
-    after = _left_elsewhere(settled(problem, effects), effects, effects[-1])
+    where = _on(problem, effects[-1])
+    rows = [fold.sums([fold.fitted(e).effects for e in (base, effects)]) for fold in folds]
+    before, after = np.concatenate(rows)[..., where].sum(axis=-1).T
     helped = after < (1.0 - LEAST_GAIN) * before
     harmed = after > (1.0 + LEAST_GAIN) * before
     less = after.sum() < (1.0 - LEAST_GAIN) * before.sum()
     return bool(less and helped.sum() >= harmed.sum())
-
-
-def _left_elsewhere(
-    problem: Problem, effects: Sequence[EffectInstance], newest: EffectInstance
-) -> Array:
-    """Returns what effects leave of each recording if fitted to others, where the newest acts."""
-    where = _on(problem, newest)
-    left = [fold.sums([fold.fitted(effects).effects]) for fold in folds_of(problem)]
-    return np.concatenate(left)[..., where].sum(axis=(1, 2)) if left else np.zeros(0)
 
 
 def what_holds(
