@@ -60,7 +60,7 @@ def test_a_page_shows_every_step_in_figures(diagnosis_with):
         "70 / 20 / 10 %",
         "70 % at low speed",
         "both say the same",
-        "Of 61 simulated robots",
+        "Of 76 simulated robots",
         "2 of 4 amounts have an interval",
         "The balance is even",
         "equal, but less simple: joint spring (right_j1)",
