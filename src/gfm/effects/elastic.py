@@ -105,6 +105,8 @@ class JointElasticity(Effect):
     name = "joint_elasticity"
     confused_with = ("backlash",)
     parameters = (Parameter(name="stiffness", unit="N m/rad", lower=0.5, upper=1e6),)
+    #: Wrong by a third it rings at another frequency: no small step leads from one to the other.
+    valleys = ("stiffness",)
     separates_motor = True
     shown_by = "fast reversals: steps and multisine near the resonance"
 
@@ -123,7 +125,7 @@ class JointElasticity(Effect):
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
         peak = max(scales.peak_nm, 1e-6)
-        return [[{"stiffness": peak / bend}] for bend in (0.02, 0.005)]
+        return [[{"stiffness": peak / bend}] for bend in (0.2, 0.12, 0.07, 0.04, 0.015, 0.005)]
 
     @override
     def combine(self, group: ProbeGroup, amplitudes: Sequence[float]) -> dict[str, float] | None:
