@@ -291,8 +291,9 @@ def _plots(
 
 def _notes(verdict: Verdict, *, outside: bool) -> tuple[str, ...]:
     notes = [
-        "Errors are of open-loop rollouts whose initial state is fitted (two numbers per joint); "
-        "recordings of torque commands are cut into stretches of half a second."
+        "Errors are of open-loop rollouts whose initial state is fitted (two numbers per joint, and "
+        "two per motor that rings against its link without a servo); recordings of torque commands "
+        "are cut into stretches of half a second."
     ]
     if outside:
         notes.append(

@@ -2,7 +2,7 @@
 
 Residuals are measured minus predicted, in units of the sensor noise, over open-loop rollouts. What
 a wrong initial state could explain is taken out of them: it is fitted, to first order, segment by
-segment (two numbers per joint).
+segment (two numbers per joint, and two more where a motor rings against its link).
 
 Stretches that a model misses by far more than the others (a fall, a stall) would decide everything
 by their squares: what is outlying counts little more than what is not (`outliers`).
@@ -27,6 +27,7 @@ from gfm.diagnosis.outliers import OUTLYING, bounded
 from gfm.diagnosis.signals import smooth_states, starts_at_rest
 from gfm.effects import EffectInstance
 from gfm.effects.effect import MOTOR_SIDE
+from gfm.sim.motor_sides import Spring, springs
 from gfm.sim.plant import check_joints, make_plant
 from gfm.sim.predict import HISTORY_S, Prediction, Segment, predict
 
@@ -51,8 +52,15 @@ WHOLE: Mapping[CommandKind, float] = {
 }
 #: Steps in position and velocity with which the effect of the initial state is measured.
 STATE_STEP = (1e-4, 1e-3)
-#: Times that initial states are looked for anew around where they were found.
-STATE_ROUNDS = 2
+#: Times that initial states are looked for anew around where they were found, the share of its
+#: squared residual that a stretch must have gained to be looked at again, and the shares of a step
+#: that are tried: what rings or falls is far from linear.
+STATE_ROUNDS, STATE_GAIN, STATE_SHARES = 8, 0.1, (1.0, 0.3, 0.1)
+#: Frequency from which on a motor has a state of its own at first, unless a servo leads it; a
+#: slower one is taken for where its load holds it: half a second tells its state from no law.
+RINGS_HZ = 2.0 / SHORT[CommandKind.EFFORT]
+#: How far a spring is bent at first, in units of what its drive's largest torque bends it.
+MOST_BENT = 3.0
 #: Joints of the arm to which durations of samples refer, and how much longer they are at most for
 #: robots with fewer: those take less time to simulate.
 ARM_JOINTS, MOST_LONGER = 7, 2.0
@@ -124,16 +132,29 @@ class Problem:
 
     def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
         """Returns the residual of every candidate, initial states fitted, shape (candidates, N)."""
-        return np.stack([self._stack(row) for row in self.predictions(candidates)])
+        rows = zip(candidates, self.predictions(candidates), strict=True)
+        return np.stack([self._bounded(self._fitted(*row)) for row in rows])
 
-    def _stack(self, predictions: Sequence[Prediction]) -> Array:
-        parts = []
-        for i, (segment, prediction) in enumerate(zip(self.segments, predictions, strict=True)):
-            part = self.whitened(segment, prediction)
-            if self.state_basis:
-                basis = self.state_basis[i]
-                part = part - basis @ (basis.T @ part)
-            parts.append(part)
+    def _fitted(
+        self, effects: Sequence[EffectInstance], predictions: Sequence[Prediction]
+    ) -> list[Array]:
+        """Returns what is left of each segment without what its initial state can explain."""
+        parts = [self.whitened(s, p) for s, p in zip(self.segments, predictions, strict=True)]
+        if not self.state_basis:
+            return parts
+        own = [_without(part, b) for part, b in zip(parts, self.state_basis, strict=True)]
+        ringing = _ringing(self, effects)
+        if not ringing:
+            return own
+        columns = _state_columns(self, effects, _motor_steps(len(self.joints), ringing))
+        limits = [_most_bent(p, ringing) for p in predictions]
+        rows = zip(self.segments, own, columns, self.state_basis, limits, strict=True)
+        return [
+            part if _led(segment) else _without_motors(part, _without(c, basis), most)
+            for segment, part, c, basis, most in rows
+        ]
+
+    def _bounded(self, parts: Sequence[Array]) -> Array:
         residual = np.concatenate(parts)
         if self.outlying_from is None:
             return residual
@@ -169,16 +190,11 @@ class Problem:
 
     def position_errors(self, effects: Sequence[EffectInstance]) -> list[Array]:
         """Returns measured minus predicted position, initial state fitted, per segment (T, J)."""
-        errors = []
-        for i, (segment, prediction) in enumerate(
-            zip(self.segments, self.predictions([effects])[0], strict=True)
-        ):
-            part = self.whitened(segment, prediction)
-            basis = self.state_basis[i]
-            part = part - basis @ (basis.T @ part)
-            count = segment.position.size
-            errors.append(part[:count].reshape(segment.position.shape) * self.noise.position)
-        return errors
+        parts = self._fitted(effects, self.predictions([effects])[0])
+        return [
+            part[: s.position.size].reshape(s.position.shape) * self.noise.position
+            for s, part in zip(self.segments, parts, strict=True)
+        ]
 
     def joint_costs(self, residual: Array) -> Array:
         """Returns the mean squared residual of each joint, shape (J,)."""
@@ -451,9 +467,9 @@ def settled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
     """
     free = [i for i, s in enumerate(problem.segments) if not _led(s)]
     problem = _timed(problem, effects)
-    part = problem.subset(free)
-    for _ in range(STATE_ROUNDS if free else 0):
-        part = _nearer(part, effects)
+    if not free:
+        return problem
+    part = _freely_settled(problem.subset(free), effects)
     segments, bases = list(problem.segments), list(problem.state_basis)
     for i, segment, basis in zip(free, part.segments, part.state_basis, strict=True):
         segments[i], bases[i] = segment, basis
@@ -465,35 +481,111 @@ def _led(segment: Segment) -> bool:
     return segment.kind is not CommandKind.EFFORT and bool((segment.servo_gain > 0.0).all())
 
 
-def _nearer(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
-    """Returns the problem with initial states a Gauss-Newton step better, and their bases."""
-    residuals, columns = _whitened(problem, effects), _state_columns(problem, effects)
-    steps = np.repeat(STATE_STEP, len(problem.joints))
-    moved = [
-        _moved(s, steps * np.linalg.lstsq(c, -r, rcond=1e-6)[0])
-        for s, c, r in zip(problem.segments, columns, residuals, strict=True)
+def _ringing(problem: Problem, effects: Sequence[EffectInstance]) -> list[Spring]:
+    """Returns the springs whose motors have states of their own at first, under `effects`."""
+    added = (*problem.given, *effects)
+    apart = problem.separated or any(one.effect.separates_motor for one in added)
+    if not apart or all(_led(segment) for segment in problem.segments):
+        return []
+    plant = make_plant(next(iter(problem.specs.values())), problem.joints, added)
+    return [spring for spring in springs(plant) if spring.ringing_hz >= RINGS_HZ]
+
+
+def _most_bent(prediction: Prediction, ringing: Sequence[Spring]) -> Array:
+    """Returns the largest states that motors may have beside their links', in steps, (2 M,)."""
+    peaks = np.abs(prediction.effort).max(axis=0)
+    angles = np.array([MOST_BENT * peaks[one.joint] / one.stiffness for one in ringing])
+    speeds = 2.0 * np.pi * angles * [one.ringing_hz for one in ringing]
+    return np.concatenate([angles / STATE_STEP[0], speeds / STATE_STEP[1]])
+
+
+def _without(values: Array, basis: Array) -> Array:
+    """Returns columns without what an orthonormal basis explains of them."""
+    return np.asarray(values - basis @ (basis.T @ values))
+
+
+def _without_motors(part: Array, columns: Array, most: Array) -> Array:
+    """Returns a residual, shape (N,), without what motors' states explain that are not too large.
+
+    Args:
+        part: Without what the other initial states explain.
+        columns: What motors' states change by, shape (N, 2 M).
+        most: Largest states, shape (2 M,).
+    """
+    amounts = np.linalg.lstsq(columns, part, rcond=1e-6)[0]
+    return np.asarray(part - columns @ np.clip(amounts, -most, most))
+
+
+def _freely_settled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
+    """Returns a problem that no servo leads, with initial states that fit best, and their bases."""
+    segments, open_ = list(problem.segments), list(range(len(problem.segments)))
+    for _ in range(STATE_ROUNDS):
+        part = replace(problem, segments=tuple(segments)).subset(open_)
+        nearer, gains = _nearer(part, effects)
+        for i, segment in zip(open_, nearer, strict=True):
+            segments[i] = segment
+        open_ = [i for i, gain in zip(open_, gains, strict=True) if gain > STATE_GAIN]
+        if not open_:
+            break
+    return with_state_basis(replace(problem, segments=tuple(segments)), effects)
+
+
+def _nearer(
+    problem: Problem, effects: Sequence[EffectInstance]
+) -> tuple[tuple[Segment, ...], list[float]]:
+    """Returns the segments with initial states a Gauss-Newton step better.
+
+    And the share of its squared residual that each gained.
+    """
+    joints = len(problem.joints)
+    steps = np.concatenate([_link_steps(joints), _motor_steps(joints, _ringing(problem, effects))])
+    residuals, columns = _whitened(problem, effects), _state_columns(problem, effects, steps)
+    changes = [
+        np.tensordot(np.linalg.lstsq(c, -r, rcond=1e-6)[0], steps, axes=1)
+        for c, r in zip(columns, residuals, strict=True)
     ]
-    after = _whitened(replace(problem, segments=tuple(moved)), effects)
-    kept = [
-        new if np.sum(b**2) < np.sum(a**2) else old
-        for old, new, a, b in zip(problem.segments, moved, residuals, after, strict=True)
-    ]
-    return with_state_basis(replace(problem, segments=tuple(kept)), effects)
+    before = [float(np.sum(r**2)) for r in residuals]
+    kept, least = list(problem.segments), list(before)
+    for share in STATE_SHARES:
+        pairs = zip(problem.segments, changes, strict=True)
+        moved = tuple(_moved(s, share * change) for s, change in pairs)
+        for i, residual in enumerate(_whitened(replace(problem, segments=moved), effects)):
+            if (cost := float(np.sum(residual**2))) < least[i]:
+                kept[i], least[i] = moved[i], cost
+    return tuple(kept), [1.0 - a / b if b else 0.0 for a, b in zip(least, before, strict=True)]
 
 
 def with_state_basis(problem: Problem, effects: Sequence[EffectInstance] = ()) -> Problem:
     """Returns the problem with what each initial state can explain, to first order."""
-    columns = _state_columns(problem, effects)
+    columns = _state_columns(problem, effects, _link_steps(len(problem.joints)))
     return replace(problem, state_basis=tuple(_orthonormal(c) for c in columns))
 
 
-def _state_columns(problem: Problem, effects: Sequence[EffectInstance]) -> list[Array]:
-    """Returns by how much each step of an initial state changes residuals, (N, 2 J) each."""
+def _link_steps(joints: int) -> Array:
+    """Returns small changes of positions and velocities, one by one, shape (2 J, 4, J)."""
+    return np.diag(np.repeat((*STATE_STEP, 0.0, 0.0), joints))[: 2 * joints].reshape(-1, 4, joints)
+
+
+def _motor_steps(joints: int, ringing: Sequence[Spring]) -> Array:
+    """Returns small changes of motors' states beside their links', one by one, (2 M, 4, J)."""
+    each = np.diag(np.repeat((0.0, 0.0, *STATE_STEP), joints)).reshape(-1, 4, joints)
+    return each[[side * joints + one.joint for side in (2, 3) for one in ringing]]
+
+
+def _state_columns(
+    problem: Problem, effects: Sequence[EffectInstance], steps: Array
+) -> list[Array]:
+    """Returns by how much each step of an initial state changes residuals, (N, S) each.
+
+    Args:
+        problem: Whose initial states are changed.
+        effects: Of the model.
+        steps: Positions, velocities, and the same of motors beside their links, shape (S, 4, J).
+    """
     fast = problem.coarse()
     base = _whitened(fast, effects)
     columns: list[list[Array]] = [[] for _ in problem.segments]
-    steps = np.repeat(STATE_STEP, len(problem.joints))
-    for step in np.diag(steps):
+    for step in steps:
         moved = replace(fast, segments=tuple(_moved(s, step) for s in problem.segments))
         for own, before, after in zip(columns, base, _whitened(moved, effects), strict=True):
             own.append(after - before)
@@ -506,12 +598,13 @@ def _whitened(problem: Problem, effects: Sequence[EffectInstance]) -> list[Array
 
 
 def _moved(segment: Segment, change: Array) -> Segment:
-    """Returns a segment that begins elsewhere, by positions and velocities, shape (2 J,)."""
-    joints = len(segment.initial_position)
+    """Returns a segment that begins elsewhere, see `_state_columns`, shape (4, J)."""
+    motor = change[2:] if segment.initial_motor is None else segment.initial_motor + change[2:]
     return replace(
         segment,
-        initial_position=segment.initial_position + change[:joints],
-        initial_velocity=segment.initial_velocity + change[joints:],
+        initial_position=segment.initial_position + change[0],
+        initial_velocity=segment.initial_velocity + change[1],
+        initial_motor=motor,
     )
 
 

@@ -18,8 +18,8 @@ from scipy.signal import lfilter
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.compensation import CompensationError, compensation_error
+from gfm.sim.motor_sides import ahead_of_link, motor_of
 from gfm.sim.plant import Plant, with_servo_gain
 from gfm.sim.step_laws import middle_of_step, step_laws
 
@@ -48,6 +48,8 @@ class Segment:
         initial_velocity: rad/s, shape (J,).
         servo_gain: Factor on the servo's gain, shape (J,).
         recording: Index of the recording that it was cut from.
+        initial_motor: How far motor sides are ahead of where their loads hold them, rad, and how
+            much faster than their links they are, rad/s, shape (2, J); None for not at all.
         object_pose: Where a free object is at first, m and quaternion w x y z, shape (7,); None
             where that is not known.
     """
@@ -62,6 +64,7 @@ class Segment:
     initial_velocity: Array
     servo_gain: Array
     recording: int = 0
+    initial_motor: Array | None = None
     object_pose: Array | None = None
 
 
@@ -190,11 +193,12 @@ def _set_initial(job: _Job, qpos: Array, qvel: Array) -> None:
     with_motor = np.flatnonzero(plant.motor_qpos >= 0)
     if len(with_motor):
         load = _load(job, qpos)[plant.dof]
+    own = np.zeros((2, len(plant.joints))) if (o := segment.initial_motor) is None else o
     for j in with_motor:
-        motor = plant.model.joint(plant.joints[j] + MOTOR_SIDE).id
-        ahead = _ahead(plant.model, motor, float(load[j]))
-        qpos[plant.motor_qpos[j]] = segment.initial_position[j] + ahead
-        qvel[plant.model.jnt_dofadr[motor]] = segment.initial_velocity[j]
+        motor = motor_of(plant, int(j))
+        ahead = ahead_of_link(plant.model, motor, float(load[j]))
+        qpos[plant.motor_qpos[j]] = segment.initial_position[j] + ahead + own[0, j]
+        qvel[plant.model.jnt_dofadr[motor]] = segment.initial_velocity[j] + own[1, j]
 
 
 def _load(job: _Job, qpos: Array) -> Array:
@@ -205,18 +209,6 @@ def _load(job: _Job, qpos: Array) -> Array:
     mujoco.mj_fwdVelocity(job.model, data)
     applied = 0.0 if job.compensation is None else job.compensation.force[0]
     return np.asarray(data.qfrc_bias - data.qfrc_gravcomp - applied)
-
-
-def _ahead(model: mujoco.MjModel, motor: int, load: float) -> float:
-    """Returns by how much a motor's angle is ahead of its link's when it bears a load, rad."""
-    for tendon in range(model.ntendon):
-        first = int(model.tendon_adr[tendon])
-        if model.wrap_objid[first] == motor and model.tendon_num[tendon] == 2:
-            if model.tendon_stiffness[tendon] > 0.0:
-                return load / float(model.tendon_stiffness[tendon])
-            if model.tendon_limited[tendon]:
-                return float(model.tendon_range[tendon, 1]) * float(np.sign(load))
-    return 0.0
 
 
 def _controls(job: _Job, steps: int) -> Array:
