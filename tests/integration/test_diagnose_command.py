@@ -12,7 +12,7 @@ import pytest
 
 from gfm.cli import main
 from gfm.core import CommandKind, Trajectory, Weights
-from gfm.diagnosis.problem import cut, measure_noise
+from gfm.diagnosis.cutting import cut, measure_noise
 from gfm.diagnosis.result import ModelPair, NamedEffect, ParameterEstimate
 from gfm.effects import EffectInstance, find_effect
 from gfm.recording.writer import write_recording

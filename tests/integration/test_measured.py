@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind, Trajectory
+from gfm.diagnosis.cutting import WHOLE, make_problem
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.problem import WHOLE, make_problem
 from gfm.diagnosis.result import Diagnosis, Verdict
 
 pytestmark = pytest.mark.slow

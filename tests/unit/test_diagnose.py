@@ -10,11 +10,12 @@ from gfm.core import CommandKind, ConfigError, Trajectory, UnknownNameError
 from gfm.core.rounding import resolution
 from gfm.diagnosis.attribution import fit_best, with_level
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
+from gfm.diagnosis.cutting import make_problem
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.fitting import fit, nothing
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.noise import noise_std, steady_noise, typical_noise
-from gfm.diagnosis.problem import make_problem, settled
+from gfm.diagnosis.problem import settled
 from gfm.diagnosis.result import Verdict
 from gfm.diagnosis.screening import Screened, screen
 from gfm.diagnosis.signals import smooth_states

@@ -6,8 +6,8 @@ import pytest
 
 from gfm.core import CommandKind
 from gfm.diagnosis.claims import credible
+from gfm.diagnosis.cutting import make_problem
 from gfm.diagnosis.evidence import MISFIT, law_plots, profile_plots
-from gfm.diagnosis.problem import make_problem
 from gfm.diagnosis.result import ErrorSummary, NamedEffect, ParameterEstimate
 from gfm.diagnosis.sentences import effects_in_words
 from gfm.effects import EffectInstance, effect_library

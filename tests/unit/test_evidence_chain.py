@@ -19,8 +19,8 @@ from gfm.diagnosis.chain.localisation import energy_by
 from gfm.diagnosis.chain.stopping import CLEAN_ROBOTS, FALSE_ALARMS, largest_rate, stopping
 from gfm.diagnosis.chain.torques import torque_domain
 from gfm.diagnosis.claims import suspects_of
+from gfm.diagnosis.cutting import WHOLE, make_problem
 from gfm.diagnosis.fitting import Fit
-from gfm.diagnosis.problem import WHOLE, make_problem
 from gfm.effects import EffectInstance, find_effect
 from pendulum import MODEL, PERIOD_S, swung
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
+from gfm.diagnosis.cutting import all_stretches, make_problem
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.problem import all_stretches, make_problem
 from gfm.diagnosis.result import Verdict
 from gfm.diagnosis.stretches import far_off
 from pendulum import LENGTH, MODEL, PERIOD_S, swung

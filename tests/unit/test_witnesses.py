@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
+from gfm.diagnosis.cutting import WHOLE, make_problem
 from gfm.diagnosis.fitting import fit
-from gfm.diagnosis.problem import WHOLE, make_problem
 from gfm.diagnosis.signals import smooth_states
 from gfm.diagnosis.witnesses import borne_out
 from gfm.effects import EffectInstance, find_effect

@@ -19,7 +19,8 @@ from scipy.optimize import minimize
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.problem import Problem, make_problem
+from gfm.diagnosis.cutting import make_problem
+from gfm.diagnosis.problem import Problem
 from gfm.effects import Effect, EffectInstance, find_effect
 
 #: Relative steps of the finite differences: of the gain, and of the damping's unit.

@@ -21,17 +21,10 @@ from gfm.diagnosis.claims import (
     verdict_on_both,
 )
 from gfm.diagnosis.correction import corrected_model
+from gfm.diagnosis.cutting import LONG, WHOLE, all_stretches, check_recordings, make_problem
 from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.objects import ObjectPart, examine_object, widened
-from gfm.diagnosis.problem import (
-    LONG,
-    WHOLE,
-    Problem,
-    all_stretches,
-    check_recordings,
-    make_problem,
-    settled,
-)
+from gfm.diagnosis.problem import Problem, settled
 from gfm.diagnosis.quality import all_findings, doubts
 from gfm.diagnosis.result import (
     Diagnosis,
@@ -291,9 +284,9 @@ def _plots(
 
 def _notes(verdict: Verdict, *, outside: bool) -> tuple[str, ...]:
     notes = [
-        "Errors are of open-loop rollouts whose initial state is fitted (two numbers per joint, and "
-        "two per motor that rings against its link without a servo); recordings of torque commands "
-        "are cut into stretches of half a second."
+        "Errors are of open-loop rollouts whose initial state is fitted (two numbers per joint, "
+        "and two per motor that rings against its link where no servo holds it); recordings of "
+        "torque commands are cut into stretches of half a second."
     ]
     if outside:
         notes.append(

@@ -1,4 +1,4 @@
-"""A diagnosis as a least-squares problem: recordings, model, noise, and residuals of candidates.
+"""A diagnosis as a least-squares problem: stretches, model, noise, and residuals of candidates.
 
 Residuals are measured minus predicted, in units of the sensor noise, over open-loop rollouts. What
 a wrong initial state could explain is taken out of them: it is fitted, to first order, segment by
@@ -15,41 +15,19 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import mujoco
 import numpy as np
 
-from gfm.core import CommandKind, ConfigError, Trajectory
+from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.diagnosis.noise import steady_noise, typical_noise
 from gfm.diagnosis.outliers import OUTLYING, bounded
-from gfm.diagnosis.signals import smooth_states, starts_at_rest
 from gfm.effects import EffectInstance
 from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.motor_sides import Spring, springs
-from gfm.sim.plant import check_joints, make_plant
-from gfm.sim.predict import HISTORY_S, Prediction, Segment, predict
+from gfm.sim.plant import make_plant
+from gfm.sim.predict import Prediction, Segment, predict
 
-#: Length of the stretches in which effects are looked for. A servo keeps a rollout on track and a
-#: torque does not; in longer ones errors add up, and fits end in the nearest of many valleys.
-SHORT: Mapping[CommandKind, float] = {
-    CommandKind.POSITION: 2.0,
-    CommandKind.VELOCITY: 2.0,
-    CommandKind.EFFORT: 0.5,
-}
-#: Length of those on which amounts are settled, and on which errors are told: what a servo keeps
-#: on track is told from first to last.
-LONG: Mapping[CommandKind, float] = {
-    **SHORT,
-    CommandKind.POSITION: 12.0,
-    CommandKind.VELOCITY: 12.0,
-}
-WHOLE: Mapping[CommandKind, float] = {
-    **SHORT,
-    CommandKind.POSITION: float("inf"),
-    CommandKind.VELOCITY: float("inf"),
-}
 #: Steps in position and velocity with which the effect of the initial state is measured.
 STATE_STEP = (1e-4, 1e-3)
 #: Times that initial states are looked for anew around where they were found, the share of its
@@ -58,14 +36,12 @@ STATE_STEP = (1e-4, 1e-3)
 STATE_ROUNDS, STATE_GAIN, STATE_SHARES = 8, 0.1, (1.0, 0.3, 0.1)
 #: Frequency from which on a motor has a state of its own at first, unless a servo leads it; a
 #: slower one is taken for where its load holds it: half a second tells its state from no law.
-RINGS_HZ = 2.0 / SHORT[CommandKind.EFFORT]
+RINGS_HZ = 4.0
 #: How far a spring is bent at first, in units of what its drive's largest torque bends it.
 MOST_BENT = 3.0
 #: Joints of the arm to which durations of samples refer, and how much longer they are at most for
 #: robots with fewer: those take less time to simulate.
 ARM_JOINTS, MOST_LONGER = 7, 2.0
-#: Places along a recording at which contacts are looked for.
-CONTACT_LOOKS = 300
 #: Largest residual that counts, in units of the noise: a simulation that runs away stays finite.
 LARGEST = 1e5
 
@@ -264,186 +240,7 @@ class Problem:
         return (spread * len(same_kind) + same_kind.index(here.recording), here.recording, place)
 
 
-def make_problem(
-    specs: Mapping[CommandKind, mujoco.MjSpec],
-    recordings: Sequence[Trajectory],
-    noise: Noise | None = None,
-    *,
-    given: Sequence[EffectInstance] = (),
-    windows_s: Mapping[CommandKind, float] = SHORT,
-    most_s: float = float("inf"),
-) -> Problem:
-    """Returns the problem of explaining `recordings` by the models `specs`, with `given` in them.
-
-    Args:
-        specs: The nominal model by command kind.
-        recordings: What it should explain.
-        noise: Of the sensors; measured where it is not given.
-        given: Effects of the nominal model that `specs` cannot say.
-        windows_s: Length of a rollout by kind of command, s.
-        most_s: Recorded time of the stretches that are kept, see `Problem.sample`; one of each
-            recording is kept in any case.
-
-    Raises:
-        ConfigError: a recording's commands are of a kind for which there is no model, or its
-            joints are not those of the others.
-        UnknownNameError: a model lacks a recorded joint.
-    """
-    problem = all_stretches(specs, recordings, noise, given=given, windows_s=windows_s)
-    problem = with_state_basis(problem.subset(problem.sample(most_s, of_each=1)))
-    return _timed(problem, ())
-
-
-def all_stretches(
-    specs: Mapping[CommandKind, mujoco.MjSpec],
-    recordings: Sequence[Trajectory],
-    noise: Noise | None = None,
-    *,
-    given: Sequence[EffectInstance] = (),
-    windows_s: Mapping[CommandKind, float] = SHORT,
-) -> Problem:
-    """Returns the problem with all stretches, and nothing yet that takes simulations to make.
-
-    Initial states are as measured, and efforts taken before the command of the same stamp. The
-    models are integrated to fourth order whatever they say themselves: a first-order step of theirs
-    would show as a delay. Arguments and errors as of `make_problem`.
-    """
-    joints = recordings[0].joint_names
-    check_recordings(specs, recordings)
-    for spec in specs.values():
-        check_joints(spec, joints)
-    accurate = {kind: accurately_integrated(spec) for kind, spec in specs.items()}
-    for kind, spec in accurate.items():
-        if not _touches(spec, [r for r in recordings if r.command_kind is kind]):
-            spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    noise = noise or measure_noise(recordings)
-    segments = tuple(
-        segment
-        for i, recording in enumerate(recordings)
-        for segment in cut(recording, i, noise, windows_s[recording.command_kind])
-    )
-    return Problem(
-        specs=accurate, joints=joints, segments=segments, noise=noise, given=tuple(given)
-    )
-
-
-def accurately_integrated(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """Returns a copy that is integrated by the fourth-order Runge-Kutta method."""
-    accurate = spec.copy()
-    accurate.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    return accurate
-
-
-def _touches(spec: mujoco.MjSpec, recordings: Sequence[Trajectory]) -> bool:
-    """Returns whether the robot touches anything; looking for it at every step takes time."""
-    if not recordings:
-        return True
-    plant = make_plant(spec, recordings[0].joint_names)
-    model, data = plant.model, mujoco.MjData(plant.model)
-    free = model.jnt_qposadr[model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)]
-    tree = model.body_treeid[model.geom_bodyid]
-    robot = np.isin(tree, model.dof_treeid[plant.dof])
-    for recording in recordings:
-        for row in range(
-            0, len(recording.position), max(len(recording.position) // CONTACT_LOOKS, 1)
-        ):
-            data.qpos[plant.qpos] = recording.position[row]
-            pose = _object_pose(recording, int(recording.stamp_ns[row]))
-            if pose is not None and len(free) == 1:
-                data.qpos[free[0] : free[0] + 7] = pose
-            mujoco.mj_fwdPosition(model, data)
-            if robot[data.contact.geom[: data.ncon]].any():
-                return True
-    return False
-
-
-def _object_pose(recording: Trajectory, stamp_ns: int) -> Array | None:
-    """Returns the recorded pose of the object next to a time, shape (7,); None where none is."""
-    track = recording.object_track
-    if track is None or not len(track.stamp_ns):
-        return None
-    nearest = int(np.argmin(np.abs(track.stamp_ns - stamp_ns)))
-    return np.concatenate([track.position[nearest], track.quaternion[nearest]])
-
-
-def check_recordings(
-    specs: Mapping[CommandKind, mujoco.MjSpec], recordings: Sequence[Trajectory]
-) -> None:
-    """Raises ConfigError where commands have no model of their kind, or joints differ."""
-    first = recordings[0]
-    for recording in recordings:
-        if recording.command_kind not in specs:
-            kinds = ", ".join(sorted(specs))
-            raise ConfigError(
-                f"{recording.name}: its commands are of kind {recording.command_kind}, "
-                f"the actuators of the model are of kind {kinds}"
-            )
-        if sorted(recording.joint_names) != sorted(first.joint_names):
-            raise ConfigError(
-                f"{recording.name}: joints {', '.join(recording.joint_names)}; "
-                f"{first.name} has {', '.join(first.joint_names)}"
-            )
-
-
-def measure_noise(recordings: Sequence[Trajectory]) -> Noise:
-    """Returns the sensor noise over the recordings.
-
-    Efforts may well be noisier where they are large: theirs is the typical one.
-    """
-    efforts = [(r.time_s, r.effort) for r in recordings if r.effort is not None]
-    return Noise(
-        position=steady_noise([(r.time_s, r.position) for r in recordings]),
-        effort=typical_noise(efforts) if efforts else None,
-    )
-
-
-def cut(recording: Trajectory, index: int, noise: Noise, window_s: float) -> list[Segment]:
-    """Returns the stretches of a recording that are rolled out, first to last.
-
-    What rests at first begins with no speed at all: where nothing holds a joint (play in a gear,
-    friction that is missing in the model), a speed made of noise would carry it away.
-    """
-    time_s = recording.time_s
-    position, velocity, _ = smooth_states(time_s, recording.position)
-    count = max(int(time_s[-1] / window_s), 1)
-    edges = np.searchsorted(time_s, np.arange(count + 1) * min(window_s, time_s[-1]))
-    edges[-1] = len(time_s)
-    gain = np.array([recording.servo_gain.get(name, 1.0) for name in recording.joint_names])
-    segments = []
-    for start, end in pairwise(edges):
-        if end - start < 8:
-            continue
-        here = slice(int(start), int(end))
-        resting = starts_at_rest(time_s[here], recording.position[here], noise.position)
-        segments.append(
-            Segment(
-                time_s=time_s[here] - time_s[start],
-                position=recording.position[here],
-                effort=None if recording.effort is None else recording.effort[here],
-                kind=recording.command_kind,
-                **_commands(recording, float(time_s[start]), float(time_s[end - 1])),
-                initial_position=position[start],
-                initial_velocity=np.where(resting, 0.0, velocity[start]),
-                servo_gain=gain,
-                recording=index,
-                object_pose=_object_pose(recording, int(recording.stamp_ns[start])),
-            )
-        )
-    return segments
-
-
-def _commands(recording: Trajectory, start_s: float, end_s: float) -> dict[str, Array]:
-    """Returns the commands in force between two times, and those shortly before for delays."""
-    time_s = recording.command_time_s
-    first = max(int(np.searchsorted(time_s, start_s - HISTORY_S, side="right")) - 1, 0)
-    last = max(int(np.searchsorted(time_s, end_s, side="right")), first + 1)
-    return {
-        "command_time_s": time_s[first:last] - start_s,
-        "command": recording.command[first:last],
-    }
-
-
-def _timed(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
+def timed(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
     """Returns the problem with efforts taken before or after the command of the same stamp.
 
     As they fit better under `effects`.
@@ -466,7 +263,7 @@ def settled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
     to first order. A servo forgets it: its stretches stay as they are.
     """
     free = [i for i, s in enumerate(problem.segments) if not _led(s)]
-    problem = _timed(problem, effects)
+    problem = timed(problem, effects)
     if not free:
         return problem
     part = _freely_settled(problem.subset(free), effects)

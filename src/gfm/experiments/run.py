@@ -26,8 +26,8 @@ from gfm.core import (
 )
 from gfm.diagnosis.baseline import Identified, identify
 from gfm.diagnosis.correction import model_pair
+from gfm.diagnosis.cutting import measure_noise
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.problem import measure_noise
 from gfm.diagnosis.result import Diagnosis
 from gfm.excitation.motion import Purpose
 from gfm.excitation.waypoints import motions

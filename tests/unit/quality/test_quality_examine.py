@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.problem import make_problem
+from gfm.diagnosis.cutting import make_problem
 from gfm.diagnosis.quality import all_findings, doubts, findings_of
 
 MODEL = """
