@@ -316,15 +316,17 @@ def spread(
     """
     newest = accepted.effects[-1]
     left = problem.joint_costs(accepted.residual)
-    sisters = [
-        c.instance
-        for c in screened
-        if c.instance.effect.scope is Scope.JOINT
-        and c.instance.effect.name == newest.effect.name
-        and c.instance.key not in {e.key for e in accepted.effects}
-        and left[problem.joints.index(c.instance.joints[0])] > ALSO_FROM
-        and c.gain > LIKELY * _best_gain_on(c.instance.joints[0], screened)
-    ]
+    best: dict[object, EffectInstance] = {}
+    for c in screened:  # best first, and several starts of one candidate
+        if (
+            c.instance.effect.scope is Scope.JOINT
+            and c.instance.effect.name == newest.effect.name
+            and c.instance.key not in {e.key for e in accepted.effects}
+            and left[problem.joints.index(c.instance.joints[0])] > ALSO_FROM
+            and c.gain > LIKELY * _best_gain_on(c.instance.joints[0], screened)
+        ):
+            best.setdefault(c.instance.key, c.instance)
+    sisters = list(best.values())
     while sisters:
         report(f"fitting {newest.effect.name.replace('_', ' ')} on {len(sisters)} more joints")
         part = problem.subset(problem.sample(FITTING_S))

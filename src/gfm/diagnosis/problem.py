@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
+from scipy.signal import savgol_filter
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
@@ -37,8 +38,11 @@ STATE_ROUNDS, STATE_GAIN, STATE_SHARES = 8, 0.1, (1.0, 0.3, 0.1)
 #: Frequency from which on a motor has a state of its own at first, unless a servo leads it; a
 #: slower one is taken for where its load holds it: half a second tells its state from no law.
 RINGS_HZ = 4.0
-#: How far a spring is bent at first, in units of what its drive's largest torque bends it.
-MOST_BENT = 3.0
+#: Order of the polynomials that follow, over two swings of such a motor, what changes more slowly.
+SLOW_ORDER = 4
+#: How far a spring is bent at most, in units of what its drive's largest torque bends it: what
+#: rings for long has been driven at its own frequency.
+MOST_BENT = 10.0
 #: Joints of the arm to which durations of samples refer, and how much longer they are at most for
 #: robots with fewer: those take less time to simulate.
 ARM_JOINTS, MOST_LONGER = 7, 2.0
@@ -123,12 +127,15 @@ class Problem:
         if not ringing:
             return own
         columns = _state_columns(self, effects, _motor_steps(len(self.joints), ringing))
-        limits = [_most_bent(p, ringing) for p in predictions]
-        rows = zip(self.segments, own, columns, self.state_basis, limits, strict=True)
-        return [
-            part if _led(segment) else _without_motors(part, _without(c, basis), most)
-            for segment, part, c, basis, most in rows
-        ]
+        rows = zip(self.segments, own, columns, self.state_basis, predictions, strict=True)
+        for i, (segment, part, motors, basis, prediction) in enumerate(rows):
+            if not _led(segment):
+                beside = _without(motors, basis)
+                room = _room(segment, prediction, ringing)
+                own[i] = min(
+                    part, part + beside @ _rung(segment, part, beside, room), key=np.linalg.norm
+                )
+        return own
 
     def _bounded(self, parts: Sequence[Array]) -> Array:
         residual = np.concatenate(parts)
@@ -288,12 +295,20 @@ def _ringing(problem: Problem, effects: Sequence[EffectInstance]) -> list[Spring
     return [spring for spring in springs(plant) if spring.ringing_hz >= RINGS_HZ]
 
 
-def _most_bent(prediction: Prediction, ringing: Sequence[Spring]) -> Array:
-    """Returns the largest states that motors may have beside their links', in steps, (2 M,)."""
-    peaks = np.abs(prediction.effort).max(axis=0)
-    angles = np.array([MOST_BENT * peaks[one.joint] / one.stiffness for one in ringing])
+def _room(segment: Segment, prediction: Prediction, ringing: Sequence[Spring]) -> Array:
+    """Returns how far motors' states can change beside their links', in steps, shape (2, 2 M).
+
+    Downward and upward, so that no spring is bent farther than its drive could.
+    """
+    joints = [one.joint for one in ringing]
+    stiffness = np.array([one.stiffness for one in ringing])
+    angles = MOST_BENT * np.abs(prediction.effort[:, joints]).max(axis=0) / stiffness
     speeds = 2.0 * np.pi * angles * [one.ringing_hz for one in ringing]
-    return np.concatenate([angles / STATE_STEP[0], speeds / STATE_STEP[1]])
+    now = np.zeros((2, len(joints)))
+    if segment.initial_motor is not None:
+        now = segment.initial_motor[:, joints]
+    most, sizes = np.stack([angles, speeds]), np.array(STATE_STEP)[:, None]
+    return np.stack([((-most - now) / sizes).ravel(), ((most - now) / sizes).ravel()])
 
 
 def _without(values: Array, basis: Array) -> Array:
@@ -301,16 +316,32 @@ def _without(values: Array, basis: Array) -> Array:
     return np.asarray(values - basis @ (basis.T @ values))
 
 
-def _without_motors(part: Array, columns: Array, most: Array) -> Array:
-    """Returns a residual, shape (N,), without what motors' states explain that are not too large.
+def _rung(segment: Segment, part: Array, columns: Array, room: Array) -> Array:
+    """Returns by how much motors' states change so that less rings in a residual, shape (2 M,).
+
+    In steps. What changes more slowly may as well tell of laws that are missing.
 
     Args:
-        part: Without what the other initial states explain.
-        columns: What motors' states change by, shape (N, 2 M).
-        most: Largest states, shape (2 M,).
+        segment: Whose residual it is.
+        part: The residual, without what links' states explain, shape (N,).
+        columns: What motors' states change of that, shape (N, 2 M).
+        room: Within which they are looked for, shape (2, 2 M).
     """
-    amounts = np.linalg.lstsq(columns, part, rcond=1e-6)[0]
-    return np.asarray(part - columns @ np.clip(amounts, -most, most))
+    both = np.concatenate([columns, part[:, None]], axis=1)
+    fast = both - _slow(segment, both)
+    amounts = np.linalg.lstsq(fast[:, :-1], fast[:, -1], rcond=1e-6)[0]
+    return np.asarray(np.clip(-amounts, np.minimum(room[0], 0.0), np.maximum(room[1], 0.0)))
+
+
+def _slow(segment: Segment, columns: Array) -> Array:
+    """Returns what of columns, shape (N, M), changes more slowly than a motor rings."""
+    count, joints = segment.position.shape
+    period_s = float(segment.time_s[-1]) / (count - 1)
+    window = min(round(2.0 / RINGS_HZ / period_s), count) // 2 * 2 - 1
+    series = columns.reshape(-1, count, joints, columns.shape[1])
+    if window <= SLOW_ORDER:
+        return columns
+    return np.asarray(savgol_filter(series, window, SLOW_ORDER, axis=1).reshape(columns.shape))
 
 
 def _freely_settled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
@@ -334,13 +365,13 @@ def _nearer(
 
     And the share of its squared residual that each gained.
     """
-    joints = len(problem.joints)
-    steps = np.concatenate([_link_steps(joints), _motor_steps(joints, _ringing(problem, effects))])
-    residuals, columns = _whitened(problem, effects), _state_columns(problem, effects, steps)
-    changes = [
-        np.tensordot(np.linalg.lstsq(c, -r, rcond=1e-6)[0], steps, axes=1)
-        for c, r in zip(columns, residuals, strict=True)
-    ]
+    predictions, residuals = problem.predictions([effects])[0], _whitened(problem, effects)
+    ringing, joints = _ringing(problem, effects), len(problem.joints)
+    steps = np.concatenate([_link_steps(joints), _motor_steps(joints, ringing)])
+    columns = _state_columns(problem, effects, steps)
+    rooms = [_room(*row, ringing) for row in zip(problem.segments, predictions, strict=True)]
+    rows = zip(problem.segments, residuals, columns, rooms, strict=True)
+    changes = [np.tensordot(_best_amounts(*row), steps, axes=1) for row in rows]
     before = [float(np.sum(r**2)) for r in residuals]
     kept, least = list(problem.segments), list(before)
     for share in STATE_SHARES:
@@ -350,6 +381,20 @@ def _nearer(
             if (cost := float(np.sum(residual**2))) < least[i]:
                 kept[i], least[i] = moved[i], cost
     return tuple(kept), [1.0 - a / b if b else 0.0 for a, b in zip(least, before, strict=True)]
+
+
+def _best_amounts(segment: Segment, residual: Array, columns: Array, room: Array) -> Array:
+    """Returns the amounts of all steps of an initial state that leave least, shape (S,).
+
+    Arguments as of `_rung`, but all of them: the columns of links first.
+    """
+    links, motors = np.split(columns, [columns.shape[1] - room.shape[1]], axis=1)
+    basis = _orthonormal(links)
+    rung = np.zeros(0)
+    if room.size:
+        rung = _rung(segment, _without(residual, basis), _without(motors, basis), room)
+    own = np.linalg.lstsq(links, -residual - motors @ rung, rcond=1e-6)[0]
+    return np.concatenate([own, rung])
 
 
 def with_state_basis(problem: Problem, effects: Sequence[EffectInstance] = ()) -> Problem:
