@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind, ConfigError, Trajectory, UnknownNameError
-from gfm.core.rounding import resolution
 from gfm.diagnosis.attribution import fit_best, with_level
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.cutting import make_problem
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.fitting import fit, nothing
 from gfm.diagnosis.intervals import half_widths
-from gfm.diagnosis.noise import noise_std, steady_noise, typical_noise
 from gfm.diagnosis.problem import settled
 from gfm.diagnosis.result import Verdict
 from gfm.diagnosis.screening import Screened, screen
@@ -244,44 +242,6 @@ def test_when_efforts_were_measured_is_told_under_the_effects_that_were_found(la
     )
     assert problem.after_command  # the nominal model is far off and says so in either case
     assert settled(problem, [viscous]).after_command is (late == 0)
-
-
-def test_noise_is_measured_under_a_smooth_motion():
-    time_s = np.arange(0.0, 10.0, 0.01)
-    noise = 1e-3 * np.random.default_rng(0).standard_normal(len(time_s))
-    told = noise_std((np.sin(3.0 * time_s) + noise)[:, None])
-    assert told == pytest.approx(1e-3, rel=0.1)
-
-
-def test_a_loop_that_rings_as_fast_as_it_is_sampled_is_no_noise():
-    time_s = np.arange(0.0, 20.0, 0.01)
-    white = 1e-4 * np.random.default_rng(0).standard_normal((len(time_s), 2))
-    rings = (time_s % 4.0 < 3.0) * 2e-3 * np.sin(2.0 * np.pi * 42.0 * time_s)
-    run = time_s, white + np.sin(time_s)[:, None] + np.stack([rings, 0.0 * rings], axis=1)
-    assert typical_noise([run])[0] > 1e-3
-    assert steady_noise([run])[0] < 2e-4
-    assert (
-        steady_noise([run])[1]
-        == pytest.approx(typical_noise([run])[1])
-        == pytest.approx(1e-4, rel=0.1)
-    )
-
-
-def test_rests_that_rounding_makes_silent_are_no_noise_floor():
-    time_s = np.arange(0.0, 20.0, 0.01)
-    noise = 1e-3 * np.random.default_rng(0).standard_normal(len(time_s))
-    moving = time_s % 4.0 < 3.0
-    values = np.round((moving * (np.sin(3.0 * time_s) + noise)) / 1e-4)[:, None] * 1e-4
-    run = time_s, values
-    assert noise_std(values[300:400]) == pytest.approx(1e-9)
-    assert steady_noise([run]) == pytest.approx(typical_noise([run]))
-
-
-def test_rounding_is_a_floor_of_the_noise():
-    time_s = np.arange(0.0, 10.0, 0.01)
-    rounded = (np.round(np.sin(0.3 * time_s) / 1.5e-3) * 1.5e-3)[:, None]
-    assert resolution(rounded) == pytest.approx(1.5e-3)
-    assert noise_std(rounded)[0] >= 1.5e-3 / np.sqrt(12.0)
 
 
 def test_smooth_states_are_the_derivatives_of_a_smooth_motion():

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from math import comb
 from typing import TypeAlias
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from gfm.core.checks import Array
 from gfm.core.rounding import resolution
-from gfm.diagnosis.signals import evenly
 
 #: Order of the differences in which only noise is left of a smooth signal.
 NOISE_ORDER = 4
@@ -33,22 +32,34 @@ QUIET, QUIET_SHARE = 5.0, 0.65
 Signal: TypeAlias = tuple[Array, Array]
 
 
-def noise_std(signal: Array) -> Array:
+def noise_std(time_s: Array, values: Array) -> Array:
     """Returns the standard deviation of the noise on each column, shape (J,).
 
-    From differences of a high order, in which a smooth signal vanishes and white noise of variance
-    s^2 becomes noise of variance binom(2k, k) s^2; the median makes jumps harmless. Never less than
-    what rounding to the finest step seen would give.
+    From divided differences of a high order, in which a smooth signal vanishes, whenever it was
+    measured; scaled so that white noise keeps its size. The median makes jumps harmless. Never less
+    than what rounding to the finest step seen would give.
 
     Args:
-        signal: Evenly sampled, shape (T, J).
+        time_s: When it was measured, increasing, shape (T,).
+        values: shape (T, J).
     """
-    differences = np.diff(signal, n=NOISE_ORDER, axis=0)
-    spread = np.median(np.abs(differences), axis=0) / 0.6745
-    white = spread / np.sqrt(comb(2 * NOISE_ORDER, NOISE_ORDER))
+    differences = _divided_differences(time_s, values)
+    white = np.median(np.abs(differences), axis=0) / 0.6745
     return np.asarray(
-        np.maximum(np.maximum(white, resolution(signal) / np.sqrt(12.0)), LEAST_NOISE)
+        np.maximum(np.maximum(white, resolution(values) / np.sqrt(12.0)), LEAST_NOISE)
     )
+
+
+def _divided_differences(time_s: Array, values: Array) -> Array:
+    """Returns divided differences of order `NOISE_ORDER`, weights of size one, (T - order, J)."""
+    windows = sliding_window_view(time_s, NOISE_ORDER + 1)
+    apart = windows[:, :, None] - windows[:, None, :]
+    places = np.arange(NOISE_ORDER + 1)
+    apart[:, places, places] = 1.0
+    weights = 1.0 / (apart / (windows[:, -1:, None] - windows[:, :1, None])).prod(axis=2)
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    signals = sliding_window_view(values, NOISE_ORDER + 1, axis=0)
+    return np.asarray(np.einsum("tk,tjk->tj", weights, signals))
 
 
 def typical_noise(signals: Sequence[Signal]) -> Array:
@@ -56,7 +67,7 @@ def typical_noise(signals: Sequence[Signal]) -> Array:
 
     Never less than what rounding makes.
     """
-    white = [noise_std(evenly(*signal)[1]) for signal in signals]
+    white = [noise_std(*signal) for signal in signals]
     typical = _over(np.median, white, _changing(signals))
     return np.asarray(np.maximum(typical, rounding_noise(signals)))
 
@@ -70,8 +81,9 @@ def steady_noise(signals: Sequence[Signal]) -> Array:
     white, shown = [], []
     for time_s, values in signals:
         least = CHANGING_STEPS * resolution(values)
-        for part in _stretches(*evenly(time_s, values)):
-            white.append(noise_std(part))
+        for here in _stretches(time_s):
+            part = values[here]
+            white.append(noise_std(time_s[here], part))
             changes = np.median(np.abs(np.diff(part, axis=0)), axis=0)
             shown.append((changes > least) & (white[-1] > LEAST_NOISE))
     typical = typical_noise(signals)
@@ -94,10 +106,10 @@ def _changing(signals: Sequence[Signal]) -> list[NDArray[np.bool_]]:
     return [np.ptp(values, axis=0) > 0.0 for _, values in signals]
 
 
-def _stretches(time_s: Array, values: Array) -> list[Array]:
-    """Returns an evenly sampled recording in stretches long enough to show their noise."""
-    count = max(round(QUIET_S / (time_s[1] - time_s[0])), QUIET_LEAST)
-    return [values[i : i + count] for i in range(0, len(values) - count + 1, count)]
+def _stretches(time_s: Array) -> list[slice]:
+    """Returns the stretches of a recording, each long enough to show its noise."""
+    count = max(round(QUIET_S / float(np.median(np.diff(time_s)))), QUIET_LEAST)
+    return [slice(i, i + count) for i in range(0, len(time_s) - count + 1, count)]
 
 
 def _over(

@@ -13,7 +13,6 @@ import numpy as np
 from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.noise import noise_std
-from gfm.diagnosis.signals import evenly
 
 #: Contacts are idealised, and cameras calibrated, to this much: less noise counts as this, m, rad.
 LEAST_NOISE = np.array([3e-4, 3e-4, 3e-3])
@@ -74,5 +73,5 @@ def turned(pose: Array, plane: Array, before: Array) -> Array:
 
 def plane_noise(tracks: list[Track]) -> Array:
     """Returns the standard deviations of x, y (m) and yaw (rad), shape (3,)."""
-    found = np.stack([noise_std(evenly(t.time_s, t.plane)[1]) for t in tracks])
+    found = np.stack([noise_std(t.time_s, t.plane) for t in tracks])
     return np.asarray(np.maximum(np.median(found, axis=0), LEAST_NOISE))

@@ -14,7 +14,6 @@ from gfm.core.checks import Array
 from gfm.core.rounding import resolution
 from gfm.diagnosis.noise import noise_std
 from gfm.diagnosis.quality.finding import Finding, Objection, held_command, joint_finding
-from gfm.diagnosis.signals import evenly
 
 #: A command that moves by so much while the joint does not: more than any dry friction holds
 #: against a servo that works, rad.
@@ -76,7 +75,7 @@ def dead_positions(recordings: Sequence[Trajectory]) -> tuple[int, Objection] | 
     Returns:
         Which of the recordings, and why; None where all are alive.
     """
-    alive = np.array([_alive(recording.position) for recording in recordings])
+    alive = np.array([_alive(recording.time_s, recording.position) for recording in recordings])
     for i, recording in enumerate(recordings):
         told = np.ptp(recording.command, axis=0) > 0.0
         for j in np.flatnonzero(told & (np.ptp(recording.position, axis=0) == 0.0)):
@@ -90,9 +89,10 @@ def dead_positions(recordings: Sequence[Trajectory]) -> tuple[int, Objection] | 
     return None
 
 
-def _alive(position: Array) -> Array:
+def _alive(time_s: Array, position: Array) -> Array:
     """Returns which columns have noise that rounding does not hide, shape (J,)."""
-    return np.asarray(noise_std(position) > np.maximum(resolution(position), LEAST_NOISE_RAD))
+    noise = noise_std(time_s, position)
+    return np.asarray(noise > np.maximum(resolution(position), LEAST_NOISE_RAD))
 
 
 def still(recording: Trajectory) -> list[Finding]:
@@ -111,7 +111,7 @@ def still(recording: Trajectory) -> list[Finding]:
 def rounded(recording: Trajectory) -> list[Finding]:
     """Finds the step to which positions are rounded, where it is no less than their noise."""
     steps = resolution(recording.position)
-    noise = noise_std(evenly(recording.time_s, recording.position)[1])
+    noise = noise_std(recording.time_s, recording.position)
     what, advice = "encoder step", "no error below a third of it can be seen"
     return [
         joint_finding(recording, int(j), what, 1e3 * steps[j], "mrad", advice, doubtful=False)

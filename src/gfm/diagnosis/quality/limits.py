@@ -12,7 +12,7 @@ from gfm.core.checks import Array
 from gfm.core.rounding import resolution
 from gfm.diagnosis.noise import noise_std
 from gfm.diagnosis.quality.finding import Finding, held_command, joint_finding
-from gfm.diagnosis.signals import evenly, smooth_states
+from gfm.diagnosis.signals import smooth_states
 from gfm.sim.plant import Plant
 
 #: Share of the measurements that must lie in a plateau, and how much fuller than the next level
@@ -69,7 +69,7 @@ def _more_asked(asked: Array, recording: Trajectory, top: Finding) -> bool:
 def _flat_tops(
     recording: Trajectory, what: str, unit: str, signal: Array, demand: Array
 ) -> list[Finding]:
-    noise, step = noise_std(evenly(recording.time_s, signal)[1]), resolution(signal)
+    noise, step = noise_std(recording.time_s, signal), resolution(signal)
     width = np.maximum(np.maximum(6.0 * noise, step), 0.02 * np.ptp(signal, axis=0))
     advice = "the drive is at a limit there: record with smaller commands as well"
     tops = [_plateau(signal[:, j], demand[:, j], width[j]) for j in range(signal.shape[1])]

@@ -12,7 +12,6 @@ from gfm.core.checks import Array
 from gfm.core.rounding import resolution
 from gfm.diagnosis.noise import noise_std
 from gfm.diagnosis.quality.finding import Finding, Objection
-from gfm.diagnosis.signals import evenly
 
 #: Joint states come tens to thousands of times a second; what lies outside is another unit.
 LEAST_RATE_HZ, MOST_RATE_HZ = 1.0, 10_000.0
@@ -87,7 +86,7 @@ def _jumped(recording: Trajectory, i: int, period_s: float) -> bool:
         return False
     before, after = slice(start, i + 1), slice(i + 1, start + ACROSS)
     speed = np.abs(_slopes(t[before], q[before])) + np.abs(_slopes(t[after], q[after]))
-    noise = noise_std(evenly(t, q)[1])
+    noise = noise_std(t, q)
     fast = 0.5 * speed * (t[i + 1] - t[i] - period_s) > 20.0 * noise
     even = np.lib.stride_tricks.sliding_window_view(q, ACROSS, axis=0)
     elsewhere = np.percentile(_cubic_misfit(even[:: ACROSS // 2]), 75.0, axis=0)
