@@ -70,6 +70,11 @@ def test_a_value_at_its_bound_has_not_been_found(excess, speed, expected):
     assert at_bound(stribeck) is expected
 
 
+@pytest.mark.parametrize(("lag_s", "expected"), [(5e-5, True), (5e-4, False)])
+def test_a_lag_shorter_than_any_stamp_is_exact_has_not_been_found(lag_s, expected):
+    assert at_bound(instance("actuator_lag", time_constant=lag_s)) is expected
+
+
 def test_more_parameters_must_explain_more():
     coulomb = fitted(96.0, instance("coulomb_friction", torque=0.1))
     payload = fitted(90.0, instance("payload", mass=1.0, com_x=0.0, com_y=0.0, com_z=0.1))

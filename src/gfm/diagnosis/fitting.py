@@ -177,11 +177,11 @@ def free_parameters(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:
 
 
 def at_bound(instance: EffectInstance) -> bool:
-    """Returns whether a fitted parameter ran into its bound: any value beyond would do as well."""
+    """Returns whether a fitted parameter is none, or ran into its bound: any beyond would do."""
     found = [p for p in instance.effect.parameters if p.name not in instance.effect.fixed]
     return any(
         min(abs(instance.values[p.name] - p.lower), abs(p.upper - instance.values[p.name]))
-        < AT_BOUND * min(p.upper - p.lower, abs(instance.values[p.name]) + 1e-9)
+        < max(AT_BOUND * min(p.upper - p.lower, abs(instance.values[p.name]) + 1e-9), p.least)
         for p in found
     )
 

@@ -25,6 +25,8 @@ from gfm.effects.elements import add_cogging, add_constant_torque
 
 #: Activations that follow the command with a first-order lag.
 LAGS = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
+#: Shorter delays and lags are those of stamps and of a controller's own cycle, s.
+LEAST_S = 2e-4
 
 
 @final
@@ -61,7 +63,7 @@ class CommandDelay(Effect):
     confused_with = ("actuator_lag",)
     scope = Scope.ROBOT
     shares_joints = True
-    parameters = (Parameter(name="delay", unit="s", lower=0.0, upper=0.5),)
+    parameters = (Parameter(name="delay", unit="s", lower=0.0, upper=0.5, least=LEAST_S),)
     shown_by = "fast changes of the command"
 
     @override
@@ -87,7 +89,7 @@ class ActuatorLag(Effect):
 
     name = "actuator_lag"
     confused_with = ("command_delay",)
-    parameters = (Parameter(name="time_constant", unit="s", lower=0.0, upper=1.0),)
+    parameters = (Parameter(name="time_constant", unit="s", lower=0.0, upper=1.0, least=LEAST_S),)
     shown_by = "steps and fast changes of the command"
 
     @override

@@ -45,12 +45,16 @@ class Scope(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """One number of an effect: its unit and the range in which it is looked for."""
+    """One number of an effect: its unit and the range in which it is looked for.
+
+    What is smaller than `least` is none: no stamp and no controller's cycle is as exact.
+    """
 
     name: str
     unit: str
     lower: float
     upper: float
+    least: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -138,7 +138,8 @@ def _reason(found: Attribution, at_most: float) -> str:
     if not last.fits:
         return "no candidate could be fitted, or none held for recordings it was not fitted to"
     if at_bound(last.fits[0].effects[-1]):
-        return f"{describe(last.fits[0].effects[-1])} explains most, but its amount has no end"
+        best = describe(last.fits[0].effects[-1])
+        return f"{best} explains most, but its amount is next to none, or has no end"
     return (
         "no candidate explains enough of what is left, which is "
         f"{100.0 * LEAST_GAIN:.0f} % for each of its parameters"
