@@ -13,6 +13,9 @@ import numpy as np
 from gfm.core.checks import Array, Stamps, check_shapes
 from gfm.core.robot import CommandKind
 
+#: Metadata: measured joints that no command names, separated by commas.
+UNCOMMANDED = "uncommanded_joints"
+
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectTrack:
@@ -94,6 +97,12 @@ class Trajectory:
                 "requested": commands,
             },
         )
+
+    @property
+    def uncommanded(self) -> tuple[str, ...]:
+        """The joints that no command names."""
+        listed = self.metadata.get(UNCOMMANDED, "").split(", ")
+        return tuple(name for name in self.joint_names if name in listed)
 
     @property
     def time_s(self) -> Array:

@@ -48,8 +48,18 @@ class Place:
         return self.effect.name, self.joints
 
 
-def places(effect: Effect, joints: Sequence[str]) -> list[Place]:
-    """Returns every place where an effect can act on a robot with these joints."""
+def places(
+    effect: Effect, joints: Sequence[str], driven: Sequence[str] | None = None
+) -> list[Place]:
+    """Returns every place where an effect can act on a robot with these joints.
+
+    Args:
+        effect: Which one.
+        joints: All joints that are measured.
+        driven: Those that have a drive; all, if None.
+    """
+    if effect.needs_drive and driven is not None:
+        joints = driven
     if effect.scope is Scope.JOINT:
         return [Place(effect=effect, joints=(name,)) for name in joints]
     if effect.scope is Scope.PAIR:

@@ -40,6 +40,7 @@ from gfm.diagnosis.sentences import sentence_on, sentence_on_object
 from gfm.effects import EffectInstance
 from gfm.excitation.blind_spots import blind_spots
 from gfm.sim.learned import LearnedForces
+from gfm.sim.passive import with_idle_drives
 from gfm.sim.plant import native_spec
 
 #: Share of the gap that has to be closed to name anything.
@@ -116,12 +117,12 @@ def diagnose(
         BadInputError: recordings, models and forces do not belong together.
     """
     check_recordings(specs, [*recordings, *holdout])
-    thing = examine_object(specs[recordings[0].command_kind], recordings, holdout, report)
+    driven, runs = with_idle_drives(specs, [*recordings, *holdout])
+    recordings, holdout = runs[: len(recordings)], runs[len(recordings) :]
+    thing = examine_object(driven[recordings[0].command_kind], recordings, holdout, report)
     pushed = _pushed(thing)
-    specs = {kind: _with_cone(spec, thing) for kind, spec in specs.items()}
-    beside = {
-        kind: native_spec(spec, [e.instance() for e in pushed]) for kind, spec in specs.items()
-    }
+    added = [e.instance() for e in pushed]
+    beside = {kind: native_spec(_with_cone(spec, thing), added) for kind, spec in driven.items()}
     report("measuring the nominal model")
     problem = make_problem(beside, recordings, given=given, most_s=LOOKED_AT_S)
     long = make_problem(
@@ -146,7 +147,9 @@ def diagnose(
     )
     verdict = Verdict.INSUFFICIENT_DATA if lack else verdict_on(errors.summary, named)
     both = (*named, *pushed)
-    corrected = {kind: corrected_model(spec, both, given) for kind, spec in specs.items()}
+    corrected = {
+        kind: corrected_model(_with_cone(spec, thing), both, given) for kind, spec in specs.items()
+    }
     first = corrected[recordings[0].command_kind]
     findings = all_findings(long, recordings, holdout, instances)
     robot = Diagnosis(

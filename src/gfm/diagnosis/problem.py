@@ -95,6 +95,12 @@ class Problem:
         model = {joint.name for spec in self.specs.values() for joint in spec.joints}
         return {(name,) for name in self.joints if name + MOTOR_SIDE in model}
 
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """Joints whose drive is on somewhere."""
+        on = np.any([segment.servo_gain > 0.0 for segment in self.segments], axis=0)
+        return tuple(name for name, there in zip(self.joints, on, strict=True) if there)
+
     def predictions(self, candidates: Sequence[Sequence[EffectInstance]]) -> list[list[Prediction]]:
         """Returns every candidate's prediction of every segment, candidates first."""
         kinds = list(dict.fromkeys(segment.kind for segment in self.segments))

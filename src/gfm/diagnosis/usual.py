@@ -122,9 +122,11 @@ def _instances(
     found = []
     for name, amounts in values.items():
         effect = find_effect(name)
-        places = [(problem.joints, amounts[0])]
+        there = problem.driven if effect.needs_drive else problem.joints
+        places = [(there, amounts[0])]
         if effect.scope is Scope.JOINT:
-            places = [((problem.joints[j],), amounts[j]) for j in joints]
+            here = [(problem.joints[j], amounts[j]) for j in joints]
+            places = [((joint,), amount) for joint, amount in here if joint in there]
         found += [
             EffectInstance(
                 effect=effect, joints=place, values={effect.parameters[0].name: float(amount)}

@@ -34,6 +34,7 @@ class ActuatorGain(Effect):
     """The drive's torque is that of the model times a factor."""
 
     name = "actuator_gain"
+    needs_drive = True
     parameters = (Parameter(name="scale", unit="1", lower=1e-3, upper=50.0),)
     shown_by = "known load: gravity or acceleration"
 
@@ -60,6 +61,7 @@ class CommandDelay(Effect):
     """Commands take effect later, on all joints that share the line."""
 
     name = "command_delay"
+    needs_drive = True
     confused_with = ("actuator_lag",)
     scope = Scope.ROBOT
     shares_joints = True
@@ -88,6 +90,7 @@ class ActuatorLag(Effect):
     """The drive follows its command with a first-order lag."""
 
     name = "actuator_lag"
+    needs_drive = True
     confused_with = ("command_delay",)
     parameters = (Parameter(name="time_constant", unit="s", lower=0.0, upper=1.0, least=LEAST_S),)
     shown_by = "steps and fast changes of the command"
@@ -115,6 +118,7 @@ class TorqueSaturation(Effect):
     """The drive's torque is limited."""
 
     name = "torque_saturation"
+    needs_drive = True
     abrupt = True
     valleys = ("limit",)
     parameters = (Parameter(name="limit", unit="N m", lower=1e-3, upper=1e4),)

@@ -135,6 +135,8 @@ class Effect(ABC):
     stepwise: ClassVar[bool] = False
     #: Whether it stands between the motor (armature, friction, drive) and the link.
     separates_motor: ClassVar[bool] = False
+    #: Whether it acts on a drive: joints without one cannot have it.
+    needs_drive: ClassVar[bool] = False
     #: Whether simulating it takes so long that simpler explanations are tried first.
     costly: ClassVar[bool] = False
     #: Whether it acts now and then only: looked for in the stretches that nothing else explains.

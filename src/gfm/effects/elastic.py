@@ -73,6 +73,7 @@ class Backlash(Effect):
     """Free play between the motor side and the link."""
 
     name = "backlash"
+    needs_drive = True
     abrupt = True
     confused_with = ("joint_elasticity",)
     parameters = (Parameter(name="gap", unit="rad", lower=0.0, upper=0.5),)
@@ -103,6 +104,7 @@ class JointElasticity(Effect):
     """A spring between the motor side and the link: a harmonic drive, a belt."""
 
     name = "joint_elasticity"
+    needs_drive = True
     confused_with = ("backlash",)
     parameters = (Parameter(name="stiffness", unit="N m/rad", lower=0.5, upper=1e6),)
     #: Wrong by a third it rings at another frequency: no small step leads from one to the other.

@@ -179,6 +179,7 @@ class LoadDependentFriction(Effect):
     """Dry friction that grows with the torque of the drive. MuJoCo cannot express it."""
 
     name = "load_dependent_friction"
+    needs_drive = True
     abrupt = True
     seen_over = "drive"
     costly = True

@@ -24,6 +24,7 @@ from gfm.experiments.inputs import (
     read_recordings,
     sha256,
     split,
+    without_strangers,
 )
 from gfm.experiments.refusals import check_usable
 from gfm.recording.schemas import COMMAND, JOINT_STATES
@@ -92,11 +93,12 @@ def _diagnosed(request: DiagnoseRequest, progress: Console) -> Diagnosis:
     paths = [*request.recordings, *request.holdout]
     recordings = read_recordings(paths, joint_states=request.joint_states, command=request.command)
     check_different(paths)
+    recordings, notes = without_strangers(nominal.specs, recordings)
     count, read = len(request.recordings), list(zip(paths, recordings, strict=True))
     check_together(nominal.specs, read)
     check_usable(nominal.specs, read[:count], read[count:])
     learned = _read_learned(request.gfm, recordings[0].joint_names)
-    training, holdout, notes = recordings[:count], recordings[count:], []
+    training, holdout = recordings[:count], recordings[count:]
     if not holdout:
         training, holdout, note = split(training)
         notes.append(note)

@@ -145,8 +145,12 @@ def read_recordings(
 
 
 def _ordered(trajectory: Trajectory, first: Trajectory, path: Path) -> Trajectory:
-    names = first.joint_names
     _check_joints(trajectory, first, path)
+    return _with_joints(trajectory, first.joint_names)
+
+
+def _with_joints(trajectory: Trajectory, names: tuple[str, ...]) -> Trajectory:
+    """Returns a recording with these of its joints, in this order."""
     columns = [trajectory.joint_names.index(name) for name in names]
 
     def ordered(values: Array | None) -> Array | None:
@@ -191,7 +195,30 @@ def check_together(
         joints = {joint.name for joint in specs[kind].joints}
         _check_names(path, recording, "joint", joints)
         driven = {actuator.name for actuator in specs[kind].actuators}
-        _check_names(path, recording, "actuator", driven)
+        _check_names(path, recording, "actuator", {*driven, *recording.uncommanded})
+
+
+def without_strangers(
+    specs: Mapping[CommandKind, mujoco.MjSpec], recordings: Sequence[Trajectory]
+) -> tuple[list[Trajectory], list[str]]:
+    """Returns recordings without joints that no model has and no command names, and a note on them.
+
+    A gripper, say, that is measured with the arm and left out of its model.
+    """
+    known = {joint.name for spec in specs.values() for joint in spec.joints}
+    there = recordings[0].joint_names
+    strange = [
+        name
+        for name in there
+        if name not in known and all(name in recording.uncommanded for recording in recordings)
+    ]
+    if not strange:
+        return list(recordings), []
+    names = tuple(name for name in there if name not in strange)
+    note = (
+        f"Measured, but neither commanded nor in the model, and so left out: {', '.join(strange)}."
+    )
+    return [_with_joints(recording, names) for recording in recordings], [note]
 
 
 def _check_names(path: Path, recording: Trajectory, what: str, there: Iterable[str]) -> None:

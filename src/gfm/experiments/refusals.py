@@ -10,6 +10,7 @@ import numpy as np
 
 from gfm.core import CommandKind, RecordingError, Trajectory
 from gfm.diagnosis.quality import Objection, dead_positions, objection_to, same_measurements
+from gfm.sim.passive import with_idle_drives
 from gfm.sim.plant import make_plant
 
 Files = Sequence[tuple[Path, Trajectory]]
@@ -36,8 +37,9 @@ def check_usable(
     if dead is not None:
         raise _refusal(recordings[dead[0]][0], dead[1])
     joints = recordings[0][1].joint_names
-    plants = {kind: make_plant(spec, joints) for kind, spec in specs.items()}
-    for path, recording in recordings:
+    driven, runs = with_idle_drives(specs, [recording for _, recording in recordings])
+    plants = {kind: make_plant(spec, joints) for kind, spec in driven.items()}
+    for (path, _), recording in zip(recordings, runs, strict=True):
         objection = objection_to(recording, plants[recording.command_kind])
         if objection is not None:
             raise _refusal(path, objection)

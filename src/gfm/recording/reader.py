@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gfm.core import ObjectTrack, RecordingError, Trajectory
+from gfm.core.trajectory import UNCOMMANDED
 from gfm.recording import schemas
 from gfm.recording.mcap_file import McapContent, read_mcap
 from gfm.recording.streams import JointStream, joint_stream, one_clock, stamps_of
@@ -109,7 +110,7 @@ def _trajectory(
     passive = [name for name in states.joint_names if name not in commands.joint_names]
     metadata = _metadata(content)
     if passive:
-        metadata["uncommanded_joints"] = ", ".join(passive)
+        metadata[UNCOMMANDED] = ", ".join(passive)
     kind = commands.setpoint_kind()
     position = states.fields.get("position")
     if position is None:
