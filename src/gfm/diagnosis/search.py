@@ -14,6 +14,7 @@ from gfm.diagnosis.attribution import (
     enough,
     is_enough,
     of_stretches,
+    settled_fit,
 )
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.chain.domains import torque_share
@@ -23,11 +24,11 @@ from gfm.diagnosis.cross_validation import what_holds
 from gfm.diagnosis.fitting import Fit, along_valley, fit
 from gfm.diagnosis.lookalikes import exchanges
 from gfm.diagnosis.naming import fitly_named
-from gfm.diagnosis.problem import Problem, settled
+from gfm.diagnosis.problem import Problem
 from gfm.diagnosis.stretches import look_into_stretches
 from gfm.diagnosis.usual import usually_missing
 from gfm.diagnosis.witnesses import borne_out
-from gfm.effects import EffectInstance, effect_library
+from gfm.effects import effect_library
 
 
 def search(
@@ -52,7 +53,9 @@ def search(
     views = torque_views(problem, recordings)
     scales = joint_scales(problem, views)
     looked_for = [effect for effect in effect_library().values() if effect.twin is None]
-    candidates = [place for effect in looked_for for place in places(effect, problem.joints)]
+    candidates = [
+        place for effect in looked_for for place in places(effect, problem.joints, problem.driven)
+    ]
     always = [place for place in candidates if not place.effect.only_in_stretches]
     at_once = partial(usually_missing, scales=scales, report=report)
     in_stretches = partial(
@@ -66,7 +69,7 @@ def search(
     found = attribute(problem, always, scales, report, at_once, in_stretches, torque_share=share)
     report("settling amounts")
     long = reduce(Problem.joined, found.stretches, long)
-    long_settled, final = _settled(long, found.fit.effects)
+    long_settled, final = settled_fit(long, found.fit.effects, found.nominal_cost)
     little = enough(found.nominal_cost, found.fit.effects)
     short_is_enough = is_enough(problem, found.fit, found.nominal_cost)
     if short_is_enough and final.cost > max(little, ADEQUATE_RATIO**2):
@@ -75,7 +78,7 @@ def search(
         begun = replace(found, fit=final)
         on = attribute(long_settled, always, scales, report, begun=begun, torque_share=share)
         found = replace(on, stretches=found.stretches)
-        long_settled, final = _settled(long, found.fit.effects)
+        long_settled, final = settled_fit(long, found.fit.effects, found.nominal_cost)
     found = replace(found, fit=final)
     if not is_enough(long_settled, final):
         better = exchanges(long_settled, final, always, scales, views, report)
@@ -113,9 +116,3 @@ def _borne_out(
         return fitted
     report("settling amounts by the measured torques, too")
     return borne_out(problem, recordings, fitted)
-
-
-def _settled(problem: Problem, effects: Sequence[EffectInstance]) -> tuple[Problem, Fit]:
-    """Returns the problem with initial states that suit `effects`, and their fit to it."""
-    own = settled(problem, effects).robust(effects)
-    return own, fit(own, effects)
