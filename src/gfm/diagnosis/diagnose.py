@@ -83,11 +83,9 @@ class HeldOut:
 
 def _errors(problem: Problem, effects: Sequence[EffectInstance]) -> HeldOut:
     """Returns the errors of the nominal model and of that with `effects`."""
-    return HeldOut(
-        problem=problem,
-        before=settled(problem, ()).position_errors(()),
-        after=settled(problem, effects).position_errors(effects),
-    )
+    before = settled(problem, ()).position_errors(())
+    after = settled(problem, effects).position_errors(effects) if effects else before
+    return HeldOut(problem=problem, before=before, after=after)
 
 
 def diagnose(
