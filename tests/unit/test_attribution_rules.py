@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gfm.diagnosis import fitting
+from gfm.diagnosis import attribution, fitting
 from gfm.diagnosis.attribution import (
     ADEQUATE,
     Attribution,
@@ -68,6 +68,23 @@ def test_a_joint_rests_where_its_slope_is_noise():
 def test_a_value_at_its_bound_has_not_been_found(excess, speed, expected):
     stribeck = instance("stribeck_friction", static_excess=excess, stribeck_velocity=speed)
     assert at_bound(stribeck) is expected
+
+
+@pytest.mark.parametrize("beside", ["command_delay", "viscous_friction"])
+def test_what_is_easily_taken_for_another_is_tried_without_however_much_it_seems_to_explain(
+    monkeypatch, beside
+):
+    """To first order neither delay nor lag can do without the other."""
+    lag, other = instance("actuator_lag", time_constant=0.01), effect_library()[beside]
+    other = replace(lag, effect=other, values={other.parameters[0].name: 0.01})
+    monkeypatch.setattr(
+        attribution, "_without_one", lambda _p, effects: [(100.0, e) for e in effects]
+    )
+    monkeypatch.setattr(attribution, "fit", lambda _p, effects, **_: fitted(1.0, *effects))
+    monkeypatch.setattr(attribution, "_costs", lambda _p, _e: np.ones(2))
+    before = fitted(1.0, lag, other)
+    after = attribution.without_superfluous(zero_model(np.zeros((len(TIME_S), 1))), before)
+    assert len(after.effects) == (1 if beside == "command_delay" else 2)
 
 
 @pytest.mark.parametrize(("lag_s", "expected"), [(5e-5, True), (5e-4, False)])

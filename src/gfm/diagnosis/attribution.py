@@ -395,9 +395,9 @@ def _one_fewer(
     """Returns the effects without one that is not needed, fitted anew; None if all are needed."""
     allowed = _allowed(problem, effects)
     for cost, instance in _without_one(problem, effects):
-        if cost > HARDLY * allowed[0]:
-            break
         if instance.key in kept:
+            continue
+        if cost > HARDLY * allowed[0] and not _beside_lookalike(instance, effects):
             continue
         rest = tuple(one for one in effects if one is not instance)
         # From afar, where nearly all residuals are outlying, fits go astray: limits are set anew.
@@ -406,6 +406,15 @@ def _one_fewer(
         if (_costs(problem, without)[own] < allowed[own]).all():
             return without
     return None
+
+
+def _beside_lookalike(instance: EffectInstance, effects: Sequence[EffectInstance]) -> bool:
+    """Returns whether something easily taken for an effect is there, too: it may take all over.
+
+    How far it would get, first order does not tell.
+    """
+    alike = instance.effect.confused_with
+    return any(e.effect.name in alike and _same_place(e, instance) for e in effects)
 
 
 def _allowed(problem: Problem, effects: Sequence[EffectInstance]) -> Array:
