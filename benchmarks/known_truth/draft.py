@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from known_truth.amounts import Hidden
 from known_truth.motion import MOTIONS
@@ -171,6 +172,13 @@ def _slowed(robot: Robot, plan: Plan, joint: int) -> Robot:
             return robot
 
 
+def _measured_at(end: int, every: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Returns the time steps of measurements: no bus delivers them quite evenly."""
+    even = np.arange(0, end + 1, every)
+    loose = int(rng.integers(0, every // 5 + 1))
+    return np.clip(even + rng.integers(-loose, loose + 1, len(even)), 0, end)
+
+
 def _run(
     robot: Robot,
     moved: Robot,
@@ -201,5 +209,5 @@ def _run(
         command_every=every,
         reference=reference,
         control=(0.4 * robot.stiffness, 0.7 * robot.servo_damping),
-        measured_at=np.arange(0, end + 1, measured_every),
+        measured_at=_measured_at(end, measured_every, rng.spawn(1)[0]),
     )
