@@ -37,7 +37,7 @@ from gfm.diagnosis.fitting import (
     orthonormal,
 )
 from gfm.diagnosis.naming import describe, twins
-from gfm.diagnosis.problem import Problem, settled
+from gfm.diagnosis.problem import Problem, ringing_springs, settled
 from gfm.diagnosis.screening import Screened, screen, shortlist, suspected
 from gfm.effects import EffectInstance, Scales, Scope
 
@@ -536,7 +536,8 @@ def _best_first(
     """Returns the fits with one first that can be accepted, if there is one."""
     simplest: dict[object, Fit] = {}
     for one in sorted(fits, key=_priced):
-        if worth_it(one, start) and not at_bound(one.effects[-1]):
+        found = worth_it(one, start) and not at_bound(one.effects[-1])
+        if found and earns_its_states(problem, one, start):
             simplest.setdefault(one.effects[-1].key, one)
     for tested in by_torque(list(simplest.values()), torque_share)[:MOST_TESTED]:
         if not _settles_it(problem, tested, nominal, (1.0 - OBVIOUS) * start.cost):
@@ -545,6 +546,16 @@ def _best_first(
                 continue
         return [tested, *(f for f in fits if f is not tested)]
     return []
+
+
+def earns_its_states(problem: Problem, fitted: Fit, start: Fit) -> bool:
+    """Returns whether the newest effect explains enough for the states that come with it.
+
+    A motor that rings has two of its own in every stretch: they alone explain a part of whatever is
+    missing.
+    """
+    brings_none = not ringing_springs(problem, fitted.effects[-1:])
+    return brings_none or fitted.cost < (1.0 - OBVIOUS) * start.cost
 
 
 def by_torque(fits: Sequence[Fit], torque_share: Callable[[Fit], float]) -> list[Fit]:

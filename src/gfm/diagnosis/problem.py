@@ -134,7 +134,7 @@ class Problem:
         if not self.state_basis:
             return parts
         own = [_without(part, b) for part, b in zip(parts, self.state_basis, strict=True)]
-        ringing = _ringing(self, effects)
+        ringing = ringing_springs(self, effects)
         if not ringing:
             return own
         columns = _state_columns(self, effects, _motor_steps(len(self.joints), ringing))
@@ -296,7 +296,7 @@ def _led(segment: Segment) -> bool:
     return segment.kind is not CommandKind.EFFORT and bool((segment.servo_gain > 0.0).all())
 
 
-def _ringing(problem: Problem, effects: Sequence[EffectInstance]) -> list[Spring]:
+def ringing_springs(problem: Problem, effects: Sequence[EffectInstance]) -> list[Spring]:
     """Returns the springs whose motors have states of their own at first, under `effects`."""
     added = (*problem.given, *effects)
     apart = problem.separated or any(one.effect.separates_motor for one in added)
@@ -357,7 +357,7 @@ def _slow(segment: Segment, columns: Array) -> Array:
 
 def _freely_settled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
     """Returns a problem that no servo leads, with initial states that fit best, and their bases."""
-    ringing, joints = _ringing(problem, effects), len(problem.joints)
+    ringing, joints = ringing_springs(problem, effects), len(problem.joints)
     steps = np.concatenate([_link_steps(joints), _motor_steps(joints, ringing)])
     segments, open_ = list(problem.segments), list(range(len(problem.segments)))
     bases: list[Array] = [np.zeros((0, 0))] * len(segments)
