@@ -204,9 +204,6 @@ def test_close_calls_are_decided_by_the_torque_where_much_is_left():
     assert order(1000.0, 1050.0, 1200.0) == ["armature", "torque_offset", "quadratic_drag"]
     assert order(50.0, 52.0, 60.0) == ["torque_offset", "armature", "quadratic_drag"]
     assert by_torque([], lambda _: 0.0) == []
-    shares["torque_offset"] = -1.0
-    assert order(1000.0, 1050.0, 1200.0) == ["armature", "quadratic_drag"]
-    assert order(50.0, 52.0, 60.0) == ["torque_offset", "armature", "quadratic_drag"]
 
 
 def test_amounts_are_begun_from_both_sides_of_their_valley(monkeypatch):

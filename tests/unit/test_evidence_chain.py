@@ -97,18 +97,6 @@ def test_the_missing_torque_tells_a_friction_from_an_inertia(rubbing):
     assert torque_share(domain, fitted(inertia, 1.0)) == 0.0
 
 
-def test_known_torques_contradict_a_stronger_drive_where_friction_is_missing(rubbing):
-    stronger = fitted(effect("actuator_gain", scale=1.5), 1.0)
-    by_servo = torque_domain(SPECS, rubbing)
-    assert torque_share(by_servo, stronger) == 0.0  # a servo's torque is the model's word
-    commanded = replace(
-        by_servo,
-        specs=dict.fromkeys(CommandKind, *by_servo.specs.values()),
-        recordings=tuple(replace(r, command_kind=CommandKind.EFFORT) for r in by_servo.recordings),
-    )
-    assert torque_share(commanded, stronger) < 0.0
-
-
 def test_half_of_the_friction_leaves_the_other_half():
     half = [effect("coulomb_friction", torque=0.5 * FRICTION)]
     (row,) = chain_of([recording(friction=FRICTION)], half).adequacy

@@ -180,8 +180,7 @@ def attribute(
         at_once: Fits several effects together, beside others: where no single one explains much.
         in_stretches: Looks for what acts now and then only, beside what was found.
         begun: What was found so far in other stretches: the search goes on from there.
-        torque_share: Which share of the missing torque the newest effect of a fit explains; below
-            zero where the torque contradicts it.
+        torque_share: Which share of the missing torque the newest effect of a fit explains.
     """
     accepted = nothing(problem.robust(())) if begun is None else begun.fit
     problem = problem.robust(accepted.effects)
@@ -562,13 +561,10 @@ def by_torque(fits: Sequence[Fit], torque_share: Callable[[Fit], float]) -> list
     """Returns fits, best first, those that are a close call by the torque that they explain.
 
     Where much is left, rollouts by a model that is wrong anyway tell nearly equal fits apart by
-    chance. The missing torque is another witness: what it contradicts is left out.
+    chance. The missing torque is another witness.
     """
     if not fits or fits[0].cost < MUCH:
         return list(fits)
-    fits = [f for f in fits if torque_share(f) >= 0.0]
-    if not fits:
-        return []
     level = CLOSE_CALL * _priced(fits[0])
     close = [f for f in fits if _priced(f) < level]
     far = [f for f in fits if _priced(f) >= level]

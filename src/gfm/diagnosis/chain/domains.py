@@ -17,7 +17,6 @@ from enum import StrEnum
 
 import numpy as np
 
-from gfm.core import CommandKind
 from gfm.core.checks import Array
 from gfm.diagnosis.attribution import Attribution
 from gfm.diagnosis.chain.torques import TorqueDomain
@@ -109,7 +108,7 @@ def torque_share(domain: TorqueDomain, fitted: Fit) -> float:
     """Returns which share of the missing torque the newest effect of a fit explains.
 
     On its joints, while they move, beside the effects before it; none if that is too little to say
-    anything, and less than none where torques were commanded and its opposite is what is missing.
+    anything.
     """
     *base, newest = fitted.effects
     joints, moving = domain.touched(newest), domain.moving()
@@ -118,10 +117,7 @@ def torque_share(domain: TorqueDomain, fitted: Fit) -> float:
         return np.asarray((moving * torque)[:, joints].ravel())
 
     others = [column(domain.response(instance)) for instance in base]
-    share, amount = regressed(column(domain.missing()), column(domain.response(newest)), others)
-    commanded = all(r.command_kind is CommandKind.EFFORT for r in domain.recordings)
-    if commanded and amount < 0.0:
-        return -1.0
+    share = regressed(column(domain.missing()), column(domain.response(newest)), others)[0]
     return share if share >= HEARD else 0.0
 
 
