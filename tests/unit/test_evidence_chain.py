@@ -94,7 +94,7 @@ def test_the_missing_torque_tells_a_friction_from_an_inertia(rubbing):
     domain = torque_domain(SPECS, rubbing)
     friction, inertia = effect("coulomb_friction", torque=0.2), effect("armature", inertia=0.01)
     assert torque_share(domain, fitted(friction, 1.0)) > 0.9
-    assert torque_share(domain, fitted(inertia, 1.0)) == 0.0
+    assert torque_share(domain, fitted(inertia, 1.0)) < 0.1
 
 
 def test_half_of_the_friction_leaves_the_other_half():
