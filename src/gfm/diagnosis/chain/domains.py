@@ -107,8 +107,7 @@ def two_domains(
 def torque_share(domain: TorqueDomain, fitted: Fit) -> float:
     """Returns which share of the missing torque the newest effect of a fit explains.
 
-    On its joints, while they move, beside the effects before it; none if that is too little to say
-    anything.
+    On its joints, while they move, beside the effects before it.
     """
     *base, newest = fitted.effects
     joints, moving = domain.touched(newest), domain.moving()
@@ -117,8 +116,7 @@ def torque_share(domain: TorqueDomain, fitted: Fit) -> float:
         return np.asarray((moving * torque)[:, joints].ravel())
 
     others = [column(domain.response(instance)) for instance in base]
-    share = regressed(column(domain.missing()), column(domain.response(newest)), others)[0]
-    return share if share >= HEARD else 0.0
+    return regressed(column(domain.missing()), column(domain.response(newest)), others)[0]
 
 
 def _fitted(found: Attribution) -> dict[Key, _Candidate]:
