@@ -47,8 +47,6 @@ RIVAL = 0.33
 ADEQUATE = 1.15
 #: Share of the nominal model's misfit that is left to the inexactness of abrupt laws.
 INEXACT = 0.001
-#: Times that initial states and amounts are looked for in turn after the first.
-TURNS = 2
 #: Rounds that are played at most.
 MOST_ROUNDS = 6
 #: Share of the best gain on its joint from which an effect found on another joint is
@@ -209,7 +207,7 @@ def attribute(
         rounds.append(this)
         if this.accepted is None:
             break
-        problem, accepted = settled_fit(problem, this.accepted.effects, nominal)
+        problem, accepted = settled_fit(problem, this.accepted.effects)
         accepted = with_level(problem, this.screened, accepted, report)
         if not is_enough(problem, accepted, nominal):
             accepted = spread(problem, this.screened, accepted, report)
@@ -224,23 +222,10 @@ def attribute(
     )
 
 
-def settled_fit(
-    problem: Problem, effects: Sequence[EffectInstance], nominal: float = 1.0
-) -> tuple[Problem, Fit]:
-    """Returns the problem with initial states that suit `effects`, and their fit to it.
-
-    States suit the amounts that there are, and amounts the states: where more than noise is left,
-    they are looked for in turn.
-    """
-    problem = settled(problem, effects).robust(effects)
-    fitted = fit(problem, effects)
-    for _ in range(TURNS):
-        again = settled(problem, fitted.effects)
-        if again.segments == problem.segments or is_enough(problem, fitted, nominal):
-            break
-        problem = again.robust(fitted.effects)
-        fitted = fit(problem, fitted.effects)
-    return problem, fitted
+def settled_fit(problem: Problem, effects: Sequence[EffectInstance]) -> tuple[Problem, Fit]:
+    """Returns the problem with initial states that suit `effects`, and their fit to it."""
+    own = settled(problem, effects).robust(effects)
+    return own, fit(own, effects)
 
 
 def enough(nominal: float, effects: Sequence[EffectInstance]) -> float:

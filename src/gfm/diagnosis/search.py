@@ -69,7 +69,7 @@ def search(
     found = attribute(problem, always, scales, report, at_once, in_stretches, torque_share=share)
     report("settling amounts")
     long = reduce(Problem.joined, found.stretches, long)
-    long_settled, final = settled_fit(long, found.fit.effects, found.nominal_cost)
+    long_settled, final = settled_fit(long, found.fit.effects)
     little = enough(found.nominal_cost, found.fit.effects)
     short_is_enough = is_enough(problem, found.fit, found.nominal_cost)
     if short_is_enough and final.cost > max(little, ADEQUATE_RATIO**2):
@@ -78,7 +78,7 @@ def search(
         begun = replace(found, fit=final)
         on = attribute(long_settled, always, scales, report, begun=begun, torque_share=share)
         found = replace(on, stretches=found.stretches)
-        long_settled, final = settled_fit(long, found.fit.effects, found.nominal_cost)
+        long_settled, final = settled_fit(long, found.fit.effects)
     found = replace(found, fit=final)
     if not is_enough(long_settled, final):
         better = exchanges(long_settled, final, always, scales, views, report)
