@@ -107,6 +107,15 @@ def test_commanded_and_measured_torques_have_nothing_in_between(make):
     assert "nothing else lies between" in told.consequence
 
 
+def test_torques_sampled_just_after_their_commands_are_not_early(make):
+    steps = np.random.default_rng(0).uniform(-1.0, 1.0, 2500)
+    recording = make(T, 0.1 * np.sin(T), "effort", command=steps, effort=steps)
+    assert delays([recording]).seconds[0] == pytest.approx(-0.5 * PERIOD_S, abs=1e-3)
+    (told,) = timing_of([recording], [None])
+    assert "as good as at once" in told.consequence
+    assert not told.doubtful
+
+
 def test_an_effect_before_its_cause_is_doubtful(make):
     command = commanded(1)
     recording = make(T, answer(command, lag_s=0.01), command=command)

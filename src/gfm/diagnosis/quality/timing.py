@@ -19,6 +19,7 @@ ERRORS, LEAST_S = 3.0, 1e-3
 
 _LAG = "dead time and the lag of servo and load together: no delay as such"
 _TORQUE = "transport or stamping: nothing else lies between a commanded and a measured torque"
+_AT_ONCE = "within a period of the measurements, and its error: as good as at once"
 _EARLY = "an effect before its cause: commands are stamped late, or by another clock"
 _ALIKE = "a delay either way, an offset of clocks, a slower servo, missing friction: all look alike"
 _OWN = "beyond what all joints share: this joint's own delay, or a lag that the model lacks"
@@ -79,7 +80,7 @@ def timing_of(
     for kind in CommandKind:
         of_kind = [r for r in recordings if r.command_kind is kind]
         if of_kind:
-            found += _after_commands(delays(of_kind), kind)
+            found += _after_commands(delays(of_kind), of_kind)
     late = delays(parts, nominal)
     found += _in_common(late, "the model")
     if corrected is not None:
@@ -88,12 +89,23 @@ def timing_of(
     return (*found, *_joint_by_joint(late))
 
 
-def _after_commands(late: Delays, kind: CommandKind) -> Iterator[Finding]:
-    meaning = _TORQUE if kind is CommandKind.EFFORT else _LAG
+def _after_commands(late: Delays, recordings: Sequence[Trajectory]) -> Iterator[Finding]:
+    kind = recordings[0].command_kind
+    meaning, unknown_s = _LAG, 0.0
+    if kind is CommandKind.EFFORT:
+        meaning, unknown_s = _TORQUE, _half_period_s(recordings)
     for j in np.flatnonzero(np.isfinite(late.seconds)):
-        early = late.seconds[j] < -max(ERRORS * late.error_s[j], LEAST_S)
+        error_s = max(ERRORS * late.error_s[j], LEAST_S) + unknown_s
+        early = late.seconds[j] < -error_s
+        at_once = kind is CommandKind.EFFORT and abs(late.seconds[j]) <= error_s
+        consequence = _EARLY if early else _AT_ONCE if at_once else meaning
         what = f"answers {kind} commands after"
-        yield _finding(late, int(j), what, _EARLY if early else meaning, doubtful=bool(early))
+        yield _finding(late, int(j), what, consequence, doubtful=bool(early))
+
+
+def _half_period_s(recordings: Sequence[Trajectory]) -> float:
+    """Returns by how much torques seem early where they are sampled just after their commands."""
+    return 0.5 * float(np.median([np.median(np.diff(one.time_s)) for one in recordings]))
 
 
 def _in_common(late: Delays, model: str) -> Iterator[Finding]:
