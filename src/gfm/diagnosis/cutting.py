@@ -13,7 +13,7 @@ import numpy as np
 
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.noise import steady_noise, typical_noise
+from gfm.diagnosis.noise import noise_std, steady_noise, typical_noise
 from gfm.diagnosis.problem import Noise, Problem, timed, with_state_basis
 from gfm.diagnosis.signals import smooth_states, starts_at_rest
 from gfm.effects import EffectInstance
@@ -39,6 +39,9 @@ WHOLE: Mapping[CommandKind, float] = {
     CommandKind.POSITION: float("inf"),
     CommandKind.VELOCITY: float("inf"),
 }
+#: Share of a period within which stamps are the same, and the share of commands that have another
+#: one so near unless clocks run free: by chance a fifth of them do.
+NEAR_STAMP, MOSTLY = 0.1, 0.8
 #: Places along a recording at which contacts are looked for.
 CONTACT_LOOKS = 300
 
@@ -167,13 +170,34 @@ def check_recordings(
 def measure_noise(recordings: Sequence[Trajectory]) -> Noise:
     """Returns the sensor noise over the recordings.
 
-    Efforts may well be noisier where they are large: theirs is the typical one.
+    That of efforts is the typical one; they may well be noisier where they are large.
     """
     efforts = [(r.time_s, r.effort) for r in recordings if r.effort is not None]
     return Noise(
         position=steady_noise([(r.time_s, r.position) for r in recordings]),
         effort=typical_noise(efforts) if efforts else None,
     )
+
+
+def _same_stamp_s(recording: Trajectory) -> float:
+    """Returns how far apart a command and a measurement are of the same stamp, s.
+
+    Nothing where clocks run free: there, what is near another is so by chance.
+    """
+    command_s, time_s = recording.command_time_s, recording.time_s
+    periods = [float(np.median(np.diff(t))) for t in (command_s, time_s) if len(t) > 1]
+    after = np.clip(np.searchsorted(time_s, command_s), 1, len(time_s) - 1)
+    apart = np.minimum(np.abs(command_s - time_s[after]), np.abs(command_s - time_s[after - 1]))
+    near_s = NEAR_STAMP * min(periods)
+    return near_s if np.mean(apart <= near_s) >= MOSTLY else 0.0
+
+
+def _own_effort_noise(recording: Trajectory, noise: Noise) -> Array | None:
+    """Returns the noise of one recording's efforts, shape (J,): the usual one of those at rest."""
+    if recording.effort is None or noise.effort is None:
+        return None
+    own = noise_std(recording.time_s, recording.effort)
+    return np.where(np.ptp(recording.effort, axis=0) > 0.0, own, noise.effort)
 
 
 def cut(recording: Trajectory, index: int, noise: Noise, window_s: float) -> list[Segment]:
@@ -187,6 +211,7 @@ def cut(recording: Trajectory, index: int, noise: Noise, window_s: float) -> lis
     count = max(int(time_s[-1] / window_s), 1)
     edges = np.searchsorted(time_s, np.arange(count + 1) * min(window_s, time_s[-1]))
     edges[-1] = len(time_s)
+    effort_noise, together_s = _own_effort_noise(recording, noise), _same_stamp_s(recording)
     gain = np.array([recording.servo_gain.get(name, 1.0) for name in recording.joint_names])
     segments = []
     for start, end in pairwise(edges):
@@ -199,6 +224,8 @@ def cut(recording: Trajectory, index: int, noise: Noise, window_s: float) -> lis
                 time_s=time_s[here] - time_s[start],
                 position=recording.position[here],
                 effort=None if recording.effort is None else recording.effort[here],
+                effort_noise=effort_noise,
+                same_stamp_s=together_s,
                 kind=recording.command_kind,
                 **_commands(recording, float(time_s[start]), float(time_s[end - 1])),
                 initial_position=position[start],

@@ -175,9 +175,9 @@ class Problem:
     def whitened(self, segment: Segment, prediction: Prediction) -> Array:
         """Returns measured minus predicted in units of the noise, position before effort."""
         channels = [(segment.position - prediction.position) / self.noise.position]
-        if segment.effort is not None and self.noise.effort is not None:
+        if segment.effort is not None and segment.effort_noise is not None:
             told = prediction.effort_after if self.after_command else prediction.effort
-            channels.append((segment.effort - told) / self.noise.effort)
+            channels.append((segment.effort - told) / segment.effort_noise)
         flat = np.concatenate([channel.ravel() for channel in channels])
         return np.asarray(np.clip(np.nan_to_num(flat, nan=LARGEST), -LARGEST, LARGEST))
 
@@ -201,7 +201,7 @@ class Problem:
         return [slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
 
     def _size(self, segment: Segment) -> int:
-        both = segment.effort is not None and self.noise.effort is not None
+        both = segment.effort is not None and segment.effort_noise is not None
         return segment.position.size * (2 if both else 1)
 
     def subset(self, keep: Sequence[int]) -> Problem:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 from mujoco import batch, rollout
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from gfm.core import CommandKind
@@ -27,8 +28,8 @@ from gfm.sim.step_laws import middle_of_step, step_laws
 CHUNK_BYTES = 200e6
 #: Degrees of freedom that a thread must have to step, or it waits longer than it works.
 THREAD_DOF = 60
-
-
+#: Change of a command beside a larger one that is the share of a step before it came, at most.
+MIXED = 0.1
 #: How long before a segment commands are looked at: delays and lags remember them, s.
 HISTORY_S = 0.6
 
@@ -48,6 +49,8 @@ class Segment:
         initial_velocity: rad/s, shape (J,).
         servo_gain: Factor on the servo's gain, shape (J,).
         recording: Index of the recording that it was cut from.
+        effort_noise: Standard deviation of that recording's efforts, N m, shape (J,), or None.
+        same_stamp_s: How far apart a command and a measurement are of the same stamp, s.
         initial_motor: How far motor sides are ahead of where their loads hold them, rad, and how
             much faster than their links they are, rad/s, shape (2, J); None for not at all.
         object_pose: Where a free object is at first, m and quaternion w x y z, shape (7,); None
@@ -64,6 +67,8 @@ class Segment:
     initial_velocity: Array
     servo_gain: Array
     recording: int = 0
+    effort_noise: Array | None = None
+    same_stamp_s: float = 0.0
     initial_motor: Array | None = None
     object_pose: Array | None = None
 
@@ -74,8 +79,9 @@ class Prediction:
 
     Attributes:
         position: rad, shape (T, J).
-        effort: Drive torque just before each measurement time, N m, shape (T, J).
-        effort_after: The same just after: they differ where a command takes effect, shape (T, J).
+        effort: Drive torque at each measurement time, under the command before that of the same
+            stamp, N m, shape (T, J).
+        effort_after: The same under the command of the same stamp, shape (T, J).
         diverged: Whether the simulation broke off.
     """
 
@@ -273,10 +279,11 @@ def _prediction(
     drive, command = sensors @ plant.drive.T, controls[:, plant.actuator]
     broken = bool(np.any(np.diff(time_s[: job.steps]) <= 0.0)) or not np.isfinite(after).all()
     beside = 0.0 if job.compensation is None else job.compensation.drive[:, plant.dof]
+    place, apart = segment.time_s / period_s, max(segment.same_stamp_s / period_s, 1e-6)
     return Prediction(
-        position=_sample(after, segment.time_s / period_s),
-        effort=_just_before(drive, command, segment.time_s / period_s) + beside,
-        effort_after=_just_before(drive, command, segment.time_s / period_s + 2e-6) + beside,
+        position=_sample(after, place),
+        effort=_drive_at(drive, command, place, -apart) + beside,
+        effort_after=_drive_at(drive, command, place, apart) + beside,
         diverged=broken,
     )
 
@@ -288,19 +295,26 @@ def _sample(values: Array, place: Array) -> Array:
     return np.asarray((1.0 - share) * values[low] + share * values[low + 1])
 
 
-def _just_before(drive: Array, command: Array, place: Array) -> Array:
-    """Returns the drive torque just before each fractional row number, shape (T, J).
+def _drive_at(drive: Array, command: Array, place: Array, later: float) -> Array:
+    """Returns the drive torque at fractional row numbers, shape (T, J).
 
     Row k of `drive` holds at the start of step k, under the command of that step. Within a step
-    the torque goes on to the next row where the command stays the same, and else as it came.
+    the torque goes on to the next row where the command stays the same, and else as it came. The
+    command is that of the step `later` rows on: stamps jitter.
     """
     last = len(drive) - 1
-    row = np.clip(np.floor(place - 1e-6).astype(np.intp), 0, last)
+    row = np.clip(np.floor(place + later).astype(np.intp), 0, last)
     share = (place - row)[:, None]
     before, after = np.maximum(row - 1, 0), np.minimum(row + 1, last)
-    onward = np.where(np.isclose(command[after], command[row]), drive[after] - drive[row], np.nan)
-    backward = np.where(np.isclose(command[before], command[row]), drive[row] - drive[before], 0.0)
+    rising, risen = command[after] - command[row], command[row] - command[before]
+    onward = np.where(_next_to_none(rising, risen), drive[after] - drive[row], np.nan)
+    backward = np.where(_next_to_none(risen, rising), drive[row] - drive[before], 0.0)
     return np.asarray(drive[row] + share * np.where(np.isnan(onward), backward, onward))
+
+
+def _next_to_none(change: Array, neighbour: Array) -> NDArray[np.bool_]:
+    """Returns where a command stays: a step in which it changed has a little of both."""
+    return np.abs(change) <= np.maximum(MIXED * np.abs(neighbour), 1e-8)
 
 
 def _step_by_step(jobs: list[_Job], threads: int) -> list[Prediction]:

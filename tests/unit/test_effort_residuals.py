@@ -1,0 +1,75 @@
+"""Residuals of measured efforts: which command was in force, and how noisy they are."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from gfm.core import CommandKind
+from gfm.diagnosis.cutting import WHOLE, make_problem
+from gfm.diagnosis.problem import timed
+from pendulum import DAMPING, MODEL, STIFFNESS, swung
+
+SPECS = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
+TIME_S = np.arange(0.0, 4.0, 0.01)
+
+
+def recording(seed, noise, jitter_s=0.0, late=0, apart_s=0.0):
+    """A run, with the efforts `noise` N m and all stamps `jitter_s` off.
+
+    Commands come `apart_s` after the measurements; efforts are of `late` commands ago.
+    """
+    rng = np.random.default_rng(seed)
+    run = swung(0.3 * np.sin(4.0 * TIME_S), seed=seed, noise=1e-5)
+    true = swung(run.command[:, 0], seed=seed, noise=0.0).position
+    speed = np.gradient(true, TIME_S, axis=0)
+    told = run.command[np.maximum(np.arange(len(TIME_S)) - late, 0)]
+    effort = STIFFNESS * (told - true) - DAMPING * speed
+
+    def off(stamps):
+        return stamps + np.round(1e9 * jitter_s * rng.standard_normal(len(stamps))).astype(int)
+
+    return replace(
+        run,
+        stamp_ns=off(run.stamp_ns),
+        command_stamp_ns=off(run.command_stamp_ns) + int(1e9 * apart_s),
+        effort=effort + noise * rng.standard_normal(effort.shape),
+    )
+
+
+def effort_costs(*runs):
+    """The mean squared residual of each run's efforts, in units of the noise."""
+    problem = timed(make_problem(SPECS, runs, windows_s=WHOLE), ())
+    residual = problem.residuals([()])[0]
+    parts = [residual[rows][segment.position.size :] for segment, rows in _rows(problem)]
+    return [float(np.mean(part**2)) for part in parts]
+
+
+def _rows(problem):
+    return zip(problem.segments, problem.slices(), strict=True)
+
+
+@pytest.mark.parametrize("late", [0, 1])
+@pytest.mark.parametrize("jitter_s", [0.0, 5e-5])
+def test_stamps_that_jitter_are_those_of_one_command(late, jitter_s):
+    (cost,) = effort_costs(recording(0, 0.05, jitter_s, late))
+    assert cost == pytest.approx(1.0, rel=0.35)
+
+
+@pytest.mark.parametrize(("apart_s", "near_s"), [(0.0, 0.001), (0.0005, 0.001), (0.005, 0.0)])
+def test_stamps_are_the_same_where_they_are_near(apart_s, near_s):
+    run = recording(0, 0.05, apart_s=apart_s)
+    (segment,) = make_problem(SPECS, [run], windows_s=WHOLE).segments
+    assert segment.same_stamp_s == pytest.approx(near_s)
+
+
+def test_efforts_of_each_recording_have_its_own_noise():
+    costs = effort_costs(recording(0, 0.05), recording(1, 0.2))
+    assert costs == [pytest.approx(1.0, rel=0.35), pytest.approx(1.0, rel=0.35)]
+
+
+def test_efforts_that_never_change_have_the_noise_of_other_recordings():
+    still = replace(recording(0, 0.05), effort=np.zeros((len(TIME_S), 1)))
+    first, second = make_problem(SPECS, [still, recording(1, 0.05)], windows_s=WHOLE).segments
+    assert first.effort_noise == pytest.approx(second.effort_noise)
