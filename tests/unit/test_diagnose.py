@@ -9,7 +9,7 @@ import pytest
 from gfm.core import CommandKind, ConfigError, Trajectory, UnknownNameError
 from gfm.diagnosis.attribution import fit_best, with_level
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
-from gfm.diagnosis.cutting import make_problem
+from gfm.diagnosis.cutting import in_model_order, make_problem
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.fitting import fit, nothing
 from gfm.diagnosis.intervals import half_widths
@@ -54,14 +54,19 @@ def side_by_side(seed, first, second):
     )
 
 
-def told_of_two(first, second):
-    """What is found on two pendulums, and in how many rounds."""
+def two_pendulums():
     spec = mujoco.MjSpec.from_string(MODEL.replace('"j"', '"a"'))
     beside = mujoco.MjSpec.from_string(MODEL.replace('"j"', '"b"'))
     spec.attach(beside, prefix="", frame=spec.worldbody.add_frame(pos=[0.0, 1.0, 0.0]))
+    return {CommandKind.POSITION: spec}
+
+
+def told_of_two(first, second):
+    """What is found on two pendulums, and in how many rounds."""
     runs = [side_by_side(seed, first, second) for seed in range(3)]
+    runs[1] = runs[1].with_joints(("b", "a"))
     said = []
-    found = diagnose({CommandKind.POSITION: spec}, runs[:2], runs[2:], report=said.append)
+    found = diagnose(two_pendulums(), runs[:2], runs[2:], report=said.append)
     amounts = {(e.effect, e.joints): e.parameters["torque"].value for e in found.effects}
     return amounts, sum(text.startswith("screening") for text in said)
 
@@ -78,6 +83,16 @@ def test_what_two_joints_lack_is_found_on_both_at_once():
 def test_what_one_joint_lacks_is_not_blamed_on_its_sister():
     amounts, _ = told_of_two(lambda _q, _v: 0.3, lambda _q, _v: 0.0)
     assert list(amounts) == [("torque_offset", ("a",))]
+
+
+def test_joints_are_in_the_order_of_the_model_however_they_were_recorded():
+    run = side_by_side(0, lambda _q, _v: 0.0, lambda _q, _v: 0.0)
+    strange = replace(run, joint_names=("unknown", "a"))
+    assert in_model_order(two_pendulums(), [strange])[0].joint_names == ("a", "unknown")
+    (same,) = in_model_order(two_pendulums(), [run.with_joints(("b", "a"))])
+    assert same.joint_names == ("a", "b")
+    np.testing.assert_array_equal(same.position, run.position)
+    np.testing.assert_array_equal(same.command, run.command)
 
 
 def test_nothing_is_named_where_nothing_is_missing():

@@ -5,8 +5,8 @@ Shape letters: T measurements, C commands, J joints, P object poses.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -118,3 +118,24 @@ class Trajectory:
     def duration_s(self) -> float:
         """Time from the first to the last measurement."""
         return float(self.stamp_ns[-1] - self.stamp_ns[0]) * 1e-9
+
+    def with_joints(self, names: Sequence[str]) -> Trajectory:
+        """Returns the recording with these of its joints, in this order.
+
+        Raises:
+            ValueError: it has no joint of one of the names.
+        """
+        columns = [self.joint_names.index(name) for name in names]
+
+        def chosen(values: Array | None) -> Array | None:
+            return None if values is None else values[:, columns]
+
+        return replace(
+            self,
+            joint_names=tuple(names),
+            position=self.position[:, columns],
+            velocity=chosen(self.velocity),
+            effort=chosen(self.effort),
+            command=self.command[:, columns],
+            requested=chosen(self.requested),
+        )

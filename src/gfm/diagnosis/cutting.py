@@ -167,6 +167,21 @@ def check_recordings(
             )
 
 
+def in_model_order(
+    specs: Mapping[CommandKind, mujoco.MjSpec], recordings: Sequence[Trajectory]
+) -> list[Trajectory]:
+    """Returns recordings with their joints as the model has them, from the base on.
+
+    Whatever recorded them may have gone by the alphabet, and each recording by an order of its own.
+    Joints that the model lacks come last.
+    """
+    model = next(iter(specs.values())).copy().compile()
+    place = {model.joint(i).name: i for i in range(model.njnt)}
+    first = recordings[0].joint_names
+    names = sorted(first, key=lambda name: place.get(name, model.njnt))
+    return [recording.with_joints(names) for recording in recordings]
+
+
 def measure_noise(recordings: Sequence[Trajectory]) -> Noise:
     """Returns the sensor noise over the recordings.
 

@@ -21,7 +21,14 @@ from gfm.diagnosis.claims import (
     verdict_on_both,
 )
 from gfm.diagnosis.correction import corrected_model
-from gfm.diagnosis.cutting import LONG, WHOLE, all_stretches, check_recordings, make_problem
+from gfm.diagnosis.cutting import (
+    LONG,
+    WHOLE,
+    all_stretches,
+    check_recordings,
+    in_model_order,
+    make_problem,
+)
 from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.objects import ObjectPart, examine_object, widened
 from gfm.diagnosis.problem import Problem, settled
@@ -115,7 +122,8 @@ def diagnose(
         BadInputError: recordings, models and forces do not belong together.
     """
     check_recordings(specs, [*recordings, *holdout])
-    driven, runs = with_idle_drives(specs, [*recordings, *holdout])
+    ordered = in_model_order(specs, [*recordings, *holdout])
+    driven, runs = with_idle_drives(specs, ordered)
     recordings, holdout = runs[: len(recordings)], runs[len(recordings) :]
     thing = examine_object(driven[recordings[0].command_kind], recordings, holdout, report)
     pushed = _pushed(thing)

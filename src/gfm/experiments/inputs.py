@@ -16,7 +16,6 @@ import numpy as np
 
 import gfm
 from gfm.core import CommandKind, ConfigError, RecordingError, Trajectory
-from gfm.core.checks import Array
 from gfm.effects import EffectInstance
 from gfm.recording import read_recording
 from gfm.recording.schemas import COMMAND, JOINT_STATES
@@ -146,25 +145,7 @@ def read_recordings(
 
 def _ordered(trajectory: Trajectory, first: Trajectory, path: Path) -> Trajectory:
     _check_joints(trajectory, first, path)
-    return _with_joints(trajectory, first.joint_names)
-
-
-def _with_joints(trajectory: Trajectory, names: tuple[str, ...]) -> Trajectory:
-    """Returns a recording with these of its joints, in this order."""
-    columns = [trajectory.joint_names.index(name) for name in names]
-
-    def ordered(values: Array | None) -> Array | None:
-        return None if values is None else values[:, columns]
-
-    return replace(
-        trajectory,
-        joint_names=names,
-        position=trajectory.position[:, columns],
-        velocity=ordered(trajectory.velocity),
-        effort=ordered(trajectory.effort),
-        command=trajectory.command[:, columns],
-        requested=ordered(trajectory.requested),
-    )
+    return trajectory.with_joints(first.joint_names)
 
 
 def _check_joints(trajectory: Trajectory, first: Trajectory, path: Path) -> None:
@@ -218,7 +199,7 @@ def without_strangers(
     note = (
         f"Measured, but neither commanded nor in the model, and so left out: {', '.join(strange)}."
     )
-    return [_with_joints(recording, names) for recording in recordings], [note]
+    return [recording.with_joints(names) for recording in recordings], [note]
 
 
 def _check_names(path: Path, recording: Trajectory, what: str, there: Iterable[str]) -> None:
