@@ -71,6 +71,8 @@ SUBSTANTIAL = 0.2
 #: Mean squared residual, in units of the noise, that is much, and the share of it from which on the
 #: best single effect explains little; share of that to which several together must come.
 MUCH, HOPELESS, FAR_LESS = 100.0, 0.5, 0.5
+#: Times that states and amounts are looked for in turn where something rings.
+IN_TURN = 3
 #: Times that several together are tried: what was worse than a single effect twice is not missing.
 MOST_AT_ONCE = 2
 #: Cost, as a multiple of the least, up to which fits that leave much are a close call.
@@ -223,9 +225,19 @@ def attribute(
 
 
 def settled_fit(problem: Problem, effects: Sequence[EffectInstance]) -> tuple[Problem, Fit]:
-    """Returns the problem with initial states that suit `effects`, and their fit to it."""
+    """Returns the problem with initial states that suit `effects`, and their fit to it.
+
+    Where something rings, states and amounts are looked for in turn: a little in its stiffness is
+    much in how it began.
+    """
     own = settled(problem, effects).robust(effects)
-    return own, fit(own, effects)
+    found = fit(own, effects)
+    for _ in range(IN_TURN if ringing_springs(own, found.effects) else 0):
+        if is_enough(own, found):
+            break
+        own = settled(own, found.effects).robust(found.effects)
+        found = fit(own, found.effects)
+    return own, found
 
 
 def enough(nominal: float, effects: Sequence[EffectInstance]) -> float:

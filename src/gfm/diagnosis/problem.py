@@ -32,10 +32,11 @@ from gfm.sim.predict import Prediction, Segment, predict
 
 #: Steps in position and velocity with which the effect of the initial state is measured.
 STATE_STEP = (1e-4, 1e-3)
-#: Times that initial states are looked for anew around where they were found, and the shares of a
-#: step that are tried. What rings is far from linear.
+#: Times that initial states are looked for anew around where they were found, steps that are taken
+#: there with the same derivatives, and the shares of a step that are tried. What rings is far from
+#: linear.
 STATE_ROUNDS, STATE_SHARES = 2, (1.0,)
-RINGING_ROUNDS, RINGING_SHARES = 16, (1.0, 0.3, 0.1)
+RINGING_ROUNDS, RINGING_STEPS, RINGING_SHARES = 16, 2, (1.0, 0.3, 0.1)
 #: Mean square, in units of the noise, up to which a stretch that rings has been followed, and the
 #: share of it that another one must have gained to be looked at again.
 FOLLOWED, STATE_GAIN = 1.5, 0.1
@@ -355,52 +356,72 @@ def _slow(segment: Segment, columns: Array) -> Array:
 
 
 def _freely_settled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
-    """Returns a problem that no servo leads, with initial states that fit best, and their bases."""
-    ringing = ringing_springs(problem, effects)
-    segments, open_ = list(problem.segments), list(range(len(problem.segments)))
+    """Returns a problem that no servo leads, with initial states that fit best, and their bases.
+
+    Stretches that are followed as they begin stay as they are.
+    """
+    ringing, joints = ringing_springs(problem, effects), len(problem.joints)
+    steps = np.concatenate([_link_steps(joints), _motor_steps(joints, ringing)])
+    segments, bases = list(problem.segments), dict(enumerate(problem.state_basis))
+    left = enumerate(_whitened(problem, effects))
+    open_ = [i for i, r in left if i not in bases or mean_square(r) >= FOLLOWED]
     for _ in range(RINGING_ROUNDS if ringing else STATE_ROUNDS):
-        part = replace(problem, segments=tuple(segments)).subset(open_)
-        nearer, gains = _nearer(part, effects, ringing)
-        for i, segment in zip(open_, nearer, strict=True):
-            segments[i] = segment
-        if ringing:
-            open_ = [i for i, gain in zip(open_, gains, strict=True) if gain > STATE_GAIN]
         if not open_:
             break
-    return with_state_basis(replace(problem, segments=tuple(segments)), effects)
+        part = replace(problem, segments=tuple(segments)).subset(open_)
+        columns = _state_columns(part, effects, steps)
+        part, gains = _nearer(part, effects, columns, steps, ringing)
+        for i, segment, own in zip(open_, part.segments, columns, strict=True):
+            segments[i], bases[i] = segment, _orthonormal(own[:, : 2 * joints])
+        least = STATE_GAIN if ringing else 0.0
+        open_ = [i for i, gain in zip(open_, gains, strict=True) if gain > least]
+    there = replace(problem, segments=tuple(segments)).subset(open_)
+    bases |= dict(zip(open_, with_state_basis(there, effects).state_basis, strict=True))
+    own_bases = tuple(bases[i] for i in range(len(segments)))
+    return replace(problem, segments=tuple(segments), state_basis=own_bases)
 
 
 def _nearer(
-    problem: Problem, effects: Sequence[EffectInstance], ringing: Sequence[Spring]
-) -> tuple[list[Segment], list[float]]:
-    """Returns the segments with initial states a Gauss-Newton step better.
+    problem: Problem,
+    effects: Sequence[EffectInstance],
+    columns: Sequence[Array],
+    steps: Array,
+    ringing: Sequence[Spring],
+) -> tuple[Problem, list[float]]:
+    """Returns the problem with initial states some Gauss-Newton steps better.
 
-    And the share of its squared residual that each gained; none where it is followed.
+    And the share of its squared residual that each segment gained; none where it is followed.
 
     Args:
         problem: Whose initial states are looked for.
         effects: Of the model.
+        columns: By how much each step of an initial state changes residuals, (N, S) each.
+        steps: See `_state_columns`, shape (S, 4, J).
         ringing: Springs whose motors have states of their own.
     """
-    joints = len(problem.joints)
-    steps = np.concatenate([_link_steps(joints), _motor_steps(joints, ringing)])
     predictions = problem.predictions([effects])[0]
-    pairs = list(zip(problem.segments, predictions, strict=True))
-    residuals = [problem.whitened(*pair) for pair in pairs]
-    rooms = [_room(*pair, ringing) for pair in pairs]
-    columns = _state_columns(problem, effects, steps)
-    rows = zip(problem.segments, residuals, columns, rooms, strict=True)
-    changes = [np.tensordot(_best_amounts(*row), steps, axes=1) for row in rows]
-    before = [mean_square(residual) for residual in residuals]
-    kept, least = list(problem.segments), list(before)
-    for share in RINGING_SHARES if ringing else STATE_SHARES:
-        both = zip(problem.segments, changes, strict=True)
-        moved = tuple(_moved(segment, share * change) for segment, change in both)
-        for i, residual in enumerate(_whitened(replace(problem, segments=moved), effects)):
-            if (cost := mean_square(residual)) < least[i]:
-                kept[i], least[i] = moved[i], cost
-    gains = [0.0 if c < FOLLOWED else 1.0 - c / b for b, c in zip(before, least, strict=True)]
-    return kept, gains
+    left = [problem.whitened(*row) for row in zip(problem.segments, predictions, strict=True)]
+    before = [mean_square(residual) for residual in left]
+    for _ in range(RINGING_STEPS if ringing else 1):
+        segments, trying = list(problem.segments), list(range(len(left)))
+        rooms = [_room(*row, ringing) for row in zip(segments, predictions, strict=True)]
+        rows = zip(segments, left, columns, rooms, strict=True)
+        changes = [np.tensordot(_best_amounts(*row), steps, axes=1) for row in rows]
+        for share in RINGING_SHARES if ringing else STATE_SHARES:
+            moved = [_moved(problem.segments[i], share * changes[i]) for i in trying]
+            part = replace(problem.subset(trying), segments=tuple(moved))
+            after = dict(zip(trying, _whitened(part, effects), strict=True))
+            better = {i for i in trying if mean_square(after[i]) < mean_square(left[i])}
+            for i, segment in zip(trying, moved, strict=True):
+                if i in better:
+                    segments[i], left[i] = segment, after[i]
+            trying = [i for i in trying if i not in better]
+            if not trying:
+                break
+        problem = replace(problem, segments=tuple(segments))
+    costs = [mean_square(residual) for residual in left]
+    gains = [0.0 if c < FOLLOWED else 1.0 - c / b for b, c in zip(before, costs, strict=True)]
+    return problem, gains
 
 
 def _best_amounts(segment: Segment, residual: Array, columns: Array, room: Array) -> Array:
