@@ -71,8 +71,8 @@ SUBSTANTIAL = 0.2
 #: Mean squared residual, in units of the noise, that is much, and the share of it from which on the
 #: best single effect explains little; share of that to which several together must come.
 MUCH, HOPELESS, FAR_LESS = 100.0, 0.5, 0.5
-#: Times that states and amounts are looked for in turn where something rings.
-IN_TURN = 3
+#: Times that states and amounts are looked for in turn at most.
+IN_TURN = 4
 #: Times that several together are tried: what was worse than a single effect twice is not missing.
 MOST_AT_ONCE = 2
 #: Cost, as a multiple of the least, up to which fits that leave much are a close call.
@@ -209,7 +209,7 @@ def attribute(
         rounds.append(this)
         if this.accepted is None:
             break
-        problem, accepted = settled_fit(problem, this.accepted.effects)
+        problem, accepted = settled_fit(problem, this.accepted.effects, nominal)
         accepted = with_level(problem, this.screened, accepted, report)
         if not is_enough(problem, accepted, nominal):
             accepted = spread(problem, this.screened, accepted, report)
@@ -224,20 +224,30 @@ def attribute(
     )
 
 
-def settled_fit(problem: Problem, effects: Sequence[EffectInstance]) -> tuple[Problem, Fit]:
+def settled_fit(
+    problem: Problem, effects: Sequence[EffectInstance], nominal: float = 1.0
+) -> tuple[Problem, Fit]:
     """Returns the problem with initial states that suit `effects`, and their fit to it.
 
-    Where something rings, states and amounts are looked for in turn: a little in its stiffness is
-    much in how it began.
+    States and amounts are looked for in turn where something rings (a little in its stiffness is
+    much in how it began), and as long as that leaves far less each time.
+
+    Args:
+        problem: What is to be explained.
+        effects: With the amounts to begin with.
+        nominal: Cost of the model without any.
     """
-    own = settled(problem, effects).robust(effects)
-    found = fit(own, effects)
-    for _ in range(IN_TURN if ringing_springs(own, found.effects) else 0):
-        if is_enough(own, found):
+    before = mean_square(problem.residuals([effects])[0])
+    for _ in range(IN_TURN):
+        problem = settled(problem, effects).robust(effects)
+        found = fit(problem, effects)
+        effects, gained = found.effects, found.cost < FAR_LESS * before
+        if is_enough(problem, found, nominal):
             break
-        own = settled(own, found.effects).robust(found.effects)
-        found = fit(own, found.effects)
-    return own, found
+        if not gained and not ringing_springs(problem, effects):
+            break
+        before = found.cost
+    return problem, found
 
 
 def enough(nominal: float, effects: Sequence[EffectInstance]) -> float:
