@@ -8,7 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind
-from gfm.diagnosis.attribution import polished
+from gfm.diagnosis import attribution
+from gfm.diagnosis.attribution import polished, settled_fit
 from gfm.diagnosis.fitting import fit
 from gfm.diagnosis.problem import Noise, Problem, settled
 from gfm.effects import EffectInstance, find_effect
@@ -78,15 +79,37 @@ def test_a_servo_forgets_how_it_began():
     assert settled(off, ()).segments[0].initial_velocity[0] == pytest.approx(0.0, abs=1e-3)
 
 
+def test_a_stretch_that_is_followed_as_it_begins_stays_as_it_is():
+    followed = falling(CommandKind.EFFORT, error=0.0)
+    assert settled(followed, ()).segments[0] is followed.segments[0]
+
+
+def suited_to_none(friction):
+    """The problem of a fall with friction, from initial states that suit a model without it."""
+    problem = falling(CommandKind.EFFORT, error=0.0)
+    slowed = replace(problem.segments[0], position=fallen(0.1, 0.0, friction))
+    return settled(replace(problem, segments=(slowed,)), ())
+
+
+def viscous(coefficient):
+    effect = find_effect("viscous_friction")
+    return EffectInstance(effect=effect, joints=("j",), values={"coefficient": coefficient})
+
+
+def test_states_and_amounts_are_found_in_turn(monkeypatch):
+    problem = suited_to_none(friction=0.3)
+    monkeypatch.setattr(attribution, "IN_TURN", 1)
+    assert settled_fit(problem, (viscous(0.01),))[1].cost > 5.0
+    monkeypatch.setattr(attribution, "IN_TURN", 4)
+    _, found = settled_fit(problem, (viscous(0.01),))
+    assert found.cost < 0.1
+    assert found.effects[0].values["coefficient"] == pytest.approx(0.3, rel=0.01)
+
+
 def test_rivals_are_compared_from_initial_states_of_their_own():
     """Those of the problem suit the model without friction: beside it, friction looks wrong."""
-    problem = falling(CommandKind.EFFORT, error=0.0)
-    slowed = replace(problem.segments[0], position=fallen(0.1, 0.0, friction=0.05))
-    suited = settled(replace(problem, segments=(slowed,)), ())
-    some = EffectInstance(
-        effect=find_effect("viscous_friction"), joints=("j",), values={"coefficient": 0.01}
-    )
-    there = fit(suited, (some,))
+    suited = suited_to_none(friction=0.05)
+    there = fit(suited, (viscous(0.01),))
     assert there.cost > 5.0
     best = polished(suited, [there])[0]
     assert best.cost < 0.1
