@@ -71,8 +71,9 @@ SUBSTANTIAL = 0.2
 #: Mean squared residual, in units of the noise, that is much, and the share of it from which on the
 #: best single effect explains little; share of that to which several together must come.
 MUCH, HOPELESS, FAR_LESS = 100.0, 0.5, 0.5
-#: Times that states and amounts are looked for in turn at most.
-IN_TURN = 4
+#: Times that states and amounts are looked for in turn at most, and the share of what was left that
+#: one turn must leave for another: less comes from states, more from laws that are missing.
+IN_TURN, TURN_LEAVES = 4, 0.2
 #: Times that several together are tried: what was worse than a single effect twice is not missing.
 MOST_AT_ONCE = 2
 #: Cost, as a multiple of the least, up to which fits that leave much are a close call.
@@ -241,7 +242,7 @@ def settled_fit(
     for _ in range(IN_TURN):
         problem = settled(problem, effects).robust(effects)
         found = fit(problem, effects)
-        effects, gained = found.effects, found.cost < FAR_LESS * before
+        effects, gained = found.effects, found.cost < TURN_LEAVES * before
         if is_enough(problem, found, nominal):
             break
         if not gained and not ringing_springs(problem, effects):
