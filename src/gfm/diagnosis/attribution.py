@@ -72,8 +72,8 @@ SUBSTANTIAL = 0.2
 #: best single effect explains little; share of that to which several together must come.
 MUCH, HOPELESS, FAR_LESS = 100.0, 0.5, 0.5
 #: Times that states and amounts are looked for in turn at most, and the share of what was left that
-#: one turn must leave for another: less comes from states, more from laws that are missing.
-IN_TURN, TURN_LEAVES = 4, 0.2
+#: one turn may leave for another: more comes from laws that are missing than from states.
+IN_TURN, TURN_LEAVES, RINGING_LEAVES = 4, 0.2, 0.9
 #: Times that several together are tried: what was worse than a single effect twice is not missing.
 MOST_AT_ONCE = 2
 #: Cost, as a multiple of the least, up to which fits that leave much are a close call.
@@ -230,8 +230,8 @@ def settled_fit(
 ) -> tuple[Problem, Fit]:
     """Returns the problem with initial states that suit `effects`, and their fit to it.
 
-    States and amounts are looked for in turn where something rings (a little in its stiffness is
-    much in how it began), and as long as that leaves far less each time.
+    States and amounts are looked for in turn as long as that leaves far less each time; or less,
+    where something rings: a little in its stiffness is much in how it began.
 
     Args:
         problem: What is to be explained.
@@ -242,10 +242,9 @@ def settled_fit(
     for _ in range(IN_TURN):
         problem = settled(problem, effects).robust(effects)
         found = fit(problem, effects)
-        effects, gained = found.effects, found.cost < TURN_LEAVES * before
-        if is_enough(problem, found, nominal):
-            break
-        if not gained and not ringing_springs(problem, effects):
+        effects = found.effects
+        leaves = RINGING_LEAVES if ringing_springs(problem, effects) else TURN_LEAVES
+        if is_enough(problem, found, nominal) or found.cost > leaves * before:
             break
         before = found.cost
     return problem, found
