@@ -87,6 +87,31 @@ def test_what_is_easily_taken_for_another_is_tried_without_however_much_it_seems
     assert len(after.effects) == (1 if beside == "command_delay" else 2)
 
 
+@pytest.mark.parametrize(
+    ("beside", "inexact", "stays"),
+    [
+        ("load_dependent_friction", True, False),
+        ("load_dependent_friction", False, True),
+        ("viscous_friction", True, True),
+    ],
+)
+def test_what_makes_up_for_the_inexactness_of_another_law_is_superfluous(
+    monkeypatch, beside, inexact, stays
+):
+    first = instance("coulomb_friction", torque=0.1)
+    other = instance(beside, coefficient=0.1)
+    costs = {0: 10_001.0, 1: 5.0, 2: 1.0}  # of no effect, of one, of both
+    monkeypatch.setattr(
+        attribution, "_without_one", lambda _p, e: [(5.0, e[0])] if len(e) == 2 else []
+    )
+    monkeypatch.setattr(attribution, "fit", lambda _p, effects, **_: fitted(1.0, *effects))
+    monkeypatch.setattr(attribution, "_costs", lambda _p, e: np.full(2, costs[len(e)]))
+    after = attribution.without_superfluous(
+        zero_model(np.zeros((len(TIME_S), 1))), fitted(1.0, first, other), inexact=inexact
+    )
+    assert (first in after.effects) is stays
+
+
 @pytest.mark.parametrize(("lag_s", "expected"), [(5e-5, True), (5e-4, False)])
 def test_a_lag_shorter_than_any_stamp_is_exact_has_not_been_found(lag_s, expected):
     assert at_bound(instance("actuator_lag", time_constant=lag_s)) is expected

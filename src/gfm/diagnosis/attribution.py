@@ -216,7 +216,7 @@ def attribute(
             accepted = spread(problem, this.screened, accepted, report)
     if len(accepted.effects) > 1:
         report("looking for what became superfluous")
-        accepted = without_superfluous(problem, accepted, of_stretches(rounds))
+        accepted = without_superfluous(problem, accepted, of_stretches(rounds), inexact=True)
     return Attribution(
         nominal_cost=nominal,
         fit=accepted,
@@ -384,29 +384,47 @@ def _earns(problem: Problem, fitted: Fit, instance: EffectInstance) -> bool:
 
 
 def without_superfluous(
-    problem: Problem, accepted: Fit, kept: Collection[tuple[object, ...]] = ()
+    problem: Problem,
+    accepted: Fit,
+    kept: Collection[tuple[object, ...]] = (),
+    *,
+    inexact: bool = False,
 ) -> Fit:
     """Returns the fit without effects that explain too little beside those found after them.
 
     Nor those that have come to none, or to another bound. Those with the keys in `kept` stay.
+
+    Args:
+        problem: What is explained.
+        accepted: By what.
+        kept: Keys of effects that stay.
+        inexact: Whether what other laws leave by their inexactness is too little, too: what stood
+            for one that was found later makes up for that.
     """
     effects = accepted.effects
-    while (fewer := _one_fewer(problem, effects, kept)) is not None:
+    nominal = _costs(replace(problem, outlying_from=None), ()) if inexact else None
+    while (fewer := _one_fewer(problem, effects, kept, nominal)) is not None:
         effects = fewer
     return accepted if effects == accepted.effects else fit(problem, effects)
 
 
 def _one_fewer(
-    problem: Problem, effects: tuple[EffectInstance, ...], kept: Collection[tuple[object, ...]]
+    problem: Problem,
+    effects: tuple[EffectInstance, ...],
+    kept: Collection[tuple[object, ...]],
+    nominal: Array | None,
 ) -> tuple[EffectInstance, ...] | None:
     """Returns the effects without one that is not needed, fitted anew; None if all are needed."""
-    allowed = _allowed(problem, effects)
+    needed = _allowed(problem, effects)
     for cost, instance in _without_one(problem, effects):
         if instance.key in kept:
             continue
+        rest = tuple(one for one in effects if one is not instance)
+        allowed = needed
+        if nominal is not None and any(e.effect.abrupt and _same_place(e, instance) for e in rest):
+            allowed = np.maximum(needed, 1.0 + INEXACT * (nominal - 1.0))
         if cost > HARDLY * allowed[0] and not _beside_lookalike(instance, effects):
             continue
-        rest = tuple(one for one in effects if one is not instance)
         # From afar, where nearly all residuals are outlying, fits go astray: limits are set anew.
         without = fit(problem.robust(rest), rest, tolerance=ROUGH).effects
         own = [0, *(1 + problem.joints.index(name) for name in instance.joints)]
