@@ -88,26 +88,28 @@ def test_what_is_easily_taken_for_another_is_tried_without_however_much_it_seems
 
 
 @pytest.mark.parametrize(
-    ("beside", "inexact", "stays"),
+    ("beside", "nominal", "stays"),
     [
-        ("load_dependent_friction", True, False),
-        ("load_dependent_friction", False, True),
-        ("viscous_friction", True, True),
+        ("load_dependent_friction", 10_001.0, False),
+        ("load_dependent_friction", 101.0, True),
+        ("viscous_friction", 10_001.0, True),
     ],
 )
 def test_what_makes_up_for_the_inexactness_of_another_law_is_superfluous(
-    monkeypatch, beside, inexact, stays
+    monkeypatch, beside, nominal, stays
 ):
     first = instance("coulomb_friction", torque=0.1)
     other = instance(beside, coefficient=0.1)
-    costs = {0: 10_001.0, 1: 5.0, 2: 1.0}  # of no effect, of one, of both
+    costs = {1: 5.0, 2: 1.0}  # of one effect, of both
     monkeypatch.setattr(
         attribution, "_without_one", lambda _p, e: [(5.0, e[0])] if len(e) == 2 else []
     )
     monkeypatch.setattr(attribution, "fit", lambda _p, effects, **_: fitted(1.0, *effects))
     monkeypatch.setattr(attribution, "_costs", lambda _p, e: np.full(2, costs[len(e)]))
     after = attribution.without_superfluous(
-        zero_model(np.zeros((len(TIME_S), 1))), fitted(1.0, first, other), inexact=inexact
+        zero_model(np.zeros((len(TIME_S), 1))),
+        fitted(1.0, first, other),
+        nominal=np.full(2, nominal),
     )
     assert (first in after.effects) is stays
 

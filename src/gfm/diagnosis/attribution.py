@@ -186,6 +186,7 @@ def attribute(
     accepted = nothing(problem.robust(())) if begun is None else begun.fit
     problem = problem.robust(accepted.effects)
     nominal = accepted.cost if begun is None else begun.nominal_cost
+    at_first = np.array([accepted.cost, *problem.joint_costs(accepted.residual)])
     rounds = [] if begun is None else list(begun.rounds)
     stretches: list[Problem] = []
     looked_beside: tuple[EffectInstance, ...] | None = None
@@ -216,7 +217,7 @@ def attribute(
             accepted = spread(problem, this.screened, accepted, report)
     if len(accepted.effects) > 1:
         report("looking for what became superfluous")
-        accepted = without_superfluous(problem, accepted, of_stretches(rounds), inexact=True)
+        accepted = without_superfluous(problem, accepted, of_stretches(rounds), at_first)
     return Attribution(
         nominal_cost=nominal,
         fit=accepted,
@@ -387,8 +388,7 @@ def without_superfluous(
     problem: Problem,
     accepted: Fit,
     kept: Collection[tuple[object, ...]] = (),
-    *,
-    inexact: bool = False,
+    nominal: Array | None = None,
 ) -> Fit:
     """Returns the fit without effects that explain too little beside those found after them.
 
@@ -398,11 +398,11 @@ def without_superfluous(
         problem: What is explained.
         accepted: By what.
         kept: Keys of effects that stay.
-        inexact: Whether what other laws leave by their inexactness is too little, too: what stood
-            for one that was found later makes up for that.
+        nominal: What was left at first in all, and on each joint, shape (1 + J,). What other laws
+            leave of it by their inexactness is too little, too: what stood for one that was found
+            later makes up for that.
     """
     effects = accepted.effects
-    nominal = _costs(replace(problem, outlying_from=None), ()) if inexact else None
     while (fewer := _one_fewer(problem, effects, kept, nominal)) is not None:
         effects = fewer
     return accepted if effects == accepted.effects else fit(problem, effects)
