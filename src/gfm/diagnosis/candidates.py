@@ -49,7 +49,11 @@ class Place:
 
 
 def places(
-    effect: Effect, joints: Sequence[str], driven: Sequence[str] | None = None
+    effect: Effect,
+    joints: Sequence[str],
+    driven: Sequence[str] | None = None,
+    *,
+    pushing: bool = False,
 ) -> list[Place]:
     """Returns every place where an effect can act on a robot with these joints.
 
@@ -57,6 +61,7 @@ def places(
         effect: Which one.
         joints: All joints that are measured.
         driven: Those that have a drive; all, if None.
+        pushing: Whether the robot moves an object, and so feels what pushing it takes.
     """
     if effect.needs_drive and driven is not None:
         joints = driven
@@ -66,7 +71,7 @@ def places(
         return [Place(effect=effect, joints=pair) for pair in combinations(joints, 2)]
     if effect.scope is Scope.LAST:
         return [Place(effect=effect, joints=(joints[-1],))]
-    if effect.scope is Scope.OBJECT:  # looked for in how the object moves, by `objects`
+    if effect.scope is Scope.OBJECT and not pushing:
         return []
     shared = tuple(joints) if effect.shares_joints else ()
     return [Place(effect=effect, joints=shared)]

@@ -202,6 +202,7 @@ def _with_cone(spec: mujoco.MjSpec, thing: ObjectPart | None) -> mujoco.MjSpec:
 
 def _with_object(robot: Diagnosis, thing: ObjectPart, pushed: tuple[NamedEffect, ...]) -> Diagnosis:
     """Returns the answer on robot and object together."""
+    felt = {effect.effect for effect in robot.effects}  # by what it took to push it
     return replace(
         robot,
         verdict=verdict_on_both(robot.verdict, verdict_on(thing.overall, pushed)),
@@ -209,7 +210,10 @@ def _with_object(robot: Diagnosis, thing: ObjectPart, pushed: tuple[NamedEffect,
         effects=(*robot.effects, *pushed),
         suspects=(*robot.suspects, *suspects_of(thing.found, thing.effects if pushed else ())),
         object_error=dict(zip(("position", "yaw"), thing.errors, strict=True)),
-        blind_spots=(*robot.blind_spots, *thing.blind_spots),
+        blind_spots=(
+            *robot.blind_spots,
+            *(spot for spot in thing.blind_spots if spot.effect not in felt),
+        ),
         plots=(*robot.plots, *thing.plots),
         notes=(*robot.notes, *thing.notes),
     )

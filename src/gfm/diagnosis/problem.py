@@ -106,6 +106,15 @@ class Problem:
         on = np.any([segment.servo_gain > 0.0 for segment in self.segments], axis=0)
         return tuple(name for name, there in zip(self.joints, on, strict=True) if there)
 
+    @property
+    def pushing(self) -> bool:
+        """Whether the robot touches an object whose place is known."""
+        touching = any(
+            not spec.option.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
+            for spec in self.specs.values()
+        )
+        return touching and any(s.object_pose is not None for s in self.segments)
+
     def predictions(self, candidates: Sequence[Sequence[EffectInstance]]) -> list[list[Prediction]]:
         """Returns every candidate's prediction of every segment, candidates first."""
         kinds = list(dict.fromkeys(segment.kind for segment in self.segments))

@@ -177,4 +177,4 @@ def shortlist(screened: Sequence[Screened]) -> list[Screened]:
 
 
 def _whole(candidate: Screened) -> bool:
-    return candidate.instance.effect.scope in (Scope.ROBOT, Scope.LAST)
+    return candidate.instance.effect.scope in (Scope.ROBOT, Scope.LAST, Scope.OBJECT)

@@ -54,7 +54,9 @@ def search(
     scales = joint_scales(problem, views)
     looked_for = [effect for effect in effect_library().values() if effect.twin is None]
     candidates = [
-        place for effect in looked_for for place in places(effect, problem.joints, problem.driven)
+        place
+        for effect in looked_for
+        for place in places(effect, problem.joints, problem.driven, pushing=problem.pushing)
     ]
     always = [place for place in candidates if not place.effect.only_in_stretches]
     at_once = partial(usually_missing, scales=scales, report=report)

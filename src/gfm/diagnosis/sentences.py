@@ -31,15 +31,13 @@ def sentence_on(
 
 
 def sentence_on_object(thing: ObjectPart, pushed: Sequence[NamedEffect]) -> str:
-    """Returns what the model lacks of a pushed object, in one sentence."""
+    """Returns what a pushed object's poses say that the model lacks, in one sentence."""
     place = thing.errors[0]
     names = "; ".join(_in_words(effect) for effect in pushed)
-    lacks = (
-        f"misses {names} of the object" if pushed else "misses nothing of the object with a name"
-    )
+    lacks = f"misses {names} of the object" if pushed else "misses nothing with a name"
     return (
-        f"It {lacks} (held-out error of its place {place.before:.3g} m before, "
-        f"{place.after:.3g} m after, noise {place.noise_floor:.3g} m)."
+        f"By the object's poses it {lacks} (held-out error of its place {place.before:.3g} m "
+        f"before, {place.after:.3g} m after, noise {place.noise_floor:.3g} m)."
     )
 
 

@@ -1,0 +1,126 @@
+"""A slider that pushes a block: what the robot feels of it. Integrated here, on a line."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from gfm.core import CommandKind, ObjectTrack, Trajectory
+from gfm.diagnosis.candidates import places
+from gfm.diagnosis.cutting import WHOLE, Touch, make_problem
+from gfm.diagnosis.diagnose import diagnose
+from gfm.diagnosis.result import Verdict
+from gfm.effects import find_effect
+
+SLIDER_KG, BLOCK_KG, GAIN, FRICTION = 2.0, 0.5, 40.0, 0.4
+HALF_M, FINGER_M, REST_Z, FIRST_M = 0.04, 0.01, 0.04, 0.12
+STEP_S, PERIOD_S, NOISE, POSE_NOISE = 1e-4, 0.01, 5e-4, 2e-4
+MODEL = f"""
+<mujoco><option cone="elliptic"/>
+  <default><geom friction="{FRICTION} 0.002 0.0001"/></default>
+  <worldbody>
+    <geom name="table" type="plane" size="2 2 0.1" contype="1" conaffinity="2"/>
+    <body name="slider" pos="0 0 {REST_Z}"><joint name="j" type="slide" axis="1 0 0"/>
+      <geom name="finger" type="sphere" size="{FINGER_M}" mass="{SLIDER_KG}" contype="4"
+        conaffinity="2" friction="0.01 0.002 0.0001"/></body>
+    <body name="block" pos="{FIRST_M} 0 {REST_Z}"><freejoint/>
+      <geom type="box" size="{HALF_M} {HALF_M} {HALF_M}" mass="{BLOCK_KG}" contype="2"
+        conaffinity="5"/></body>
+  </worldbody>
+  <actuator><velocity name="j" joint="j" kv="{GAIN}"/></actuator>
+</mujoco>
+"""
+SPECS = {CommandKind.VELOCITY: mujoco.MjSpec.from_string(MODEL)}
+
+
+def pushed(told, mass):
+    """Returns places of slider and block every PERIOD_S under speeds, shape (T, 2).
+
+    The slider meets the block without rebound, and they part where nothing presses.
+    """
+    x, v, block, speed, together, out = 0.0, 0.0, FIRST_M, 0.0, False, []
+    weight = FRICTION * mass * 9.81
+    for command in told:
+        out.append((x, block))
+        for _ in range(round(PERIOD_S / STEP_S)):
+            drive = GAIN * (command - v)
+            if together:
+                a = (drive - weight * np.sign(v)) / (SLIDER_KG + mass)
+                together = mass * a + weight > 0.0 and v > 0.0
+            if not together:
+                a = drive / SLIDER_KG
+                speed = max(speed - FRICTION * 9.81 * STEP_S, 0.0)
+            v += a * STEP_S
+            x += v * STEP_S
+            speed = v if together else speed
+            block += speed * STEP_S
+            if not together and x > block - HALF_M - FINGER_M and v > speed:
+                v = speed = (SLIDER_KG * v + mass * speed) / (SLIDER_KG + mass)
+                together = True
+    return np.array(out)
+
+
+def recording(seed, mass):
+    """A run of strokes, each a little farther, with the slider going back in between."""
+    rng, time_s = np.random.default_rng(seed), np.arange(0.0, 8.0, PERIOD_S)
+    there = np.cumsum(rng.uniform(0.1, 0.14, 4))
+    told = np.zeros(len(time_s))
+    for stroke, far in enumerate(there):
+        begin = 2.0 * stroke + 0.4
+        for start, way in ((begin, far), (begin + 0.7, -far)):
+            phase = np.clip((time_s - start) / 0.6, 0.0, 1.0)
+            told += way / 0.6 * (1.0 - np.cos(2.0 * np.pi * phase))
+    path = pushed(told, mass)
+    stamp_ns = np.round(time_s * 1e9).astype(np.int64)
+    poses = np.zeros((len(time_s), 3))
+    poses[:, 0], poses[:, 2] = path[:, 1], REST_Z
+    return Trajectory(
+        name=f"run {seed}",
+        joint_names=("j",),
+        stamp_ns=stamp_ns,
+        position=path[:, :1] + NOISE * rng.standard_normal((len(path), 1)),
+        velocity=None,
+        effort=None,
+        command_kind=CommandKind.VELOCITY,
+        command_stamp_ns=stamp_ns,
+        command=told[:, None],
+        object_track=ObjectTrack(
+            stamp_ns=stamp_ns[::3],
+            position=poses[::3] + POSE_NOISE * rng.standard_normal(poses[::3].shape),
+            quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (len(poses[::3]), 1)),
+        ),
+    )
+
+
+def test_stretches_begin_in_the_air_with_the_object_at_rest():
+    run = recording(0, BLOCK_KG)
+    touch = Touch(SPECS[CommandKind.VELOCITY], run.joint_names)
+    assert touch.ever(run)
+    problem = make_problem(SPECS, [run], windows_s=WHOLE)
+    assert problem.pushing
+    assert len(problem.segments) > 2  # of no more than about two seconds
+    for segment in problem.segments:
+        row = int(np.argmin(np.abs(run.position[:, 0] - segment.initial_position[0])))
+        assert not touch.at(run, row)
+        near = np.abs(run.object_track.position[:, 0] - segment.object_pose[0])
+        assert near.min() < POSE_NOISE
+
+
+def test_only_a_robot_that_pushes_feels_an_object():
+    mass = find_effect("object_mass")
+    assert places(mass, ["j"]) == []
+    assert [place.joints for place in places(mass, ["j"], pushing=True)] == [()]
+    without = replace(recording(0, BLOCK_KG), object_track=None)
+    assert not make_problem(SPECS, [without], windows_s=WHOLE).pushing
+
+
+@pytest.mark.slow
+def test_a_mass_is_named_by_what_it_takes_to_push_it():
+    runs = [recording(seed, 2.0 * BLOCK_KG) for seed in range(4)]
+    said = diagnose(SPECS, runs[:3], runs[3:])
+    # The model's contacts are softer than these: what that leaves may have a name beside it.
+    assert said.effects[0].effect == "object_mass"
+    assert said.effects[0].parameters["mass"].value == pytest.approx(BLOCK_KG, rel=0.15)
+    assert said.verdict in (Verdict.EXPLAINED, Verdict.PARTLY_EXPLAINED)
+    assert "object_mass" not in {spot.effect for spot in said.blind_spots}
