@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial, reduce
 
+import numpy as np
+
 from gfm.core import Trajectory
 from gfm.diagnosis.attribution import (
     Attribution,
@@ -21,7 +23,7 @@ from gfm.diagnosis.chain.domains import torque_share
 from gfm.diagnosis.chain.torques import torque_domain
 from gfm.diagnosis.claims import ADEQUATE_RATIO, FAR_FROM_NOISE
 from gfm.diagnosis.cross_validation import what_holds
-from gfm.diagnosis.fitting import Fit, along_valley, fit
+from gfm.diagnosis.fitting import Fit, along_valley, fit, measured
 from gfm.diagnosis.lookalikes import exchanges
 from gfm.diagnosis.naming import fitly_named
 from gfm.diagnosis.problem import Problem
@@ -29,6 +31,10 @@ from gfm.diagnosis.stretches import look_into_stretches
 from gfm.diagnosis.usual import usually_missing
 from gfm.diagnosis.witnesses import borne_out
 from gfm.effects import effect_library
+
+#: What amounts of long stretches leave in short ones, in units of what those of short ones leave,
+#: from which they went astray.
+ASTRAY = 2.0
 
 
 def search(
@@ -69,6 +75,7 @@ def search(
     )
     share = partial(torque_share, torque_domain(problem.specs, recordings, problem.given))
     found = attribute(problem, always, scales, report, at_once, in_stretches, torque_share=share)
+    short = found.fit
     report("settling amounts")
     long = reduce(Problem.joined, found.stretches, long)
     long_settled, final = settled_fit(long, found.fit.effects)
@@ -86,7 +93,26 @@ def search(
         better = exchanges(long_settled, final, always, scales, views, report)
         found = _with_what_holds(long_settled, found, better, report)
     final = _borne_out(long_settled, recordings, found.fit, report)
+    if short_is_enough:
+        final = _not_astray(problem, short, long_settled, final)
     return replace(found, fit=fitly_named(final, problem.specs)), long
+
+
+def _not_astray(problem: Problem, short: Fit, long: Problem, final: Fit) -> Fit:
+    """Returns the fit to long stretches, or what was fitted to short ones where the two disagree.
+
+    Errors add up in long ones: a fit may end in another valley, and no longer explains short ones.
+
+    Args:
+        problem: In short stretches.
+        short: The fit to them.
+        long: In long stretches.
+        final: The fit to those.
+    """
+    if [e.key for e in short.effects] != [e.key for e in final.effects]:
+        return final
+    before, after = np.mean(problem.residuals([short.effects, final.effects]) ** 2, axis=1)
+    return final if after < ASTRAY * before else measured(long, short.effects)
 
 
 def _with_what_holds(
