@@ -109,7 +109,7 @@ def test_what_makes_up_for_the_inexactness_of_another_law_is_superfluous(
     after = attribution.without_superfluous(
         zero_model(np.zeros((len(TIME_S), 1))),
         fitted(1.0, first, other),
-        nominal=np.full(2, nominal),
+        at_first=np.full(2, nominal),
     )
     assert (first in after.effects) is stays
 

@@ -8,9 +8,10 @@ import pytest
 
 from gfm.core import CommandKind, ObjectTrack, Trajectory
 from gfm.diagnosis.candidates import places
-from gfm.diagnosis.cutting import WHOLE, Touch, make_problem
+from gfm.diagnosis.cutting import WHOLE, make_problem
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.result import Verdict
+from gfm.diagnosis.touching import Touch, resting_pose
 from gfm.effects import find_effect
 
 SLIDER_KG, BLOCK_KG, GAIN, FRICTION = 2.0, 0.5, 40.0, 0.4
@@ -105,6 +106,18 @@ def test_stretches_begin_in_the_air_with_the_object_at_rest():
         assert not touch.at(run, row)
         near = np.abs(run.object_track.position[:, 0] - segment.object_pose[0])
         assert near.min() < POSE_NOISE
+
+
+def test_where_no_pose_was_taken_around_a_time_the_nearest_counts():
+    run = recording(0, BLOCK_KG)
+    track = run.object_track
+    late = ObjectTrack(
+        stamp_ns=track.stamp_ns[100:],
+        position=track.position[100:],
+        quaternion=track.quaternion[100:],
+    )
+    told = resting_pose(replace(run, object_track=late), int(run.stamp_ns[0]))
+    np.testing.assert_array_equal(told[:3], late.position[0])
 
 
 def test_only_a_robot_that_pushes_feels_an_object():

@@ -388,7 +388,7 @@ def without_superfluous(
     problem: Problem,
     accepted: Fit,
     kept: Collection[tuple[object, ...]] = (),
-    nominal: Array | None = None,
+    at_first: Array | None = None,
 ) -> Fit:
     """Returns the fit without effects that explain too little beside those found after them.
 
@@ -398,12 +398,12 @@ def without_superfluous(
         problem: What is explained.
         accepted: By what.
         kept: Keys of effects that stay.
-        nominal: What was left at first in all, and on each joint, shape (1 + J,). What other laws
+        at_first: What was left at first in all, and on each joint, shape (1 + J,). What other laws
             leave of it by their inexactness is too little, too: what stood for one that was found
             later makes up for that.
     """
     effects = accepted.effects
-    while (fewer := _one_fewer(problem, effects, kept, nominal)) is not None:
+    while (fewer := _one_fewer(problem, effects, kept, at_first)) is not None:
         effects = fewer
     return accepted if effects == accepted.effects else fit(problem, effects)
 
@@ -412,7 +412,7 @@ def _one_fewer(
     problem: Problem,
     effects: tuple[EffectInstance, ...],
     kept: Collection[tuple[object, ...]],
-    nominal: Array | None,
+    at_first: Array | None,
 ) -> tuple[EffectInstance, ...] | None:
     """Returns the effects without one that is not needed, fitted anew; None if all are needed."""
     needed = _allowed(problem, effects)
@@ -421,8 +421,8 @@ def _one_fewer(
             continue
         rest = tuple(one for one in effects if one is not instance)
         allowed = needed
-        if nominal is not None and any(e.effect.abrupt and _same_place(e, instance) for e in rest):
-            allowed = np.maximum(needed, 1.0 + INEXACT * (nominal - 1.0))
+        if at_first is not None and any(e.effect.abrupt and _same_place(e, instance) for e in rest):
+            allowed = np.maximum(needed, 1.0 + INEXACT * (at_first - 1.0))
         if cost > HARDLY * allowed[0] and not _beside_lookalike(instance, effects):
             continue
         # From afar, where nearly all residuals are outlying, fits go astray: limits are set anew.

@@ -299,7 +299,8 @@ def _notes(verdict: Verdict, *, outside: bool) -> tuple[str, ...]:
     notes = [
         "Errors are of open-loop rollouts whose initial state is fitted (two numbers per joint, "
         "and two per motor that rings against its link where no servo holds it); recordings of "
-        "torque commands are cut into stretches of half a second."
+        "torque commands are cut into stretches of half a second, others of a robot that touches "
+        "something into stretches of about two."
     ]
     if outside:
         notes.append(

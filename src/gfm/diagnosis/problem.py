@@ -37,8 +37,8 @@ STATE_STEP = (1e-4, 1e-3)
 #: linear.
 STATE_ROUNDS, STATE_SHARES = 2, (1.0,)
 RINGING_ROUNDS, RINGING_STEPS, RINGING_SHARES = 16, 2, (1.0, 0.3, 0.1)
-#: Mean square, in units of the noise, up to which a stretch that rings has been followed, and the
-#: share of it that another one must have gained to be looked at again.
+#: Mean square, in units of the noise, up to which a stretch has been followed, and the share of it
+#: that another one that rings must have gained to be looked at again.
 FOLLOWED, STATE_GAIN = 1.5, 0.1
 #: Frequency from which on a motor has a state of its own at first, unless a servo leads it; a
 #: slower one is taken for where its load holds it: half a second tells its state from no law.
@@ -61,7 +61,8 @@ class Noise:
 
     Attributes:
         position: rad, shape (J,).
-        effort: N m, shape (J,), or None where no recording has effort.
+        effort: The typical one, for recordings that do not show their own, N m, shape (J,), or
+            None where no recording has effort.
     """
 
     position: Array

@@ -58,7 +58,8 @@ def evidence_chain(
         effects: What became part of the verdict, with its amounts.
         errors: Position errors of rollouts before and after, per segment, rad, (T, J) each.
     """
-    effects = [e for e in effects if e.effect.scope is not Scope.OBJECT]  # joints do not feel it
+    # Torques are looked at without contacts: no object has a part in them.
+    effects = [e for e in effects if e.effect.scope is not Scope.OBJECT]
     domain = torque_domain(problem.specs, holdout, problem.given)
     missing, signals = (domain.missing(), domain.missing(effects)), domain.signals()
     noise, joints = problem.noise.position, problem.joints

@@ -1,0 +1,106 @@
+"""Where a robot touches something and an object rests: stretches begin where neither is in doubt.
+
+Shape letters: J joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+
+from gfm.core import Trajectory
+from gfm.core.checks import Array
+from gfm.sim.plant import make_plant
+
+#: Way of an object from which on it slides, within so much time.
+SLIDING_M, SLIDING_S = 2e-3, 0.1
+#: Times around a stretch's first moment in which the pose of what rests is averaged, longest first.
+RESTING_S = (0.5, 0.2, 0.05)
+#: Places along a recording at which contacts are looked for.
+CONTACT_LOOKS = 300
+
+
+class Touch:
+    """Looks for contacts of the robot, as recorded."""
+
+    def __init__(self, spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
+        self._plant = make_plant(spec, joints)
+        model = self._plant.model
+        self._data = mujoco.MjData(model)
+        self._free = model.jnt_qposadr[model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)]
+        tree = model.body_treeid[model.geom_bodyid]
+        self._robot = np.isin(tree, model.dof_treeid[self._plant.dof])
+
+    def ever(self, recording: Trajectory) -> bool:
+        """Returns whether the robot touches anything; looking for it at every step takes time."""
+        step = max(len(recording.position) // CONTACT_LOOKS, 1)
+        return any(self.at(recording, row) for row in range(0, len(recording.position), step))
+
+    def at(self, recording: Trajectory, row: int) -> bool:
+        """Returns whether it touches anything at one measurement."""
+        model, data = self._plant.model, self._data
+        data.qpos[self._plant.qpos] = recording.position[row]
+        pose = object_pose(recording, int(recording.stamp_ns[row]))
+        if pose is not None and len(self._free) == 1:
+            data.qpos[self._free[0] : self._free[0] + 7] = pose
+        mujoco.mj_fwdPosition(model, data)
+        return bool(self._robot[data.contact.geom[: data.ncon]].any())
+
+
+def at_ease(touch: Touch, recording: Trajectory, edges: Array) -> Array:
+    """Returns edges moved to the next row at which nothing is touched and an object rests.
+
+    One that has none before the next edge is left out; the first one stays then.
+    """
+    moved = [
+        next((row for row in range(start, end) if _is_at_ease(touch, recording, row)), None)
+        for start, end in pairwise(edges.tolist())
+    ]
+    kept = [row for row in moved if row is not None]
+    first = [] if moved[0] is not None else [0]
+    return np.array([*first, *kept, edges[-1]])
+
+
+def _is_at_ease(touch: Touch, recording: Trajectory, row: int) -> bool:
+    return not (_slides(recording, int(recording.stamp_ns[row])) or touch.at(recording, row))
+
+
+def object_pose(recording: Trajectory, stamp_ns: int) -> Array | None:
+    """Returns the recorded pose of the object next to a time, shape (7,); None where none is."""
+    track = recording.object_track
+    if track is None or not len(track.stamp_ns):
+        return None
+    nearest = int(np.argmin(np.abs(track.stamp_ns - stamp_ns)))
+    return np.concatenate([track.position[nearest], track.quaternion[nearest]])
+
+
+def resting_pose(recording: Trajectory, stamp_ns: int) -> Array | None:
+    """Returns the mean pose around a time if the object rests there, else the one next to it.
+
+    A tenth of a millimetre decides whether something is touched or missed. None where no pose is
+    known.
+    """
+    track, pose = recording.object_track, object_pose(recording, stamp_ns)
+    if track is None or pose is None or _slides(recording, stamp_ns):
+        return pose
+    for reach_s in RESTING_S:
+        near = np.abs(track.stamp_ns - stamp_ns) <= 1e9 * reach_s
+        place = track.position[near]
+        if len(place) and np.linalg.norm(place[-1] - place[0]) <= SLIDING_M:
+            turned = track.quaternion[near]
+            turned = turned * np.sign(turned @ pose[3:])[:, None]  # q and -q are one rotation
+            mean = turned.mean(axis=0)
+            return np.concatenate([place.mean(axis=0), mean / np.linalg.norm(mean)])
+    return pose
+
+
+def _slides(recording: Trajectory, stamp_ns: int) -> bool:
+    """Returns whether an object moves around a time."""
+    half_ns = int(0.5e9 * SLIDING_S)
+    poses = [object_pose(recording, stamp_ns + shift) for shift in (-half_ns, half_ns)]
+    if poses[0] is None or poses[1] is None:
+        return False
+    return bool(np.linalg.norm(poses[1][:3] - poses[0][:3]) > SLIDING_M)
