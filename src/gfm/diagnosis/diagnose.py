@@ -12,6 +12,7 @@ import numpy as np
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis import evidence
+from gfm.diagnosis.attribution import Attribution
 from gfm.diagnosis.chain import evidence_chain
 from gfm.diagnosis.claims import (
     closed_share,
@@ -176,8 +177,12 @@ def diagnose(
         twins=corrected if len(corrected) > 1 else {},
         chain=evidence_chain(held, holdout, found, instances, (errors.before, errors.after)),
         gfm=told,
-        plots=_plots(problem, found.stretches if found else (), recordings, instances, errors),
-        notes=(*notes, *doubts(findings), *_notes(verdict, outside=bool(first.effects))),
+        plots=_plots(problem, found, recordings, instances, errors),
+        notes=(
+            *notes,
+            *doubts(findings),
+            *_notes(verdict, outside=bool(first.effects), less=any(e.takes_off for e in instances)),
+        ),
         provenance=dict(provenance or {}),
     )
     return _with_object(robot, thing, pushed) if thing else robot
@@ -280,28 +285,32 @@ def _overall(errors: Sequence[Array]) -> float:
 
 def _plots(
     problem: Problem,
-    stretches: Sequence[Problem],
+    found: Attribution | None,
     recordings: Sequence[Trajectory],
     instances: Sequence[EffectInstance],
     errors: HeldOut,
 ) -> tuple[EvidencePlot, ...]:
     part = problem.subset(problem.sample(PROFILED_S)).robust(instances)
+    stretches, rounds = (found.stretches, found.rounds) if found else ((), ())
     rare = reduce(Problem.joined, stretches) if stretches else part
     worst = np.argsort(-evidence.rmse(errors.before) / errors.problem.noise.position)[:2]
     return (
         *evidence.law_plots(instances, problem, recordings),
+        *(evidence.answers_plot(this.late_s) for this in rounds if this.late_s is not None),
         *evidence.profile_plots(instances, part, rare),
         *(evidence.error_plot(int(j), errors.problem, errors.before, errors.after) for j in worst),
     )
 
 
-def _notes(verdict: Verdict, *, outside: bool) -> tuple[str, ...]:
+def _notes(verdict: Verdict, *, outside: bool, less: bool) -> tuple[str, ...]:
     notes = [
         "Errors are of open-loop rollouts whose initial state is fitted (two numbers per joint, "
         "and two per motor that rings against its link where no servo holds it); recordings of "
         "torque commands are cut into stretches of half a second, others of a robot that touches "
         "something into stretches of about two."
     ]
+    if less:
+        notes.append("A negative amount takes off what the model has of it.")
     if outside:
         notes.append(
             "Not everything can be written in MJCF: corrected.effects.json has the rest, and where "

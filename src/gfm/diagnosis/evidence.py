@@ -119,7 +119,8 @@ def profile_plots(
     """Returns a picture of every other effect: what rollouts leave if its amount is another one.
 
     All else stays as fitted. From none of it to twice the amount; from half of it where none of it
-    is not zero (a gain, a stiffness, a limit).
+    is not zero (a gain, a stiffness, a limit). What takes off has none: no model has less than
+    nothing.
 
     Args:
         instances: What was found.
@@ -128,7 +129,7 @@ def profile_plots(
     """
     plots = []
     for place, instance in enumerate(instances):
-        if has_law(instance):
+        if has_law(instance) or instance.takes_off:
             continue
         first = instance.effect.parameters[0]
         low = 0.0 if first.lower <= 0.0 else 0.5
@@ -169,6 +170,26 @@ def _with_amount(
     first = one.effect.parameters[0]
     changed = replace(one, values=dict(one.values) | {first.name: amount})
     return (*instances[:place], changed, *instances[place + 1 :])
+
+
+def answers_plot(late_s: tuple[Array, Array]) -> EvidencePlot:
+    """Returns by how much later than predicted answers to steps began, without a delay and with.
+
+    Args:
+        late_s: Both, s, shape (A,).
+    """
+    number = np.arange(1.0, len(late_s[0]) + 1.0)
+    return EvidencePlot(
+        title="answers to steps from rest: how much later than predicted they begin",
+        effect="command_delay",
+        joint="",
+        x_label="answer",
+        y_label="late [ms]",
+        series=tuple(
+            Series(label=label, x=number, y=1e3 * late, style="points")
+            for label, late in zip(("without the delay", "with it"), late_s, strict=True)
+        ),
+    )
 
 
 def error_plot(

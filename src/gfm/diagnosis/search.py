@@ -9,6 +9,7 @@ from functools import partial, reduce
 import numpy as np
 
 from gfm.core import Trajectory
+from gfm.diagnosis.answers import FAR, delayed
 from gfm.diagnosis.attribution import (
     Attribution,
     Round,
@@ -95,6 +96,13 @@ def search(
     final = _borne_out(long_settled, recordings, found.fit, report)
     if short_is_enough:
         final = _not_astray(problem, short, long_settled, final)
+    if final.cost > FAR:
+        report("looking at answers to steps")
+        beside = reduce(Problem.joined, found.stretches, problem)
+        by_answers = delayed(long_settled, beside, recordings, final)
+        if by_answers is not None and by_answers.accepted is not None:
+            found = replace(found, rounds=(*found.rounds, by_answers))
+            final = by_answers.accepted
     return replace(found, fit=fitly_named(final, problem.specs)), long
 
 

@@ -25,9 +25,11 @@ def sentence_on(
         return f"The model explains the recordings to within the sensor noise ({figures})."
     if verdict is Verdict.UNEXPLAINED:
         return f"The model misses something that no known effect explains ({figures})."
-    names = "; ".join(effects_in_words(named))
+    less = [one for one in named if one.instance().takes_off]
+    names = "; ".join(effects_in_words([one for one in named if one not in less]))
+    much = f"; it has too much {'; '.join(effects_in_words(less))}" if less else ""
     part = "misses" if verdict is Verdict.EXPLAINED else "misses, among what stays unexplained,"
-    return f"The model {part} {names} ({figures})."
+    return f"The model {part} {names}{much} ({figures})."
 
 
 def sentence_on_object(thing: ObjectPart, pushed: Sequence[NamedEffect]) -> str:

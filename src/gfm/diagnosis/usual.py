@@ -136,18 +136,30 @@ def _instances(
     return found
 
 
-def earning(problem: Problem, fitted: Fit, base: int = 0) -> list[EffectInstance]:
+def earning(
+    problem: Problem, fitted: Fit, base: int = 0, own: Sequence[EffectInstance] = ()
+) -> list[EffectInstance]:
     """Returns the effects of a fit without those that explain too little, to first order.
 
     One after the other, that first which explains least of what is left on its own joint; the
-    others take over what they can. The first `base` effects stay.
+    others take over what they can.
+
+    Args:
+        problem: What is to be explained.
+        fitted: All effects.
+        base: How many of them, the first, stay.
+        own: Effects with the amounts that explain nothing, where that is not none at all.
     """
-    none = {usual.name: usual.none for usual in USUAL}
+    usual = {one.name: one.none for one in USUAL}
+    said = {e.key: e.values[e.effect.parameters[0].name] for e in own}
     left = problem.joint_costs(fitted.residual)
     kept, effects = list(fitted.effects[:base]), list(fitted.effects[base:])
     jacobian, first = fitted.jacobian, len(free_parameters(kept))
     excess = np.array(
-        [effects[i].values[p] - none[effects[i].effect.name] for i, p in free_parameters(effects)]
+        [
+            effects[i].values[p] - said.get(effects[i].key, usual[effects[i].effect.name])
+            for i, p in free_parameters(effects)
+        ]
     )
     while effects:
         inverse = np.linalg.pinv(jacobian.T @ jacobian)[:, first:]

@@ -47,7 +47,8 @@ class Scope(StrEnum):
 class Parameter:
     """One number of an effect: its unit and the range in which it is looked for.
 
-    What is smaller than `least` is none: no stamp and no controller's cycle is as exact.
+    What is smaller than `least` is none: no stamp and no controller's cycle is as exact. What
+    `takes_off` may be less than `lower`, where a model has more of it than its robot.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Parameter:
     lower: float
     upper: float
     least: float = 0.0
+    takes_off: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,6 +214,11 @@ class Effect(ABC):
         """Returns whether every parameter is finite and within its bounds."""
         return all(p.lower <= values[p.name] <= p.upper for p in self.parameters)
 
+    def possible(self, values: Values) -> bool:
+        """Returns whether a robot may differ from its model by so much."""
+        lowest = {p.name: -p.upper if p.takes_off else p.lower for p in self.parameters}
+        return all(lowest[p.name] <= values[p.name] <= p.upper for p in self.parameters)
+
     def canonical(self, values: Values) -> Values:
         """Returns the same amounts written in the one usual way: angles within a turn."""
         return values
@@ -247,6 +254,11 @@ class EffectInstance:
     def key(self) -> tuple[str, tuple[str, ...]]:
         """What makes two instances the same effect in the same place."""
         return self.effect.name, self.joints
+
+    @property
+    def takes_off(self) -> bool:
+        """Whether less than nothing is added: the model has more of it than its robot."""
+        return any(p.takes_off and self.values[p.name] < 0.0 for p in self.effect.parameters)
 
 
 def angle(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, value: float) -> float:

@@ -39,7 +39,7 @@ class CoulombFriction(Effect):
 
     name = "coulomb_friction"
     abrupt = True
-    parameters = (Parameter(name="torque", unit="N m", lower=0.0, upper=1e3),)
+    parameters = (Parameter(name="torque", unit="N m", lower=0.0, upper=1e3, takes_off=True),)
     shown_by = "reversals at several speeds, and rest under load"
 
     @override
@@ -60,7 +60,9 @@ class ViscousFriction(Effect):
     """A torque proportional to the velocity (MuJoCo's damping)."""
 
     name = "viscous_friction"
-    parameters = (Parameter(name="coefficient", unit="N m s/rad", lower=0.0, upper=1e4),)
+    parameters = (
+        Parameter(name="coefficient", unit="N m s/rad", lower=0.0, upper=1e4, takes_off=True),
+    )
     shown_by = "motion at several speeds"
 
     @override

@@ -130,7 +130,7 @@ class Armature(Effect):
     """Inertia of the motor side, seen at the joint."""
 
     name = "armature"
-    parameters = (Parameter(name="inertia", unit="kg m^2", lower=0.0, upper=1e3),)
+    parameters = (Parameter(name="inertia", unit="kg m^2", lower=0.0, upper=1e3, takes_off=True),)
     shown_by = "fast reversals"
 
     @override

@@ -60,7 +60,7 @@ def _instance(entry: Mapping[str, Any], where: str, *, beside: bool) -> EffectIn
             f"{where}: {effect.name} with {', '.join(sorted(amounts))}; "
             f"expected {', '.join(sorted(wanted))}"
         )
-    if not effect.admissible(amounts):
+    if not effect.possible(amounts):
         raise BadInputError(f"{where}: {effect.name} {amounts}: out of bounds")
     if len(joints) != _JOINTS.get(effect.scope, len(joints)):
         raise BadInputError(

@@ -111,7 +111,7 @@ def energy_balance(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> E
             effect=e.effect.name,
             joints=e.joints,
             power_w=-_work(domain, law) / duration_s,
-            only_takes=e.effect.name in DISSIPATIVE,
+            only_takes=e.effect.name in DISSIPATIVE and not e.takes_off,
         )
         for e in effects
         if (law := domain.law(e)) is not None

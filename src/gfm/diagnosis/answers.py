@@ -1,0 +1,319 @@
+"""How soon a joint at rest answers a step of its command: dead time, whatever the model says else.
+
+Where a model stays far from its recordings, rollouts trade a delay for whatever else slows an
+answer down: an inertia or a damping that is not the robot's, a servo that is no spring. The very
+first movement does not: a joint at rest goes by a t^2 / 2 whatever pulls it, and the line through
+the roots of its first displacements meets zero where the pull began. Compared with the same of a
+prediction, at the same stamps, what is left is dead time that the model lacks.
+
+Shape letters: T measurements of a stretch, J joints, A answers, N numbers of a residual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gfm.core import CommandKind, Trajectory
+from gfm.core.checks import Array
+from gfm.diagnosis.attribution import CLOSE_CALL, Round
+from gfm.diagnosis.cutting import between
+from gfm.diagnosis.fitting import FITTING_S, LEAST_GAIN, ROUGH, Fit, fit, mean_square, measured
+from gfm.diagnosis.outliers import OUTLYING, bounded
+from gfm.diagnosis.problem import Noise, Problem
+from gfm.diagnosis.restating import Key, beside_own, with_own, without_own
+from gfm.diagnosis.usual import FITS, earning
+from gfm.effects import EffectInstance, find_effect
+from gfm.sim.predict import Prediction, Segment
+
+#: Time for which a command stood still before its step, and after which nothing is an answer, s.
+#: What seems to have begun before the step by more than stamps may err did not wait for it.
+REST_S, ANSWER_S, EARLIEST_S = 0.3, 0.15, -0.02
+#: Share of a step by which the command may stray in that time.
+STRAY = 0.1
+#: Displacement that is no noise, and that up to which an answer is looked at, in its units; so much
+#: a joint at rest may seem to move.
+SEEN, LOOKED_AT, RESTING = 6.0, 40.0, 6.0
+#: Answers that are needed, and that are looked at, at most.
+LEAST_ANSWERS, MOST_ANSWERS = 8, 48
+#: Mean square, in units of the noise, from which on rollouts may trade a delay for something else.
+FAR = 10.0
+#: Lateness that is dead time: so many of its standard errors, and so many seconds.
+ERRORS, LEAST_S = 3.0, 2e-3
+#: Recorded time in which what the model itself says is looked into, s.
+RESTATING_S = 2.0 * FITTING_S
+#: From a median absolute deviation to the standard error of a median of one normal number.
+MAD_TO_ERROR = 1.4826 * 1.25
+#: What delays an answer already, by name.
+DELAYS = ("command_delay", "actuator_lag")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """A joint that answers a step of its command from rest.
+
+    Attributes:
+        joint: Number of the joint.
+        step_s: When the command stepped, in the time of the stretch.
+        up: 1 where it did to larger values, else -1.
+        after_s: Measured dead time.
+    """
+
+    joint: int
+    step_s: float
+    up: float
+    after_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answers:
+    """Answers to steps.
+
+    Attributes:
+        problem: In whose stretches they are, one in each.
+        answers: One by one, A of them.
+    """
+
+    problem: Problem
+    answers: tuple[Answer, ...]
+
+    def late_s(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
+        """Returns by how much later than predicted each answer comes, s, shape (candidates, A).
+
+        A prediction that does not answer in time counts as one that does at the end of it.
+        """
+        measured_s = np.array([answer.after_s for answer in self.answers])
+        told = [self._predicted_s(one) for one in self.problem.predictions(candidates)]
+        return measured_s - np.nan_to_num(told, nan=ANSWER_S)
+
+    def _predicted_s(self, predictions: Sequence[Prediction]) -> list[float]:
+        rows = zip(self.answers, self.problem.segments, predictions, strict=True)
+        noise = self.problem.noise.position
+        return [
+            dead_time_s(s.time_s, p.position[:, a.joint], a.step_s, a.up, float(noise[a.joint]))
+            for a, s, p in rows
+        ]
+
+    @property
+    def by_joint(self) -> list[list[int]]:
+        """Which answers are those of each joint that has some, by their numbers."""
+        joints = [answer.joint for answer in self.answers]
+        return [[i for i, j in enumerate(joints) if j == one] for one in sorted(set(joints))]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BothWitnesses:
+    """Rollouts and answers to steps as one least-squares problem.
+
+    Attributes:
+        rollouts: Open-loop predictions.
+        answers: To steps.
+        units: Of the rollouts' residual, and of the answers, s.
+    """
+
+    rollouts: Problem
+    answers: Answers
+    units: tuple[float, float]
+
+    def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
+        """Returns what each candidate leaves of both, weighted alike, (candidates, N + A)."""
+        rollouts = self.rollouts.residuals(candidates) / self.units[0]
+        late = self.answers.late_s(candidates)
+        answers = np.stack([bounded(one / self.units[1], OUTLYING) for one in late])
+        both = rollouts, answers
+        return np.concatenate([one / np.sqrt(one.shape[1]) for one in both], axis=1)
+
+    def coarse(self) -> BothWitnesses:
+        """Returns the problem with rollouts by fast integration."""
+        return replace(self, rollouts=self.rollouts.coarse())
+
+    def without_own(
+        self, keys: Collection[Key]
+    ) -> tuple[BothWitnesses, tuple[EffectInstance, ...]]:
+        """Returns both before models without what they say under `keys`, and what that is."""
+        rollouts, own = without_own(self.rollouts, keys)
+        problem, _ = without_own(self.answers.problem, keys)
+        return replace(self, rollouts=rollouts, answers=replace(self.answers, problem=problem)), own
+
+
+def delayed(
+    problem: Problem, short: Problem, recordings: Sequence[Trajectory], fitted: Fit
+) -> Round | None:
+    """Returns a round in which a delay was found by answers to steps; None where they show none.
+
+    What the model itself says of its joints is fitted anew beside it: where its inertia is too
+    large, rollouts leave no room for a delay. They may leave a little more with both: answers
+    decide where rollouts hardly tell.
+
+    Args:
+        problem: Rollouts to which the effects were fitted.
+        short: Short ones, in which what the model itself says is looked into.
+        recordings: All recordings of the problem.
+        fitted: By rollouts alone.
+    """
+    apart = any(e.effect.separates_motor or e.effect.name in DELAYS for e in fitted.effects)
+    if not fitted.effects or apart:
+        return None
+    answers = find_answers(problem, recordings)
+    if len(answers.answers) < LEAST_ANSWERS:
+        return None
+    late_s = answers.late_s([fitted.effects])[0]
+    common_s = dead_time(late_s, answers.by_joint)
+    if common_s is None:
+        return None
+    delay = EffectInstance(
+        effect=find_effect("command_delay"), joints=problem.driven, values={"delay": common_s}
+    )
+    unit_s = float(np.sqrt(np.mean(late_s**2)))
+    begun = _restated(short.subset(short.sample(RESTATING_S)), answers, unit_s, fitted, delay)
+    both = _witnesses(problem, answers, unit_s, fitted.effects)
+    together = _refitted(both, begun)
+    left = together.cost / mean_square(both.residuals([fitted.effects])[0])
+    told = measured(problem, together.effects)
+    if left > 1.0 - LEAST_GAIN or told.cost > CLOSE_CALL * fitted.cost:
+        return None
+    new = len(together.effects) - len(fitted.effects)
+    return Round(
+        before=fitted.cost,
+        screened=(),
+        fits=(replace(together, cost=left * fitted.cost),),
+        accepted=told,
+        together=new if new > 1 else 0,
+        late_s=(late_s, answers.late_s([together.effects])[0]),
+    )
+
+
+def _witnesses(
+    problem: Problem, answers: Answers, unit_s: float, effects: Sequence[EffectInstance]
+) -> BothWitnesses:
+    """Returns both witnesses, in units of what `effects` leave."""
+    unit = float(np.sqrt(mean_square(problem.residuals([effects])[0])))
+    return BothWitnesses(rollouts=problem, answers=answers, units=(unit, unit_s))
+
+
+def _restated(
+    problem: Problem, answers: Answers, unit_s: float, fitted: Fit, delay: EffectInstance
+) -> tuple[EffectInstance, ...]:
+    """Returns a delay, what was fitted before, and what the model says of its joints wrongly."""
+    problem = problem.robust(fitted.effects)
+    both = _witnesses(problem, answers, unit_s, fitted.effects)
+    begun = (*fitted.effects, delay)
+    doubted = [e.key for e in without_own(problem)[1] if e.key not in {b.key for b in begun}]
+    for _ in range(FITS):
+        bare, own = both.without_own(doubted)
+        found = fit(bare, with_own(begun, own), tolerance=ROUGH)
+        alone = measured(bare.rollouts, found.effects)
+        kept = earning(bare.rollouts, alone, len(fitted.effects) + 1, own)
+        begun = beside_own(kept, own)
+        left = [key for key in doubted if key in {e.key for e in kept}]
+        if left == doubted:
+            break
+        doubted = left
+    return begun
+
+
+def _refitted(both: BothWitnesses, begun: Sequence[EffectInstance]) -> Fit:
+    """Returns effects fitted to both witnesses, which may take off what the model has."""
+    bare, own = both.without_own([e.key for e in begun])
+    found = fit(bare, with_own(begun, own), tolerance=ROUGH)
+    return replace(found, effects=beside_own(found.effects, own))
+
+
+def dead_time(late_s: Array, by_joint: Sequence[Sequence[int]]) -> float | None:
+    """Returns the dead time that all joints share, s; None where answers show none.
+
+    Args:
+        late_s: By how much later than predicted each answer comes, s, shape (A,).
+        by_joint: Which of them are those of each joint.
+    """
+    common_s = float(np.median(late_s))
+    error_s = MAD_TO_ERROR * float(np.median(np.abs(late_s - common_s))) / np.sqrt(len(late_s))
+    if common_s < max(ERRORS * error_s, LEAST_S):
+        return None
+    shared = all(np.median(late_s[list(rows)]) > 0.0 for rows in by_joint)
+    return common_s if shared else None
+
+
+def find_answers(problem: Problem, recordings: Sequence[Trajectory]) -> Answers:
+    """Returns the answers to steps in recordings of servos, each in a stretch of its own."""
+    found = [
+        pair
+        for index, recording in enumerate(recordings)
+        for joint, row in _steps(recording)
+        if (pair := _answer(problem.noise, recording, index, joint, row)) is not None
+    ]
+    some = np.linspace(0, max(len(found) - 1, 0), min(len(found), MOST_ANSWERS)).astype(int)
+    return Answers(
+        problem=replace(
+            problem,
+            segments=tuple(found[i][0] for i in some),
+            state_basis=(),
+            outlying_from=None,
+        ),
+        answers=tuple(found[i][1] for i in some),
+    )
+
+
+def _answer(
+    noise: Noise, recording: Trajectory, index: int, joint: int, row: int
+) -> tuple[Segment, Answer] | None:
+    """Returns the answer of a joint to a command, and its stretch; None where none is seen."""
+    time_s, step_s = recording.time_s, float(recording.command_time_s[row])
+    first, end = np.searchsorted(time_s, [step_s - REST_S, step_s + ANSWER_S])
+    cut = between(recording, index, noise, [(int(first), int(end))])
+    if not cut:
+        return None
+    at_s = step_s - float(time_s[first])
+    position, sigma = cut[0].position[:, joint], float(noise.position[joint])
+    up = float(np.sign(recording.command[row, joint] - recording.command[row - 1, joint]))
+    after_s = dead_time_s(cut[0].time_s, position, at_s, up, sigma)
+    if not np.isfinite(after_s) or np.ptp(position[cut[0].time_s <= at_s]) > RESTING * sigma:
+        return None
+    return cut[0], Answer(joint=joint, step_s=at_s, up=up, after_s=after_s)
+
+
+def _steps(recording: Trajectory) -> Iterator[tuple[int, int]]:
+    """Yields joint and number of every command that steps, with rest before and after it."""
+    if recording.command_kind is CommandKind.EFFORT:
+        return
+    time_s = recording.command_time_s
+    for joint, name in enumerate(recording.joint_names):
+        if recording.servo_gain.get(name, 1.0) == 0.0:
+            continue
+        size = np.abs(np.diff(recording.command[:, joint], prepend=recording.command[0, joint]))
+        strayed = np.cumsum(size)
+        for row in np.flatnonzero(size):
+            before, after = np.searchsorted(time_s, time_s[row] + np.array([-REST_S, ANSWER_S]))
+            around = strayed[after - 1] - strayed[max(before - 1, 0)] - size[row]
+            if time_s[row] - time_s[0] >= REST_S and around <= STRAY * size[row]:
+                yield joint, int(row)
+
+
+def dead_time_s(time_s: Array, position: Array, step_s: float, up: float, noise: float) -> float:
+    """Returns how long after a step a joint at rest begins to move, s; NaN where none is seen.
+
+    Args:
+        time_s: shape (T,).
+        position: rad, shape (T,).
+        step_s: When the command stepped.
+        up: In which direction, 1 or -1.
+        noise: Standard deviation of the measured position, rad.
+    """
+    resting = time_s <= step_s
+    if not resting.any():
+        return float("nan")
+    moved = up * (position - position[resting][-3:].mean())
+    seen = np.flatnonzero(~resting & (moved > SEEN * noise))
+    if not len(seen):
+        return float("nan")
+    first = int(seen[0])
+    far = np.flatnonzero(moved[first:] > LOOKED_AT * noise)
+    end = max(first + (int(far[0]) if len(far) else len(moved)), first + 1) + 1
+    roots, times = np.sqrt(np.maximum(moved[first:end], 0.0)), time_s[first:end]
+    if len(roots) < 2:
+        return float("nan")
+    slope, offset = np.polyfit(times, roots, 1)
+    after_s = float(-offset / slope - step_s) if slope > 0.0 else float("nan")
+    return after_s if after_s > EARLIEST_S else float("nan")

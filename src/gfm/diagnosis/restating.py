@@ -1,0 +1,89 @@
+"""What a model itself says of its joints, to be fitted anew: it may say too much.
+
+Effects add to a model. Where its own damping, dry friction or motor inertia is larger than the
+robot's, what it has is taken out, fitted as if it were missing, and told as what is to be added:
+less than nothing, then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeAlias
+
+import mujoco
+import numpy as np
+
+from gfm.diagnosis.problem import Problem
+from gfm.effects import EffectInstance, find_effect
+from gfm.effects.effect import find_joint
+
+#: Share of what it says that a model keeps: without any, what is light cannot be simulated.
+KEPT = 0.05
+
+#: Effect and joints.
+Key: TypeAlias = tuple[str, tuple[str, ...]]
+
+#: Where a joint says how much it has of an effect.
+_SAYS: Mapping[str, str] = {
+    "coulomb_friction": "frictionloss",
+    "viscous_friction": "damping",
+    "armature": "armature",
+}
+
+
+def without_own(
+    problem: Problem, keys: Collection[Key] | None = None
+) -> tuple[Problem, tuple[EffectInstance, ...]]:
+    """Returns the problem with models that say next to nothing of their joints, and what they said.
+
+    Args:
+        problem: With models that do.
+        keys: Effects and places of what is taken out; everything where they are not given.
+    """
+    specs = {kind: spec.copy() for kind, spec in problem.specs.items()}
+    own: dict[Key, EffectInstance] = {}
+    for spec in specs.values():
+        for name, field in _SAYS.items():
+            effect = find_effect(name)
+            for joint in problem.joints:
+                key = (name, (joint,))
+                said = _take_out(find_joint(spec, joint), field) if _wanted(key, keys) else 0.0
+                if said > 0.0:
+                    values = {effect.parameters[0].name: said}
+                    own[key] = EffectInstance(effect=effect, joints=(joint,), values=values)
+    return replace(problem, specs=specs), tuple(own.values())
+
+
+def _wanted(key: Key, keys: Collection[Key] | None) -> bool:
+    return keys is None or key in keys
+
+
+def _take_out(joint: mujoco.MjsJoint, field: str) -> float:
+    """Takes out most of what a joint says of itself, and returns how much."""
+    said = np.ravel(getattr(joint, field)).astype(float)
+    kept = KEPT * said
+    setattr(joint, field, kept if len(kept) > 1 else float(kept[0]))
+    return float(said[0] - kept[0])
+
+
+def with_own(
+    effects: Sequence[EffectInstance], own: Sequence[EffectInstance]
+) -> tuple[EffectInstance, ...]:
+    """Returns effects of the model as those of one that says nothing, what it says among them."""
+    amounts = {e.key: e for e in own}
+    mine = tuple(_changed(e, amounts.pop(e.key), 1.0) if e.key in amounts else e for e in effects)
+    return (*mine, *amounts.values())
+
+
+def beside_own(
+    effects: Sequence[EffectInstance], own: Sequence[EffectInstance]
+) -> tuple[EffectInstance, ...]:
+    """Returns effects of a model that says nothing as those to be added to what it does say."""
+    amounts = {e.key: e for e in own}
+    return tuple(_changed(e, amounts[e.key], -1.0) if e.key in amounts else e for e in effects)
+
+
+def _changed(instance: EffectInstance, by: EffectInstance, sign: float) -> EffectInstance:
+    values = {name: value + sign * by.values[name] for name, value in instance.values.items()}
+    return replace(instance, values=values)
