@@ -6,7 +6,6 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from tests.pendulum import MODEL, PERIOD_S, ROTOR, swung
 
 from gfm.core import CommandKind
 from gfm.diagnosis.answers import ANSWER_S, dead_time, dead_time_s, delayed, find_answers
@@ -15,6 +14,7 @@ from gfm.diagnosis.evidence import answers_plot
 from gfm.diagnosis.fitting import fit
 from gfm.diagnosis.restating import KEPT, beside_own, with_own, without_own
 from gfm.effects import EffectInstance, find_effect
+from pendulum import MODEL, PERIOD_S, ROTOR, swung
 
 NOISE = 1e-4
 #: The robot: late, and its rotor and damping are a part of what its model says.
@@ -34,10 +34,8 @@ def steps(seed):
 def waves(seed):
     time_s = PERIOD_S * np.arange(1400)
     phases = np.random.default_rng(seed).uniform(0, 2 * np.pi, 3)
-    return sum(
-        0.2 * np.sin(2 * np.pi * f * time_s + p)
-        for f, p in zip((0.3, 0.8, 1.7), phases, strict=True)
-    )
+    pairs = zip((0.3, 0.8, 1.7), phases, strict=True)
+    return sum(0.2 * np.sin(2 * np.pi * hertz * time_s + phase) for hertz, phase in pairs)
 
 
 def law(_q, v):

@@ -30,6 +30,13 @@ def test_effects_come_back_with_place_and_amounts(tmp_path, schema):
     assert found.values == {"static_excess": 0.5, "stribeck_velocity": 0.05}
 
 
+def test_what_takes_off_what_a_model_has_may_be_less_than_nothing(tmp_path):
+    less = {"effect": "armature", "joints": ["elbow"], "parameters": {"inertia": {"value": -0.02}}}
+    (found,) = read_effects(written(tmp_path, {"schema": "gfm.diagnosis/1", "effects": [less]}))
+    assert found.values == {"inertia": -0.02}
+    assert found.takes_off
+
+
 def test_of_a_native_effect_the_model_beside_it_has_its_part_and_that_of_a_report_has_not(tmp_path):
     offset = {"effect": "encoder_offset", "joints": ["elbow"], "native": True}
     offset["parameters"] = {"offset": {"value": 0.1}}

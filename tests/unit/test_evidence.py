@@ -8,8 +8,8 @@ from gfm.core import CommandKind
 from gfm.diagnosis.claims import credible
 from gfm.diagnosis.cutting import make_problem
 from gfm.diagnosis.evidence import MISFIT, law_plots, profile_plots
-from gfm.diagnosis.result import ErrorSummary, NamedEffect, ParameterEstimate
-from gfm.diagnosis.sentences import effects_in_words
+from gfm.diagnosis.result import ErrorSummary, NamedEffect, ParameterEstimate, Verdict
+from gfm.diagnosis.sentences import effects_in_words, sentence_on
 from gfm.effects import EffectInstance, effect_library
 from pendulum import MODEL, PERIOD_S, swung
 
@@ -108,6 +108,23 @@ def test_one_effect_on_several_joints_is_one_phrase():
         "coulomb friction on a, b (torque 0.2 to 0.35 N m)",
         "torque offset on b (torque 0.1 N m)",
     ]
+
+
+def test_what_the_model_has_too_much_of_is_said_apart():
+    error = ErrorSummary(before=0.1, after=0.05, noise_floor=0.001)
+    less = NamedEffect(
+        effect="armature",
+        joints=("a",),
+        parameters={"inertia": ParameterEstimate(value=-0.02, unit="kg m^2", ci95=None)},
+        confidence=0.4,
+        native=True,
+    )
+    both = [named("coulomb_friction", "a", torque=0.2), less]
+    words = sentence_on(Verdict.PARTLY_EXPLAINED, both, error, "")
+    assert "coulomb friction on a (torque 0.2 N m); it has too much armature on a" in words
+    assert "(inertia -0.02 kg m^2)" in words
+    assert "misses, among what stays unexplained, coulomb friction" in words
+    assert "too much" not in sentence_on(Verdict.EXPLAINED, both[:1], error, "")
 
 
 def test_of_many_amounts_a_sentence_tells_the_first():

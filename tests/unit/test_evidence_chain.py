@@ -137,6 +137,17 @@ def test_energy_does_not_add_up_without_it_with_too_much_or_with_one_that_drives
     assert not pushing.named[0].possible
 
 
+def test_a_friction_that_the_model_has_too_much_of_drives_nothing(rubbing):
+    said = MODEL.replace('<joint name="j"', '<joint name="j" frictionloss="0.5"')
+    domain = torque_domain({CommandKind.POSITION: mujoco.MjSpec.from_string(said)}, rubbing)
+    less = energy_balance(domain, [effect("coulomb_friction", torque=FRICTION - 0.5)])
+    assert less.named[0].power_w < 0.0
+    assert less.named[0].possible
+    assert less.even
+    driven = energy_balance(domain, [effect("coulomb_friction", torque=-0.6)])
+    assert not driven.named[0].possible
+
+
 def test_a_clean_robot_has_an_even_balance_and_stores_what_gravity_takes():
     told = energy_balance(torque_domain(SPECS, [recording()]), ())
     assert told.even

@@ -55,6 +55,15 @@ def without_own(
     return replace(problem, specs=specs), tuple(own.values())
 
 
+def covers(spec: mujoco.MjSpec, instance: EffectInstance) -> bool:
+    """Returns whether a model has as much of an effect as `instance` takes off."""
+    field = _SAYS.get(instance.effect.name)
+    if field is None or not instance.takes_off:
+        return False
+    (taken,) = instance.values.values()
+    return bool(np.ravel(getattr(find_joint(spec, instance.joints[0]), field))[0] + taken >= 0.0)
+
+
 def _wanted(key: Key, keys: Collection[Key] | None) -> bool:
     return keys is None or key in keys
 

@@ -20,6 +20,7 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.candidates import TorqueView
 from gfm.diagnosis.chain.torques import TorqueDomain
+from gfm.diagnosis.restating import covers
 from gfm.effects import EffectInstance
 from gfm.effects.effect import sign
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
@@ -104,6 +105,7 @@ class _Work:
 
 def energy_balance(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> EnergyBalance:
     """Returns the balance under the nominal model and with `effects`."""
+    spec = next(iter(domain.specs.values()))
     before, after = (_works(domain, chosen) for chosen in ((), domain.in_model(effects)))
     duration_s = sum(one.duration_s for one in before)
     named = tuple(
@@ -111,7 +113,7 @@ def energy_balance(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> E
             effect=e.effect.name,
             joints=e.joints,
             power_w=-_work(domain, law) / duration_s,
-            only_takes=e.effect.name in DISSIPATIVE and not e.takes_off,
+            only_takes=e.effect.name in DISSIPATIVE and not covers(spec, e),
         )
         for e in effects
         if (law := domain.law(e)) is not None
