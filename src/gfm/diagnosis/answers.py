@@ -284,11 +284,12 @@ def _steps(recording: Trajectory) -> Iterator[tuple[int, int]]:
             continue
         size = np.abs(np.diff(recording.command[:, joint], prepend=recording.command[0, joint]))
         strayed = np.cumsum(size)
-        for row in np.flatnonzero(size):
-            before, after = np.searchsorted(time_s, time_s[row] + np.array([-REST_S, ANSWER_S]))
-            around = strayed[after - 1] - strayed[max(before - 1, 0)] - size[row]
-            if time_s[row] - time_s[0] >= REST_S and around <= STRAY * size[row]:
-                yield joint, int(row)
+        rows = np.flatnonzero((size > 0.0) & (time_s - time_s[0] >= REST_S))
+        before = np.searchsorted(time_s, time_s[rows] - REST_S)
+        after = np.searchsorted(time_s, time_s[rows] + ANSWER_S)
+        around = strayed[after - 1] - strayed[np.maximum(before - 1, 0)] - size[rows]
+        for row in rows[around <= STRAY * size[rows]]:
+            yield joint, int(row)
 
 
 def dead_time_s(time_s: Array, position: Array, step_s: float, up: float, noise: float) -> float:
