@@ -6,26 +6,21 @@ first movement does not: a joint at rest goes by a t^2 / 2 whatever pulls it, an
 the roots of its first displacements meets zero where the pull began. Compared with the same of a
 prediction, at the same stamps, what is left is dead time that the model lacks.
 
-Shape letters: T measurements of a stretch, J joints, A answers, N numbers of a residual.
+Shape letters: T measurements of a stretch, J joints, A answers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.attribution import CLOSE_CALL, Round
 from gfm.diagnosis.cutting import between
-from gfm.diagnosis.fitting import FITTING_S, LEAST_GAIN, ROUGH, Fit, fit, mean_square, measured
-from gfm.diagnosis.outliers import OUTLYING, bounded
 from gfm.diagnosis.problem import Noise, Problem
-from gfm.diagnosis.restating import Key, beside_own, with_own, without_own
-from gfm.diagnosis.usual import FITS, earning
-from gfm.effects import EffectInstance, find_effect
+from gfm.effects import EffectInstance
 from gfm.sim.predict import Prediction, Segment
 
 #: Time for which a command stood still before its step, and after which nothing is an answer, s.
@@ -38,16 +33,10 @@ STRAY = 0.1
 SEEN, LOOKED_AT, RESTING = 6.0, 40.0, 6.0
 #: Answers that are needed, and that are looked at, at most.
 LEAST_ANSWERS, MOST_ANSWERS = 8, 48
-#: Mean square, in units of the noise, from which on rollouts may trade a delay for something else.
-FAR = 10.0
 #: Lateness that is dead time: so many of its standard errors, and so many seconds.
 ERRORS, LEAST_S = 3.0, 2e-3
-#: Recorded time in which what the model itself says is looked into, s.
-RESTATING_S = 2.0 * FITTING_S
 #: From a median absolute deviation to the standard error of a median of one normal number.
 MAD_TO_ERROR = 1.4826 * 1.25
-#: What delays an answer already, by name.
-DELAYS = ("command_delay", "actuator_lag")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,128 +86,15 @@ class Answers:
         ]
 
     @property
+    def none(self) -> Answers:
+        """The same without any."""
+        return Answers(problem=replace(self.problem, segments=()), answers=())
+
+    @property
     def by_joint(self) -> list[list[int]]:
         """Which answers are those of each joint that has some, by their numbers."""
         joints = [answer.joint for answer in self.answers]
         return [[i for i, j in enumerate(joints) if j == one] for one in sorted(set(joints))]
-
-
-@dataclass(frozen=True, kw_only=True)
-class BothWitnesses:
-    """Rollouts and answers to steps as one least-squares problem.
-
-    Attributes:
-        rollouts: Open-loop predictions.
-        answers: To steps.
-        units: Of the rollouts' residual, and of the answers, s.
-    """
-
-    rollouts: Problem
-    answers: Answers
-    units: tuple[float, float]
-
-    def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
-        """Returns what each candidate leaves of both, weighted alike, (candidates, N + A)."""
-        rollouts = self.rollouts.residuals(candidates) / self.units[0]
-        late = self.answers.late_s(candidates)
-        answers = np.stack([bounded(one / self.units[1], OUTLYING) for one in late])
-        both = rollouts, answers
-        return np.concatenate([one / np.sqrt(one.shape[1]) for one in both], axis=1)
-
-    def coarse(self) -> BothWitnesses:
-        """Returns the problem with rollouts by fast integration."""
-        return replace(self, rollouts=self.rollouts.coarse())
-
-    def without_own(
-        self, keys: Collection[Key]
-    ) -> tuple[BothWitnesses, tuple[EffectInstance, ...]]:
-        """Returns both before models without what they say under `keys`, and what that is."""
-        rollouts, own = without_own(self.rollouts, keys)
-        problem, _ = without_own(self.answers.problem, keys)
-        return replace(self, rollouts=rollouts, answers=replace(self.answers, problem=problem)), own
-
-
-def delayed(
-    problem: Problem, short: Problem, recordings: Sequence[Trajectory], fitted: Fit
-) -> Round | None:
-    """Returns a round in which a delay was found by answers to steps; None where they show none.
-
-    What the model itself says of its joints is fitted anew beside it: where its inertia is too
-    large, rollouts leave no room for a delay. They may leave a little more with both: answers
-    decide where rollouts hardly tell.
-
-    Args:
-        problem: Rollouts to which the effects were fitted.
-        short: Short ones, in which what the model itself says is looked into.
-        recordings: All recordings of the problem.
-        fitted: By rollouts alone.
-    """
-    apart = any(e.effect.separates_motor or e.effect.name in DELAYS for e in fitted.effects)
-    if not fitted.effects or apart:
-        return None
-    answers = find_answers(problem, recordings)
-    if len(answers.answers) < LEAST_ANSWERS:
-        return None
-    late_s = answers.late_s([fitted.effects])[0]
-    common_s = dead_time(late_s, answers.by_joint)
-    if common_s is None:
-        return None
-    delay = EffectInstance(
-        effect=find_effect("command_delay"), joints=problem.driven, values={"delay": common_s}
-    )
-    unit_s = float(np.sqrt(np.mean(late_s**2)))
-    begun = _restated(short.subset(short.sample(RESTATING_S)), answers, unit_s, fitted, delay)
-    both = _witnesses(problem, answers, unit_s, fitted.effects)
-    together = _refitted(both, begun)
-    left = together.cost / mean_square(both.residuals([fitted.effects])[0])
-    told = measured(problem, together.effects)
-    if left > 1.0 - LEAST_GAIN or told.cost > CLOSE_CALL * fitted.cost:
-        return None
-    new = len(together.effects) - len(fitted.effects)
-    return Round(
-        before=fitted.cost,
-        screened=(),
-        fits=(replace(together, cost=left * fitted.cost),),
-        accepted=told,
-        together=new if new > 1 else 0,
-        late_s=(late_s, answers.late_s([together.effects])[0]),
-    )
-
-
-def _witnesses(
-    problem: Problem, answers: Answers, unit_s: float, effects: Sequence[EffectInstance]
-) -> BothWitnesses:
-    """Returns both witnesses, in units of what `effects` leave."""
-    unit = float(np.sqrt(mean_square(problem.residuals([effects])[0])))
-    return BothWitnesses(rollouts=problem, answers=answers, units=(unit, unit_s))
-
-
-def _restated(
-    problem: Problem, answers: Answers, unit_s: float, fitted: Fit, delay: EffectInstance
-) -> tuple[EffectInstance, ...]:
-    """Returns a delay, what was fitted before, and what the model says of its joints wrongly."""
-    problem = problem.robust(fitted.effects)
-    both = _witnesses(problem, answers, unit_s, fitted.effects)
-    begun = (*fitted.effects, delay)
-    doubted = [e.key for e in without_own(problem)[1] if e.key not in {b.key for b in begun}]
-    for _ in range(FITS):
-        bare, own = both.without_own(doubted)
-        found = fit(bare, with_own(begun, own), tolerance=ROUGH)
-        alone = measured(bare.rollouts, found.effects)
-        kept = earning(bare.rollouts, alone, len(fitted.effects) + 1, own)
-        begun = beside_own(kept, own)
-        left = [key for key in doubted if key in {e.key for e in kept}]
-        if left == doubted:
-            break
-        doubted = left
-    return begun
-
-
-def _refitted(both: BothWitnesses, begun: Sequence[EffectInstance]) -> Fit:
-    """Returns effects fitted to both witnesses, which may take off what the model has."""
-    bare, own = both.without_own([e.key for e in begun])
-    found = fit(bare, with_own(begun, own), tolerance=ROUGH)
-    return replace(found, effects=beside_own(found.effects, own))
 
 
 def dead_time(late_s: Array, by_joint: Sequence[Sequence[int]]) -> float | None:
@@ -228,6 +104,8 @@ def dead_time(late_s: Array, by_joint: Sequence[Sequence[int]]) -> float | None:
         late_s: By how much later than predicted each answer comes, s, shape (A,).
         by_joint: Which of them are those of each joint.
     """
+    if len(late_s) < LEAST_ANSWERS:
+        return None
     common_s = float(np.median(late_s))
     error_s = MAD_TO_ERROR * float(np.median(np.abs(late_s - common_s))) / np.sqrt(len(late_s))
     if common_s < max(ERRORS * error_s, LEAST_S):

@@ -93,6 +93,7 @@ class Round:
         accepted: The best of them, or None where it explains too little.
         together: How many new effects the first fit has, if none of them explains much alone.
         stretches: How many stretches it was about, those that stayed far off; 0 for all.
+        restated: Whether what the model itself says was fitted anew.
         late_s: By how much later than predicted each answer to a step came before, and after, s,
             shape (A,) each; None where it was not about those.
         instead_of: What made way for the new effect.
@@ -104,6 +105,7 @@ class Round:
     accepted: Fit | None
     together: int = 0
     stretches: int = 0
+    restated: bool = False
     late_s: tuple[Array, Array] | None = None
     instead_of: EffectInstance | None = None
 

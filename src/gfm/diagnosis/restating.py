@@ -18,7 +18,7 @@ from gfm.diagnosis.problem import Problem
 from gfm.effects import EffectInstance, find_effect
 from gfm.effects.effect import find_joint
 
-#: Share of what it says that a model keeps: without any, what is light cannot be simulated.
+#: Share of its motors' inertia that a model keeps: what is light cannot be simulated without.
 KEPT = 0.05
 
 #: Effect and joints.
@@ -71,7 +71,7 @@ def _wanted(key: Key, keys: Collection[Key] | None) -> bool:
 def _take_out(joint: mujoco.MjsJoint, field: str) -> float:
     """Takes out most of what a joint says of itself, and returns how much."""
     said = np.ravel(getattr(joint, field)).astype(float)
-    kept = KEPT * said
+    kept = (KEPT if field == "armature" else 0.0) * said
     setattr(joint, field, kept if len(kept) > 1 else float(kept[0]))
     return float(said[0] - kept[0])
 

@@ -9,7 +9,6 @@ from functools import partial, reduce
 import numpy as np
 
 from gfm.core import Trajectory
-from gfm.diagnosis.answers import FAR, delayed
 from gfm.diagnosis.attribution import (
     Attribution,
     Round,
@@ -29,6 +28,7 @@ from gfm.diagnosis.lookalikes import exchanges
 from gfm.diagnosis.naming import fitly_named
 from gfm.diagnosis.problem import Problem
 from gfm.diagnosis.stretches import look_into_stretches
+from gfm.diagnosis.too_much import FAR, too_much
 from gfm.diagnosis.usual import usually_missing
 from gfm.diagnosis.witnesses import borne_out
 from gfm.effects import effect_library
@@ -97,12 +97,12 @@ def search(
     if short_is_enough:
         final = _not_astray(problem, short, long_settled, final)
     if final.cost > FAR:
-        report("looking at answers to steps")
+        report("looking at what the model itself says")
         beside = reduce(Problem.joined, found.stretches, problem)
-        by_answers = delayed(long_settled, beside, recordings, final)
-        if by_answers is not None and by_answers.accepted is not None:
-            found = replace(found, rounds=(*found.rounds, by_answers))
-            final = by_answers.accepted
+        less = too_much(long_settled, beside, recordings, final, of_stretches(found.rounds))
+        if less is not None and less.accepted is not None:
+            found = replace(found, rounds=(*found.rounds, less))
+            final = less.accepted
     return replace(found, fit=fitly_named(final, problem.specs)), long
 
 

@@ -35,6 +35,7 @@ class RoundRow:
             together, far more than the best alone.
         accepted: Whether it was.
         stretches: How many stretches the round was about, those that stayed far off; 0 for all.
+        restated: Whether what the model itself says of its joints was fitted anew.
         answers: How many answers to steps it was about, beside the rollouts; 0 for none.
         instead_of: What made way for the best candidate, in words; empty if nothing did.
     """
@@ -45,6 +46,7 @@ class RoundRow:
     needed: float
     accepted: bool
     stretches: int = 0
+    restated: bool = False
     answers: int = 0
     instead_of: str = ""
 
@@ -114,6 +116,7 @@ def _row(this: Round) -> RoundRow:
         needed=_needed(this, best, alone),
         accepted=this.accepted is not None,
         stretches=this.stretches,
+        restated=this.restated,
         answers=0 if this.late_s is None else len(this.late_s[0]),
         instead_of=describe(this.instead_of) if this.instead_of else "",
     )
@@ -129,7 +132,7 @@ def _needed(this: Round, best: Fit, alone: float) -> float:
 
 
 def _reason(found: Attribution, at_most: float) -> str:
-    played = [this for this in found.rounds if not this.instead_of and this.late_s is None]
+    played = [this for this in found.rounds if not this.instead_of and not this.restated]
     rounds = [this for this in played if not this.stretches]
     if not rounds:
         return "the nominal model leaves no more than noise: nothing was looked for"
