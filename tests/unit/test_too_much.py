@@ -31,7 +31,7 @@ def told(found):
 def test_a_delay_that_rollouts_give_to_an_inertia_is_found_by_answers_to_steps():
     runs = recordings(DELAY)
     problem, fitted = fitted_by_rollouts(runs)
-    found = too_much(problem.robust(fitted.effects), problem, runs, fitted)
+    found = too_much(problem.robust(fitted.effects), problem, problem, runs, fitted)
     amounts = told(found)
     assert amounts["command_delay"] == pytest.approx(DELAY, abs=4e-3)
     assert amounts["armature"] == pytest.approx(ROTOR - SAID_ROTOR, rel=0.25)
@@ -48,7 +48,7 @@ def test_without_dead_time_what_the_model_has_too_much_of_is_found_alone():
     problem = make_problem(SPECS, runs)
     drag = instance("quadratic_drag", 0.1)
     fitted = fit(problem.robust(()), (drag, instance("torque_saturation", 40.0)))
-    found = too_much(problem.robust(fitted.effects), problem, runs, fitted)
+    found = too_much(problem.robust(fitted.effects), problem, problem, runs, fitted)
     amounts = told(found)
     assert "command_delay" not in amounts
     assert found.late_s is None
@@ -65,7 +65,7 @@ def test_a_model_that_says_nothing_has_nothing_too_much():
     bare = replace(problem, specs=without_own(problem)[0].specs)
     for spec in bare.specs.values():
         spec.joint("j").armature = 0.0
-    assert too_much(bare, bare, runs, fitted) is None
+    assert too_much(bare, bare, bare, runs, fitted) is None
 
 
 def test_what_a_model_says_is_the_same_where_it_is_taken_out_and_put_beside():

@@ -86,11 +86,6 @@ class Answers:
         ]
 
     @property
-    def none(self) -> Answers:
-        """The same without any."""
-        return Answers(problem=replace(self.problem, segments=()), answers=())
-
-    @property
     def by_joint(self) -> list[list[int]]:
         """Which answers are those of each joint that has some, by their numbers."""
         joints = [answer.joint for answer in self.answers]

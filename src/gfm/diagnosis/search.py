@@ -76,7 +76,7 @@ def search(
     )
     share = partial(torque_share, torque_domain(problem.specs, recordings, problem.given))
     found = attribute(problem, always, scales, report, at_once, in_stretches, torque_share=share)
-    short = found.fit
+    short, begun_with = found.fit, long
     report("settling amounts")
     long = reduce(Problem.joined, found.stretches, long)
     long_settled, final = settled_fit(long, found.fit.effects)
@@ -98,8 +98,8 @@ def search(
         final = _not_astray(problem, short, long_settled, final)
     if final.cost > FAR:
         report("looking at what the model itself says")
-        beside = reduce(Problem.joined, found.stretches, problem)
-        less = too_much(long_settled, beside, recordings, final, of_stretches(found.rounds))
+        stretches = of_stretches(found.rounds)
+        less = too_much(long_settled, begun_with, problem, recordings, final, stretches)
         if less is not None and less.accepted is not None:
             found = replace(found, rounds=(*found.rounds, less))
             final = less.accepted

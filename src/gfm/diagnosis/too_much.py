@@ -31,7 +31,8 @@ FAR = 10.0
 #: Recorded time in which that is looked into, s.
 LOOKED_AT_S = 2.0 * FITTING_S
 #: What delays an answer, by name.
-DELAYS = ("command_delay", "actuator_lag")
+DELAY = "command_delay"
+DELAYS = (DELAY, "actuator_lag")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,19 +41,20 @@ class BothWitnesses:
 
     Attributes:
         rollouts: Open-loop predictions.
-        answers: To steps; there may be none.
+        late_s: By how much later than predicted without a delay each answer comes, s, shape (A,):
+            of what else is fitted, it hardly depends, and by jumps from sample to sample.
         units: Of the rollouts' residual, and of the answers, s.
     """
 
     rollouts: Problem
-    answers: Answers
+    late_s: Array
     units: tuple[float, float]
 
     def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
         """Returns what each candidate leaves of both, weighted alike, (candidates, N + A)."""
         rollouts = self.rollouts.residuals(candidates) / self.units[0]
-        late = self.answers.late_s(candidates)
-        answers = np.stack([bounded(one / self.units[1], OUTLYING) for one in late])
+        left_s = [self.late_s - _delay_s(effects) for effects in candidates]
+        answers = np.stack([bounded(one / self.units[1], OUTLYING) for one in left_s])
         both = rollouts, answers
         return np.concatenate([one / np.sqrt(max(one.shape[1], 1)) for one in both], axis=1)
 
@@ -63,18 +65,22 @@ class BothWitnesses:
     def without_own(
         self, keys: Collection[Key]
     ) -> tuple[BothWitnesses, tuple[EffectInstance, ...]]:
-        """Returns both before models without what they say under `keys`, and what that is."""
+        """Returns both, of models without what they say under `keys`, and what that is."""
         rollouts, own = without_own(self.rollouts, keys)
-        problem, _ = without_own(self.answers.problem, keys)
-        return replace(self, rollouts=rollouts, answers=replace(self.answers, problem=problem)), own
+        return replace(self, rollouts=rollouts), own
+
+
+def _delay_s(effects: Sequence[EffectInstance]) -> float:
+    return sum(e.values["delay"] for e in effects if e.effect.name == DELAY)
 
 
 def too_much(
     problem: Problem,
+    long: Problem,
     short: Problem,
     recordings: Sequence[Trajectory],
     fitted: Fit,
-    kept: Collection[tuple[object, ...]] = (),
+    in_stretches: Collection[tuple[object, ...]] = (),
 ) -> Round | None:
     """Returns a round in which the model was found to have too much of something, or none.
 
@@ -83,57 +89,59 @@ def too_much(
 
     Args:
         problem: Rollouts to which the effects were fitted.
+        long: Those of them in which everything acts at any time.
         short: Short ones, in which what the model itself says is looked into.
         recordings: All recordings of the problem.
         fitted: What was found, by rollouts alone.
-        kept: Keys of what these do not judge.
+        in_stretches: Keys of what acts now and then only: it is held as it is.
     """
     if any(e.effect.separates_motor for e in fitted.effects):
         return None
-    answers, late_s, delay = _heard(problem, recordings, fitted)
-    unit_s = float(np.sqrt(np.mean(late_s**2))) if delay else 1.0
-    short = settled(short.subset(short.sample(LOOKED_AT_S)), fitted.effects)
-    both = _witnesses(short.robust(fitted.effects), answers, unit_s, fitted)
-    begun = _restated(both, fitted.effects, delay, kept)
+    held = tuple(e for e in fitted.effects if e.key in in_stretches)
+    effects = tuple(e for e in fitted.effects if e not in held)
+    long, short = (replace(p, given=(*p.given, *held)) for p in (long, short))
+    answers, late_s, delay = _heard(long, recordings, effects)
+    short = settled(short.subset(short.sample(LOOKED_AT_S)), effects).robust(effects)
+    begun = _restated(_witnesses(short, late_s, effects), effects, delay)
     if begun is None:
         return None
-    both = _witnesses(problem, answers, unit_s, fitted)
-    together = _refitted(both, begun)
-    left = together.cost / mean_square(both.residuals([fitted.effects])[0])
-    told = measured(problem, together.effects)
-    new = len({e.key for e in together.effects} - {e.key for e in fitted.effects})
+    long = settled(long, effects).robust(effects)
+    both = _witnesses(long, late_s, effects)
+    known = {e.key for e in (*effects, *delay)}
+    together = _refitted(both, begun, [e.key for e in begun if e.key not in known])
+    before, after = np.mean(both.residuals([effects, together]) ** 2, axis=1)
+    left = float(after / before)
+    told = measured(problem, (*held, *together))
+    new = len({e.key for e in together} - {e.key for e in effects})
     if not new or left > _at_most(delay) or told.cost > CLOSE_CALL * fitted.cost:
         return None
     return Round(
         before=fitted.cost,
         screened=(),
-        fits=(replace(together, cost=left * fitted.cost),),
+        fits=(replace(told, cost=left * fitted.cost),),
         accepted=told,
         together=new if new > 1 else 0,
         restated=True,
-        late_s=(late_s, answers.late_s([together.effects])[0]) if delay else None,
+        late_s=(late_s, answers.late_s([together])[0]) if delay else None,
     )
 
 
 def _heard(
-    problem: Problem, recordings: Sequence[Trajectory], fitted: Fit
+    problem: Problem, recordings: Sequence[Trajectory], effects: Sequence[EffectInstance]
 ) -> tuple[Answers, Array, tuple[EffectInstance, ...]]:
     """Returns answers to steps, by how much they come late, s, (A,), and the delay they show.
 
     None of either where they show none, or one was found already.
     """
     answers = find_answers(problem, recordings)
-    late_s = answers.late_s([fitted.effects])[0]
+    late_s = answers.late_s([effects])[0]
     common_s = dead_time(late_s, answers.by_joint)
-    if common_s is None or any(e.effect.name in DELAYS for e in fitted.effects):
-        return answers.none, late_s[:0], ()
-    effect = find_effect("command_delay")
-    values = {"delay": common_s}
-    return (
-        answers,
-        late_s,
-        (EffectInstance(effect=effect, joints=problem.driven, values=values),),
+    if common_s is None or any(e.effect.name in DELAYS for e in effects):
+        return answers, late_s[:0], ()
+    delay = EffectInstance(
+        effect=find_effect(DELAY), joints=problem.driven, values={"delay": common_s}
     )
+    return answers, late_s, (delay,)
 
 
 def _at_most(delay: Sequence[EffectInstance]) -> float:
@@ -141,17 +149,15 @@ def _at_most(delay: Sequence[EffectInstance]) -> float:
     return 1.0 - LEAST_GAIN if delay else FAR_LESS
 
 
-def _witnesses(problem: Problem, answers: Answers, unit_s: float, fitted: Fit) -> BothWitnesses:
-    """Returns both witnesses, in units of what was left before."""
-    unit = float(np.sqrt(mean_square(problem.residuals([fitted.effects])[0])))
-    return BothWitnesses(rollouts=problem, answers=answers, units=(unit, unit_s))
+def _witnesses(problem: Problem, late_s: Array, effects: Sequence[EffectInstance]) -> BothWitnesses:
+    """Returns both witnesses, in units of what `effects` leave."""
+    left = float(np.sqrt(mean_square(problem.residuals([effects])[0])))
+    late = float(np.median(np.abs(late_s))) if len(late_s) else 1.0
+    return BothWitnesses(rollouts=problem, late_s=late_s, units=(left, late))
 
 
 def _restated(
-    both: BothWitnesses,
-    fitted: Sequence[EffectInstance],
-    delay: Sequence[EffectInstance],
-    kept: Collection[tuple[object, ...]],
+    both: BothWitnesses, fitted: Sequence[EffectInstance], delay: Sequence[EffectInstance]
 ) -> tuple[EffectInstance, ...] | None:
     """Returns what was found, a delay, and what the model says wrongly; None where that is little.
 
@@ -175,12 +181,22 @@ def _restated(
             break
     bare, own = both.without_own(doubted)
     whole = measured(bare.rollouts, with_own(effects, own))
-    stay_there = [*kept, *(e.key for e in (*delay, *own))]
-    return beside_own(without_superfluous(bare.rollouts, whole, stay_there).effects, own)
+    new = [e.key for e in (*delay, *own)]
+    return beside_own(without_superfluous(bare.rollouts, whole, new).effects, own)
 
 
-def _refitted(both: BothWitnesses, begun: Sequence[EffectInstance]) -> Fit:
-    """Returns effects fitted to both witnesses, which may take off what the model has."""
+def _refitted(
+    both: BothWitnesses, begun: Sequence[EffectInstance], doubted: Collection[Key]
+) -> tuple[EffectInstance, ...]:
+    """Returns effects fitted to both witnesses, which may take off what the model has.
+
+    Without those of `doubted`, the last of them, that explain too little there.
+    """
     bare, own = both.without_own([e.key for e in begun])
     found = fit(bare, with_own(begun, own))
-    return replace(found, effects=beside_own(found.effects, own))
+    stay = len(begun) - len(doubted)
+    earned = earning(bare.rollouts, measured(bare.rollouts, found.effects), stay, own)
+    left = beside_own(earned, own)
+    if len(left) == len(begun):
+        return left
+    return _refitted(both, left, [e.key for e in left[stay:]])
