@@ -2,7 +2,7 @@
 
 Effects add to a model. Where its own damping, dry friction or motor inertia is larger than the
 robot's, what it has is taken out, fitted as if it were missing, and told as what is to be added:
-less than nothing, then.
+less than nothing, then. More than it says is not looked for: effects do that.
 """
 
 from __future__ import annotations
@@ -50,8 +50,10 @@ def without_own(
                 key = (name, (joint,))
                 said = _take_out(find_joint(spec, joint), field) if _wanted(key, keys) else 0.0
                 if said > 0.0:
-                    values = {effect.parameters[0].name: said}
-                    own[key] = EffectInstance(effect=effect, joints=(joint,), values=values)
+                    amount = {effect.parameters[0].name: said}
+                    own[key] = EffectInstance(
+                        effect=effect, joints=(joint,), values=amount, most=amount
+                    )
     return replace(problem, specs=specs), tuple(own.values())
 
 
@@ -79,18 +81,27 @@ def _take_out(joint: mujoco.MjsJoint, field: str) -> float:
 def with_own(
     effects: Sequence[EffectInstance], own: Sequence[EffectInstance]
 ) -> tuple[EffectInstance, ...]:
-    """Returns effects of the model as those of one that says nothing, what it says among them."""
-    amounts = {e.key: e for e in own}
-    mine = tuple(_changed(e, amounts.pop(e.key), 1.0) if e.key in amounts else e for e in effects)
-    return (*mine, *amounts.values())
+    """Returns effects of the model as those of one that says nothing, what it says among them.
+
+    What took something off is not looked for beyond what the model says.
+    """
+    said = {e.key: e for e in own}
+    mine = []
+    for e in effects:
+        by = said.pop(e.key, None)
+        most = by.values if by is not None and e.takes_off else {}
+        mine.append(e if by is None else replace(_changed(e, by, 1.0), most=most))
+    return (*mine, *said.values())
 
 
 def beside_own(
     effects: Sequence[EffectInstance], own: Sequence[EffectInstance]
 ) -> tuple[EffectInstance, ...]:
     """Returns effects of a model that says nothing as those to be added to what it does say."""
-    amounts = {e.key: e for e in own}
-    return tuple(_changed(e, amounts[e.key], -1.0) if e.key in amounts else e for e in effects)
+    said = {e.key: e for e in own}
+    return tuple(
+        replace(_changed(e, said[e.key], -1.0), most={}) if e.key in said else e for e in effects
+    )
 
 
 def _changed(instance: EffectInstance, by: EffectInstance, sign: float) -> EffectInstance:

@@ -174,15 +174,25 @@ def _restated(
         tried = fit(bare, with_own(effects, own), tolerance=ROUGH)
         if tried.cost > _at_most(delay) * before:
             return None
-        earned = earning(bare.rollouts, measured(bare.rollouts, tried.effects), stay, own)
-        effects = beside_own(earned, own)
-        before_that, doubted = doubted, [k for k in doubted if k in {e.key for e in earned}]
-        if doubted == before_that:
+        effects = _needed(bare.rollouts, tried.effects, own, stay)
+        before_that, doubted = doubted, [e.key for e in effects[stay:]]
+        if len(doubted) == len(before_that):
             break
     bare, own = both.without_own(doubted)
     whole = measured(bare.rollouts, with_own(effects, own))
     new = [e.key for e in (*delay, *own)]
     return beside_own(without_superfluous(bare.rollouts, whole, new).effects, own)
+
+
+def _needed(
+    bare: Problem, fitted: Sequence[EffectInstance], own: Sequence[EffectInstance], stay: int
+) -> tuple[EffectInstance, ...]:
+    """Returns the effects, beside what the model says, without what it does not have too much of.
+
+    Nor what explains too little. The first `stay` are not judged.
+    """
+    earned = beside_own(earning(bare, measured(bare, fitted), stay, own), own)
+    return (*earned[:stay], *(e for e in earned[stay:] if e.takes_off))
 
 
 def _refitted(
@@ -195,8 +205,7 @@ def _refitted(
     bare, own = both.without_own([e.key for e in begun])
     found = fit(bare, with_own(begun, own))
     stay = len(begun) - len(doubted)
-    earned = earning(bare.rollouts, measured(bare.rollouts, found.effects), stay, own)
-    left = beside_own(earned, own)
+    left = _needed(bare.rollouts, found.effects, own, stay)
     if len(left) == len(begun):
         return left
     return _refitted(both, left, [e.key for e in left[stay:]])

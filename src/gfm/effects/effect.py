@@ -243,12 +243,14 @@ class EffectInstance:
         values: Its amounts.
         in_model: Whether the model has what MuJoCo expresses of it already, and only the rest (how
             it misleads a gravity compensation, say) is to be added.
+        most: Amounts beyond which a fit does not look, where its parameter allows for more.
     """
 
     effect: Effect
     joints: tuple[str, ...]
     values: Mapping[str, float] = field(default_factory=dict)
     in_model: bool = False
+    most: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def key(self) -> tuple[str, tuple[str, ...]]:
