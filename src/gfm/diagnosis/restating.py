@@ -16,7 +16,7 @@ import numpy as np
 
 from gfm.diagnosis.problem import Problem
 from gfm.effects import EffectInstance, find_effect
-from gfm.effects.effect import find_joint
+from gfm.effects.effect import find_motor_side
 
 #: Share of its motors' inertia that a model keeps: what is light cannot be simulated without.
 KEPT = 0.05
@@ -48,7 +48,7 @@ def without_own(
             effect = find_effect(name)
             for joint in problem.joints:
                 key = (name, (joint,))
-                said = _take_out(find_joint(spec, joint), field) if _wanted(key, keys) else 0.0
+                said = _take_out(find_motor_side(spec, joint), field) if _wanted(key, keys) else 0.0
                 if said > 0.0:
                     amount = {effect.parameters[0].name: said}
                     own[key] = EffectInstance(
@@ -63,7 +63,9 @@ def covers(spec: mujoco.MjSpec, instance: EffectInstance) -> bool:
     if field is None or not instance.takes_off:
         return False
     (taken,) = instance.values.values()
-    return bool(np.ravel(getattr(find_joint(spec, instance.joints[0]), field))[0] + taken >= 0.0)
+    return bool(
+        np.ravel(getattr(find_motor_side(spec, instance.joints[0]), field))[0] + taken >= 0.0
+    )
 
 
 def _wanted(key: Key, keys: Collection[Key] | None) -> bool:
