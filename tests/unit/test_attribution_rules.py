@@ -14,6 +14,7 @@ from gfm.diagnosis.attribution import (
     attribute,
     by_torque,
     is_enough,
+    not_judged,
     price,
     worth_it,
 )
@@ -275,3 +276,14 @@ def test_what_first_order_misjudges_is_screened_by_what_it_explains_where_it_is_
     (place,) = places(effect_library()["coulomb_friction"], ("joint",))
     (found,) = screen(sticking, [place], [SCALES], base)
     assert found.gain == pytest.approx(1.0 - 0.2**2)  # to first order, 0.3^2 / (0.3^2 + 0.9^2)
+
+
+def test_what_few_stretches_told_of_is_judged_like_all_else_where_nothing_is_left():
+    drag = instance("quadratic_drag", coefficient=0.1)
+    won = replace(fitted(50.0, drag), residual=np.full(40, 7.0))
+    rounds = [Round(before=200.0, screened=(), fits=(won,), accepted=won, stretches=4)]
+    one = problem(np.zeros((40, 1)))
+    assert not_judged(one, won, 200.0, rounds) == [drag.key]
+    assert not_judged(one, replace(won, residual=np.ones(40)), 200.0, rounds) == []
+    common = [replace(rounds[0], stretches=0)]
+    assert not_judged(one, won, 200.0, common) == []

@@ -222,7 +222,8 @@ def attribute(
             accepted = spread(problem, this.screened, accepted, report)
     if len(accepted.effects) > 1:
         report("looking for what became superfluous")
-        accepted = without_superfluous(problem, accepted, of_stretches(rounds), at_first)
+        spared = not_judged(problem, accepted, nominal, rounds)
+        accepted = without_superfluous(problem, accepted, spared, at_first)
     return Attribution(
         nominal_cost=nominal,
         fit=accepted,
@@ -277,6 +278,17 @@ def is_enough(problem: Problem, fitted: Fit, nominal: float = 1.0) -> bool:
 def of_stretches(rounds: Sequence[Round]) -> list[tuple[object, ...]]:
     """Returns the keys of what was found by stretches in which it acts: nothing else judges it."""
     return [this.new[0].key for this in rounds if this.stretches]
+
+
+def not_judged(
+    problem: Problem, fitted: Fit, nominal: float, rounds: Sequence[Round]
+) -> list[tuple[object, ...]]:
+    """Returns the keys of what everything else may not judge: what was found by few stretches.
+
+    None where nothing is left: what was needed shows there, and what only stood for an effect that
+    was found later is superfluous wherever it was found.
+    """
+    return [] if is_enough(problem, fitted, nominal) else of_stretches(rounds)
 
 
 def _doubtful(this: Round, before: Fit, looked_beside: tuple[EffectInstance, ...] | None) -> bool:
