@@ -87,7 +87,7 @@ def stopping_sentence(told: Stopping) -> str:
     return (
         f"How often does this find what is not there? Of {told.clean_robots} simulated robots "
         f"without any hidden effect, something was named on {told.false_alarms}. So few robots "
-        f"leave a rate of up to {words.percent(told.at_most)} possible (95 % confidence)."
+        f"leave a rate of up to {100.0 * told.at_most:.1f} % possible (95 % confidence)."
     )
 
 
