@@ -20,7 +20,7 @@ from gfm.diagnosis.chain.stopping import CLEAN_ROBOTS, FALSE_ALARMS, largest_rat
 from gfm.diagnosis.chain.torques import torque_domain
 from gfm.diagnosis.claims import suspects_of
 from gfm.diagnosis.cutting import WHOLE, make_problem
-from gfm.diagnosis.fitting import Fit
+from gfm.diagnosis.fitting import LEAST_GAIN, Fit
 from gfm.effects import EffectInstance, find_effect
 from pendulum import MODEL, PERIOD_S, swung
 
@@ -320,6 +320,29 @@ def test_a_rival_that_explains_more_by_rollouts_is_not_called_equal():
     found = found_in((900.0, [fitted(armature, 330.0), fitted(drag, 310.0)], True))
     (suspect,) = suspects_of(found, (armature,))
     assert suspect.reason.startswith("explains 65.6 % of the squared residual, armature on j only")
+
+
+def test_what_the_model_says_fitted_anew_has_a_row_of_its_own_and_ends_no_search():
+    friction, less = effect("coulomb_friction", torque=0.1), effect("armature", inertia=-0.01)
+    won, both = fitted(friction, 50.0), fitted(less, 10.0, base=(friction,))
+    found = Round(before=200.0, screened=(), fits=(won,), accepted=won)
+    over = Round(
+        before=50.0,
+        screened=(),
+        fits=(fitted(effect("torque_offset", torque=0.1), 49.9),),
+        accepted=None,
+    )
+    late_s = (np.full(9, 0.02), np.zeros(9))
+    for heard, needed in ((late_s, LEAST_GAIN), (None, 0.5)):
+        again = Round(
+            before=50.0, screened=(), fits=(both,), accepted=both, restated=True, late_s=heard
+        )
+        told = stopping(Attribution(nominal_cost=200.0, fit=both, rounds=(found, over, again)))
+        row = told.rounds[-1]
+        assert (row.restated, row.answers) == (True, 9 if heard else 0)
+        assert row.needed == pytest.approx(needed)
+        assert row.explained == pytest.approx(0.8)
+        assert "no candidate explains enough" in told.reason
 
 
 def test_only_laws_with_a_kink_may_leave_more_than_noise():

@@ -124,8 +124,8 @@ def _row(this: Round) -> RoundRow:
 
 def _needed(this: Round, best: Fit, alone: float) -> float:
     """Returns the share of what was left that had to be explained."""
-    if this.late_s is not None:
-        return LEAST_GAIN
+    if this.restated:
+        return 1.0 - FAR_LESS if this.late_s is None else LEAST_GAIN
     if this.together:
         return 1.0 - FAR_LESS * alone / this.before
     return OBVIOUS if this.stretches else price(best)
