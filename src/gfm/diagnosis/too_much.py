@@ -111,7 +111,7 @@ def too_much(
     together = _refitted(both, begun, [e.key for e in begun if e.key not in known])
     before, after = np.mean(both.residuals([effects, together]) ** 2, axis=1)
     left = float(after / before)
-    told = measured(problem, (*held, *together))
+    told = measured(problem, _in_order((*held, *together), fitted.effects))
     new = len({e.key for e in together} - {e.key for e in effects})
     if not new or left > _at_most(delay) or told.cost > CLOSE_CALL * fitted.cost:
         return None
@@ -124,6 +124,14 @@ def too_much(
         restated=True,
         late_s=(late_s, answers.late_s([together])[0]) if delay else None,
     )
+
+
+def _in_order(
+    effects: Sequence[EffectInstance], found: Sequence[EffectInstance]
+) -> tuple[EffectInstance, ...]:
+    """Returns effects as they were found before, and behind them what is new."""
+    keys = [e.key for e in found]
+    return tuple(sorted(effects, key=lambda e: keys.index(e.key) if e.key in keys else len(keys)))
 
 
 def _heard(
