@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import median_abs_deviation
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
@@ -35,8 +36,8 @@ SEEN, LOOKED_AT, RESTING = 6.0, 40.0, 6.0
 LEAST_ANSWERS, MOST_ANSWERS = 8, 48
 #: Lateness that is dead time: so many of its standard errors, and so many seconds.
 ERRORS, LEAST_S = 3.0, 2e-3
-#: From a median absolute deviation to the standard error of a median of one normal number.
-MAD_TO_ERROR = 1.4826 * 1.25
+#: Standard error of a median of normal numbers, in units of that of their mean.
+MEDIAN = 1.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +103,7 @@ def dead_time(late_s: Array, by_joint: Sequence[Sequence[int]]) -> float | None:
     if len(late_s) < LEAST_ANSWERS:
         return None
     common_s = float(np.median(late_s))
-    error_s = MAD_TO_ERROR * float(np.median(np.abs(late_s - common_s))) / np.sqrt(len(late_s))
+    error_s = MEDIAN * median_abs_deviation(late_s, scale="normal") / np.sqrt(len(late_s))
     if common_s < max(ERRORS * error_s, LEAST_S):
         return None
     shared = all(np.median(late_s[list(rows)]) > 0.0 for rows in by_joint)

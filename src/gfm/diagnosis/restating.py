@@ -9,20 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeAlias
 
 import mujoco
 import numpy as np
 
 from gfm.diagnosis.problem import Problem
-from gfm.effects import EffectInstance, find_effect
+from gfm.effects import EffectInstance, Key, find_effect
 from gfm.effects.effect import find_motor_side
 
 #: Share of its motors' inertia that a model keeps: what is light cannot be simulated without.
 KEPT = 0.05
-
-#: Effect and joints.
-Key: TypeAlias = tuple[str, tuple[str, ...]]
 
 #: Where a joint says how much it has of an effect.
 _SAYS: Mapping[str, str] = {
@@ -48,7 +44,9 @@ def without_own(
             effect = find_effect(name)
             for joint in problem.joints:
                 key = (name, (joint,))
-                said = _take_out(find_motor_side(spec, joint), field) if _wanted(key, keys) else 0.0
+                if keys is not None and key not in keys:
+                    continue
+                said = _take_out(find_motor_side(spec, joint), field)
                 if said > 0.0:
                     amount = {effect.parameters[0].name: said}
                     own[key] = EffectInstance(
@@ -66,10 +64,6 @@ def covers(spec: mujoco.MjSpec, instance: EffectInstance) -> bool:
     return bool(
         np.ravel(getattr(find_motor_side(spec, instance.joints[0]), field))[0] + taken >= 0.0
     )
-
-
-def _wanted(key: Key, keys: Collection[Key] | None) -> bool:
-    return keys is None or key in keys
 
 
 def _take_out(joint: mujoco.MjsJoint, field: str) -> float:

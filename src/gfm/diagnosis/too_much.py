@@ -22,9 +22,9 @@ from gfm.diagnosis.attribution import CLOSE_CALL, FAR_LESS, Round, without_super
 from gfm.diagnosis.fitting import FITTING_S, LEAST_GAIN, ROUGH, Fit, fit, mean_square, measured
 from gfm.diagnosis.outliers import OUTLYING, bounded
 from gfm.diagnosis.problem import Problem, settled
-from gfm.diagnosis.restating import Key, beside_own, with_own, without_own
+from gfm.diagnosis.restating import beside_own, with_own, without_own
 from gfm.diagnosis.usual import FITS, earning
-from gfm.effects import EffectInstance, find_effect
+from gfm.effects import EffectInstance, Key, find_effect
 
 #: Mean square, in units of the noise, from which on a model may have too much of something.
 FAR = 10.0
@@ -36,7 +36,7 @@ DELAYS = (DELAY, "actuator_lag")
 
 
 @dataclass(frozen=True, kw_only=True)
-class BothWitnesses:
+class RolloutsAndAnswers:
     """Rollouts and answers to steps as one least-squares problem.
 
     Attributes:
@@ -58,13 +58,25 @@ class BothWitnesses:
         both = rollouts, answers
         return np.concatenate([one / np.sqrt(max(one.shape[1], 1)) for one in both], axis=1)
 
-    def coarse(self) -> BothWitnesses:
+    def of_rollouts(self, fitted: Fit) -> Fit:
+        """Returns a fit to both as one to the rollouts: their rows, in their units."""
+        rows = slice(self.rollouts.slices()[-1].stop)
+        size = self.units[0] * np.sqrt(rows.stop)
+        residual = size * fitted.residual[rows]
+        return replace(
+            fitted,
+            residual=residual,
+            jacobian=size * fitted.jacobian[rows],
+            cost=mean_square(residual),
+        )
+
+    def coarse(self) -> RolloutsAndAnswers:
         """Returns the problem with rollouts by fast integration."""
         return replace(self, rollouts=self.rollouts.coarse())
 
     def without_own(
         self, keys: Collection[Key]
-    ) -> tuple[BothWitnesses, tuple[EffectInstance, ...]]:
+    ) -> tuple[RolloutsAndAnswers, tuple[EffectInstance, ...]]:
         """Returns both, of models without what they say under `keys`, and what that is."""
         rollouts, own = without_own(self.rollouts, keys)
         return replace(self, rollouts=rollouts), own
@@ -157,15 +169,17 @@ def _at_most(delay: Sequence[EffectInstance]) -> float:
     return 1.0 - LEAST_GAIN if delay else FAR_LESS
 
 
-def _witnesses(problem: Problem, late_s: Array, effects: Sequence[EffectInstance]) -> BothWitnesses:
+def _witnesses(
+    problem: Problem, late_s: Array, effects: Sequence[EffectInstance]
+) -> RolloutsAndAnswers:
     """Returns both witnesses, in units of what `effects` leave."""
     left = float(np.sqrt(mean_square(problem.residuals([effects])[0])))
     late = float(np.median(np.abs(late_s))) if len(late_s) else 1.0
-    return BothWitnesses(rollouts=problem, late_s=late_s, units=(left, late))
+    return RolloutsAndAnswers(rollouts=problem, late_s=late_s, units=(left, late))
 
 
 def _restated(
-    both: BothWitnesses, fitted: Sequence[EffectInstance], delay: Sequence[EffectInstance]
+    both: RolloutsAndAnswers, fitted: Sequence[EffectInstance], delay: Sequence[EffectInstance]
 ) -> tuple[EffectInstance, ...] | None:
     """Returns what was found, a delay, and what the model says wrongly; None where that is little.
 
@@ -182,7 +196,7 @@ def _restated(
         tried = fit(bare, with_own(effects, own), tolerance=ROUGH)
         if tried.cost > _at_most(delay) * before:
             return None
-        effects = _needed(bare.rollouts, tried.effects, own, stay)
+        effects = _needed(bare, tried, own, stay)
         before_that, doubted = doubted, [e.key for e in effects[stay:]]
         if len(doubted) == len(before_that):
             break
@@ -193,18 +207,18 @@ def _restated(
 
 
 def _needed(
-    bare: Problem, fitted: Sequence[EffectInstance], own: Sequence[EffectInstance], stay: int
+    bare: RolloutsAndAnswers, fitted: Fit, own: Sequence[EffectInstance], stay: int
 ) -> tuple[EffectInstance, ...]:
     """Returns the effects, beside what the model says, without what it does not have too much of.
 
     Nor what explains too little. The first `stay` are not judged.
     """
-    earned = beside_own(earning(bare, measured(bare, fitted), stay, own), own)
+    earned = beside_own(earning(bare.rollouts, bare.of_rollouts(fitted), stay, own), own)
     return (*earned[:stay], *(e for e in earned[stay:] if e.takes_off))
 
 
 def _refitted(
-    both: BothWitnesses, begun: Sequence[EffectInstance], doubted: Collection[Key]
+    both: RolloutsAndAnswers, begun: Sequence[EffectInstance], doubted: Collection[Key]
 ) -> tuple[EffectInstance, ...]:
     """Returns effects fitted to both witnesses, which may take off what the model has.
 
@@ -213,7 +227,7 @@ def _refitted(
     bare, own = both.without_own([e.key for e in begun])
     found = fit(bare, with_own(begun, own))
     stay = len(begun) - len(doubted)
-    left = _needed(bare.rollouts, found.effects, own, stay)
+    left = _needed(bare, found, own, stay)
     if len(left) == len(begun):
         return left
     return _refitted(both, left, [e.key for e in left[stay:]])

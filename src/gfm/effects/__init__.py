@@ -3,6 +3,7 @@
 from gfm.effects.effect import (
     Effect,
     EffectInstance,
+    Key,
     Motion,
     Parameter,
     ProbeGroup,
@@ -15,6 +16,7 @@ from gfm.effects.registry import effect_library, find_effect
 __all__ = [
     "Effect",
     "EffectInstance",
+    "Key",
     "Motion",
     "Parameter",
     "ProbeGroup",

@@ -20,7 +20,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import ClassVar
+from typing import ClassVar, TypeAlias
 
 import mujoco
 import numpy as np
@@ -233,6 +233,10 @@ class Effect(ABC):
         return None
 
 
+#: An effect, by its name, and the joints on which it acts.
+Key: TypeAlias = tuple[str, tuple[str, ...]]
+
+
 @dataclass(frozen=True, kw_only=True)
 class EffectInstance:
     """An effect somewhere, in some amount.
@@ -253,7 +257,7 @@ class EffectInstance:
     most: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def key(self) -> tuple[str, tuple[str, ...]]:
+    def key(self) -> Key:
         """What makes two instances the same effect in the same place."""
         return self.effect.name, self.joints
 

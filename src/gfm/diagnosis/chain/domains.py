@@ -22,7 +22,7 @@ from gfm.diagnosis.attribution import Attribution
 from gfm.diagnosis.chain.torques import TorqueDomain
 from gfm.diagnosis.fitting import Fit
 from gfm.diagnosis.naming import describe, twins
-from gfm.effects import EffectInstance
+from gfm.effects import EffectInstance, Key
 
 #: Share of the missing torque from which on a regression on it says anything: below, it is made of
 #: noise and of what else is missing.
@@ -72,9 +72,6 @@ class TwoDomains:
     amount: float | None
     agreement: Agreement | None = None
     rival: str | None = None
-
-
-Key = tuple[str, tuple[str, ...]]
 
 
 @dataclass(frozen=True, kw_only=True)
