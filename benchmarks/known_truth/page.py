@@ -23,7 +23,7 @@ def summary(scores: Sequence[Score]) -> str:
     """Returns the numbers of the whole suite, beside what is asked for."""
     kind = {
         c: [s for s in scores if s.category == c]
-        for c in ("single", "pair", "none", "outside", "poor")
+        for c in ("single", "pair", "none", "outside", "poor", "beside")
     }
     effects = [*kind["single"], *kind["pair"]]
     errors = [e for s in effects for e in s.errors]
@@ -54,8 +54,23 @@ def summary(scores: Sequence[Score]) -> str:
             "",
             share(kind["poor"], lambda s: s.claimed),
         ),
+        (
+            "one effect beside one outside: the known one named, on the right joint",
+            "",
+            share(kind["beside"], lambda s: s.complete),
+        ),
+        (
+            "one effect beside one outside: a wrong name with confidence",
+            "",
+            share(kind["beside"], lambda s: s.claimed),
+        ),
         ("parameters: median relative error", "5 %", _percent(errors)),
         ("95 % intervals that hold the truth", "90 to 99 %", _share_of(covered)),
+        (
+            "spreads, where no interval would hold, that hold it",
+            "",
+            _share_of([c for s in scores for c in s.spread]),
+        ),
         (
             "held-out error after / noise floor, one or two effects, median",
             "at most 1.1",

@@ -34,7 +34,7 @@ class Plan:
     Attributes:
         name: Of the case.
         setup: The robot.
-        category: single, pair, none, outside or poor.
+        category: single, pair, none, outside, poor or beside (a known effect and one outside).
         effects: What is hidden.
         same_joint: Whether two effects share a joint.
         excitation: rich, still (the joint hardly moves), slow or short.
@@ -155,6 +155,24 @@ _POOR: tuple[tuple[str, str], ...] = (
 )
 
 
+#: An effect of the vocabulary and one outside it, together.
+_BESIDE: tuple[tuple[str, str], ...] = (
+    ("coulomb_friction", "cubic_spring"),
+    ("actuator_gain", "torque_ripple"),
+    ("armature", "position_friction"),
+    ("viscous_friction", "cable_stop"),
+    ("payload", "hysteretic_spring"),
+    ("joint_spring", "root_friction"),
+    ("actuator_lag", "dead_zone"),
+    ("cogging_torque", "command_steps"),
+    ("torque_offset", "fading_drive"),
+    ("quadratic_drag", "torque_ripple"),
+    ("coulomb_friction", "hysteretic_spring"),
+    ("armature", "cubic_spring"),
+)
+_BESIDE_EACH = 4
+
+
 def plans(seed: int = 0) -> list[Plan]:
     """Returns all cases, one and two joints first; each has a seed of its own."""
     made: list[Plan] = []
@@ -187,6 +205,9 @@ def _others(setup: Setup, number: int) -> list[Plan]:
     strange = [*STRANGE, SLIPPING]
     unknown = [strange[(number * 2 + i * 3) % len(strange)] for i in range(3)]
     poor = [_POOR[(number + i * 2) % len(_POOR)] for i in range(2)]
+    # What nothing explains is searched for long: on seven joints for too long.
+    few = setup.name not in SPATIAL_SETUPS
+    beside = _BESIDE[_BESIDE_EACH * number :][:_BESIDE_EACH] if few else ()
 
     def plan(label: str, category: str, effects: tuple[str, ...], **more: object) -> Plan:
         name = f"{setup.name}-{label}"
@@ -198,4 +219,5 @@ def _others(setup: Setup, number: int) -> list[Plan]:
         *(plan(f"none_{i}", "none", ()) for i in range(3)),
         *(plan(f"outside-{one}", "outside", (one,)) for one in unknown),
         *(plan(f"poor-{e}-{how}", "poor", (e,), excitation=how) for e, how in poor),
+        *(plan(f"beside-{a}+{b}", "beside", (a, b)) for a, b in beside),
     ]

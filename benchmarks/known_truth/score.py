@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from known_truth.outside import is_strange
+
 #: Confidence from which a name counts as claimed.
 CLAIMED = 0.5
 #: Rest angles and phases are judged in units of this, rad: relative to nought they say nothing.
@@ -22,17 +24,18 @@ class Score:
     Attributes:
         name: Of the case.
         setup: Robot and kind of commands.
-        category: single, pair, none, outside or poor.
+        category: single, pair, none, outside, poor or beside (see Plan).
         hidden: What there is, in words.
         named: What was named, in words, strongest first.
         verdict: In one word.
         effect: Whether the first name is right.
         joint: Whether it is on the right joints.
-        complete: Whether everything hidden was named, and on the right joints.
+        complete: Whether all that is hidden and has a name was named, and on the right joints.
         surplus: How many names are of nothing that is there.
         claimed: Whether one of these was named with confidence.
         errors: Relative errors of the parameters of what was named rightly.
         covered: Whether their intervals hold the truth, where there are intervals.
+        spread: Whether their spreads do, where no interval would hold.
         before: Held-out position RMSE of the nominal model, rad.
         after: The same of the corrected model, rad.
         floor: Sensor noise, rad.
@@ -52,6 +55,7 @@ class Score:
     claimed: bool
     errors: tuple[float, ...]
     covered: tuple[bool, ...]
+    spread: tuple[bool, ...]
     before: float
     after: float
     floor: float
@@ -68,7 +72,7 @@ def score(truth: Report, report: Report, wall_s: float) -> Score:
     right = [one for _, one in pairs]
     strange = [one for one in named if not any(one is r for r in right)]
     first = named[0] if named else None
-    errors, covered = _parameters(pairs)
+    errors, covered, spread = _parameters(pairs)
     return Score(
         name=truth["name"],
         setup=truth["setup"],
@@ -78,11 +82,12 @@ def score(truth: Report, report: Report, wall_s: float) -> Score:
         verdict=report["verdict"],
         effect=first is not None and any(_named(first, h, report) for h in there),
         joint=first is not None and any(_on(first, h, report) for h in there),
-        complete=len({id(hidden) for hidden, _ in pairs}) == len(there),
+        complete={id(h) for h in there if not is_strange(h["effect"])} <= {id(h) for h, _ in pairs},
         surplus=len(strange),
         claimed=any(one["confidence"] > CLAIMED for one in strange),
         errors=errors,
         covered=covered,
+        spread=spread,
         before=report["error"]["before"],
         after=report["error"]["after"],
         floor=report["error"]["noise_floor"],
@@ -118,8 +123,9 @@ def _on(one: Report, hidden: Report, report: Report) -> bool:
 
 def _parameters(
     pairs: Sequence[tuple[Report, Report]],
-) -> tuple[tuple[float, ...], tuple[bool, ...]]:
-    errors, covered = [], []
+) -> tuple[tuple[float, ...], tuple[bool, ...], tuple[bool, ...]]:
+    """Returns errors, whether intervals hold the truth, and whether spreads do."""
+    errors, covered, spread = [], [], []
     for hidden, one in pairs:
         if one["effect"] != hidden["effect"]:
             continue
@@ -131,7 +137,9 @@ def _parameters(
             if told["ci95"] is not None:
                 low, high = told["ci95"]
                 covered.append(low <= told["value"] + _miss(name, told["value"], true) <= high)
-    return tuple(errors), tuple(covered)
+            elif "spread" in told:
+                spread.append(abs(_miss(name, told["value"], true)) <= told["spread"])
+    return tuple(errors), tuple(covered), tuple(spread)
 
 
 def _miss(name: str, value: float, true: float) -> float:

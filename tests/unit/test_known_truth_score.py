@@ -123,6 +123,19 @@ def test_a_hesitant_name_outside_the_vocabulary_is_not_claimed() -> None:
         assert judged(hidden, found, category="outside").claimed is wrong
 
 
+def test_beside_what_has_no_name_the_other_has_to_be_named() -> None:
+    hidden = [effect("armature", "elbow", inertia=0.1), effect("cubic_spring", "elbow")]
+    right, wrong = named("armature", "elbow", inertia=0.3), named("joint_spring", "elbow")
+    right["parameters"]["inertia"] |= {"ci95": None, "spread": 0.15}
+    one = judged(hidden, [right], category="beside")
+    assert one.complete
+    assert not one.claimed
+    assert one.covered == ()
+    assert one.spread == (False,)
+    assert not judged(hidden, [wrong], category="beside").complete
+    assert judged(hidden, [right, wrong], category="beside").claimed
+
+
 def test_both_of_two_have_to_be_named() -> None:
     hidden = [effect("coulomb_friction", "elbow"), effect("coulomb_friction", "shoulder")]
     one, other = named("coulomb_friction", "elbow"), named("coulomb_friction", "shoulder")
@@ -152,7 +165,7 @@ def test_there_are_enough_cases_of_every_kind() -> None:
     assert len(cases) >= 100
     assert len({p.name for p in cases}) == len({p.seed for p in cases}) == len(cases)
     count = Counter(p.category for p in cases)
-    assert min(count[c] for c in ("single", "pair", "none", "outside", "poor")) >= 10
+    assert min(count[c] for c in ("single", "pair", "none", "outside", "poor", "beside")) >= 10
     assert {p.effects[0] for p in cases if p.category == "single"} == set(VOCABULARY)
     assert {p.effects[0] for p in cases if p.category == "outside"} == {*STRANGE, SLIPPING}
     assert {e for p in cases for e in p.effects} <= set(DRAWS)
