@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.claims import credible
+from gfm.diagnosis.claims import credible, verdict_on
 from gfm.diagnosis.cutting import make_problem
 from gfm.diagnosis.evidence import MISFIT, law_plots, profile_plots
 from gfm.diagnosis.result import ErrorSummary, NamedEffect, ParameterEstimate, Verdict
@@ -100,6 +100,13 @@ def named(effect, joint, **values):
         confidence=0.9,
         native=True,
     )
+
+
+def test_nothing_is_explained_by_names_that_are_not_credible():
+    """A spring that hardens: six names, each below one half, leave 0.4 % of the gap."""
+    friction = [named("coulomb_friction", "a", torque=0.2)]
+    assert verdict_on(summary(66.0, 4.2), friction) is Verdict.PARTLY_EXPLAINED
+    assert verdict_on(summary(200.0, 2.4), friction) is Verdict.EXPLAINED
 
 
 def test_one_effect_on_several_joints_is_one_phrase():

@@ -19,13 +19,11 @@ from gfm.effects import EffectInstance, Scope, effect_library
 #: Held-out RMSE, in units of the sensor noise, up to which a nominal model counts as adequate.
 ADEQUATE_RATIO = 1.25
 #: The same for a corrected one, and for what is claimed of one effect, where it acts; and the share
-#: of the gap there that abrupt laws, which are not quite exact, may leave: what leaves more stands,
+#: of the gap that abrupt laws, which are not quite exact, may leave: what leaves more stands,
 #: perhaps, for something that no known effect describes.
 CREDIBLE_RATIO, INEXACT_SHARE = 1.5, 0.003
 #: More noise floors than this are left by something else than inexact laws.
 FAR_FROM_NOISE = 10.0
-#: Share of the held-out gap that abrupt laws must close to call it explained although some is left.
-EXPLAINED_SHARE = 0.99
 #: Two candidates are equal when the runner-up leaves so little more of what the best explains.
 EQUAL, CLEAR = 0.01, 0.10
 #: How sure one may be, by the ratio of the runner-up's cost to that of a best that leaves noise.
@@ -44,7 +42,7 @@ def verdict_on(error: ErrorSummary, named: Sequence[NamedEffect]) -> Verdict:
         adequate = error.before <= ADEQUATE_RATIO * error.noise_floor
         return Verdict.NO_GAP if adequate else Verdict.UNEXPLAINED
     abrupt = any(effect_library()[one.effect].abrupt for one in named)
-    if credible([error], abrupt=abrupt, share=EXPLAINED_SHARE):
+    if credible([error], abrupt=abrupt):
         return Verdict.EXPLAINED
     return Verdict.PARTLY_EXPLAINED
 
@@ -120,23 +118,22 @@ def _where_it_acts(
     return [one for joint, one in by_joint.items() if not local or joint in instance.joints]
 
 
-def credible(
-    errors: Sequence[ErrorSummary], *, abrupt: bool, share: float = 1.0 - INEXACT_SHARE
-) -> bool:
+def credible(errors: Sequence[ErrorSummary], *, abrupt: bool) -> bool:
     """Returns whether noise is left, by all of `errors`.
 
-    Beside an `abrupt` law also where that share of the gap was closed. Smooth laws are simulated
+    Beside an `abrupt` law also where nearly all of the gap was closed. Smooth laws are simulated
     exactly: what they leave, they do not describe.
     """
     return all(
-        one.after <= CREDIBLE_RATIO * one.noise_floor or (abrupt and _left_little(one, share))
+        one.after <= CREDIBLE_RATIO * one.noise_floor or (abrupt and _left_little(one))
         for one in errors
     )
 
 
-def _left_little(error: ErrorSummary, share: float) -> bool:
-    """Returns whether that share of the gap was closed, and what is left is not far from noise."""
-    return closed_share(error) >= share and error.after <= FAR_FROM_NOISE * error.noise_floor
+def _left_little(error: ErrorSummary) -> bool:
+    """Returns whether nearly all of the gap was closed, and what is left is not far from noise."""
+    closed = closed_share(error) >= 1.0 - INEXACT_SHARE
+    return closed and error.after <= FAR_FROM_NOISE * error.noise_floor
 
 
 def clearness(fits: Sequence[Fit], before: float, *, adequate: bool) -> float:
