@@ -124,8 +124,16 @@ def test_more_parameters_must_explain_more():
     coulomb = fitted(96.0, instance("coulomb_friction", torque=0.1))
     payload = fitted(90.0, instance("payload", mass=1.0, com_x=0.0, com_y=0.0, com_z=0.1))
     assert price(payload) == pytest.approx(4 * price(coulomb))
-    assert worth_it(coulomb, fitted(100.0))
-    assert not worth_it(payload, fitted(100.0))
+    here = zero_model(np.zeros((len(TIME_S), 1)))
+    assert worth_it(here, coulomb, fitted(100.0))
+    assert not worth_it(here, payload, fitted(100.0))
+
+
+def test_what_changes_no_motion_by_half_its_noise_explains_nothing():
+    """A time step that differs from a robot's does as much."""
+    here, gain = zero_model(np.zeros((len(TIME_S), 1))), instance("actuator_gain", scale=1.004)
+    assert not worth_it(here, fitted(1.0, gain), fitted(1.2))
+    assert worth_it(here, fitted(1.0, gain), fitted(1.3))
 
 
 def test_every_order_of_a_cogging_torque_is_fitted():

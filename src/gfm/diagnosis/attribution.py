@@ -47,6 +47,9 @@ RIVAL = 0.33
 ADEQUATE = 1.15
 #: Share of the nominal model's misfit that is left to the inexactness of abrupt laws.
 INEXACT = 0.001
+#: Mean squared residual of some joint, in units of the noise, that an effect must explain at least:
+#: time steps and integrators differ by as much from a robot, and nobody sees half the noise.
+LEAST_SEEN = 0.25
 #: Rounds that are played at most.
 MOST_ROUNDS = 6
 #: Share of the best gain on its joint from which an effect found on another joint is
@@ -464,8 +467,11 @@ def _allowed(problem: Problem, effects: Sequence[EffectInstance]) -> Array:
 
     What was found for a joint with a small misfit is judged by that joint.
     """
-    least = np.array([LEAST_GAIN, *[ALSO_GAIN] * len(problem.joints)])
-    return np.asarray(_costs(problem, effects) / (1.0 - least))
+    joints = len(problem.joints)
+    share = np.array([LEAST_GAIN, *[ALSO_GAIN] * joints])
+    seen = np.array([LEAST_SEEN / joints, *[LEAST_SEEN] * joints])
+    costs = _costs(problem, effects)
+    return np.asarray(np.maximum(costs / (1.0 - share), costs + seen))
 
 
 def _costs(problem: Problem, effects: Sequence[EffectInstance]) -> Array:
@@ -577,7 +583,7 @@ def _best_first(
     """Returns the fits with one first that can be accepted, if there is one."""
     simplest: dict[object, Fit] = {}
     for one in sorted(fits, key=_priced):
-        found = worth_it(one, start) and not at_bound(one.effects[-1])
+        found = worth_it(problem, one, start) and not at_bound(one.effects[-1])
         if found and earns_its_states(problem, one, start):
             simplest.setdefault(one.effects[-1].key, one)
     for tested in by_torque(list(simplest.values()), torque_share)[:MOST_TESTED]:
@@ -631,9 +637,13 @@ def price(fitted: Fit) -> float:
     return LEAST_GAIN * len(fitted.effects[-1].effect.parameters)
 
 
-def worth_it(fitted: Fit, start: Fit) -> bool:
-    """Returns whether the newest effect of a fit explains enough of what `start` leaves."""
-    return fitted.cost < (1.0 - price(fitted)) * start.cost
+def worth_it(problem: Problem, fitted: Fit, start: Fit) -> bool:
+    """Returns whether the newest effect of a fit explains enough of what `start` leaves.
+
+    In all, and of some joint's motion.
+    """
+    seen = problem.joint_costs(start.residual) - problem.joint_costs(fitted.residual)
+    return fitted.cost < (1.0 - price(fitted)) * start.cost and bool(seen.max() >= LEAST_SEEN)
 
 
 def fit_best(

@@ -52,7 +52,7 @@ def exchanges(
         for other in lookalikes(here, problem, others, scales, views):
             report(f"trying {describe(other)} in the place of {describe(here)}")
             changed = fit(problem, (*rest, other))
-            if worth_it(changed, best) and not at_bound(changed.effects[-1]):
+            if worth_it(problem, changed, best) and not at_bound(changed.effects[-1]):
                 rounds.append(_round(best, changed, here))
                 best = changed
                 break

@@ -144,7 +144,10 @@ def _reason(found: Attribution, at_most: float) -> str:
             f"what is left is noise, or as little as the laws are inexact (at most {at_most:.3g})"
         )
     if not last.fits:
-        return "no candidate could be fitted, or none held for recordings it was not fitted to"
+        return (
+            "no candidate explains enough, or changes the motion by more than half the noise, or "
+            "holds for recordings it was not fitted to"
+        )
     if at_bound(last.fits[0].effects[-1]):
         best = describe(last.fits[0].effects[-1])
         return f"{best} explains most, but its amount is next to none, or has no end"
