@@ -20,7 +20,7 @@ from gfm.diagnosis.attribution import (
 )
 from gfm.diagnosis.candidates import places
 from gfm.diagnosis.claims import clearness
-from gfm.diagnosis.fitting import Fit, along_valley, at_bound, nothing
+from gfm.diagnosis.fitting import Fit, acting, along_valley, at_bound, nothing
 from gfm.diagnosis.problem import Problem, with_state_basis
 from gfm.diagnosis.screening import Screened, screen, shortlist
 from gfm.diagnosis.signals import starts_at_rest
@@ -118,6 +118,13 @@ def test_what_makes_up_for_the_inexactness_of_another_law_is_superfluous(
 @pytest.mark.parametrize(("lag_s", "expected"), [(5e-5, True), (5e-4, False)])
 def test_a_lag_shorter_than_any_stamp_is_exact_has_not_been_found(lag_s, expected):
     assert at_bound(instance("actuator_lag", time_constant=lag_s)) is expected
+
+
+def test_an_effect_of_which_a_fit_left_nothing_is_not_named():
+    none, some = (instance("coulomb_friction", torque=t) for t in (0.0, 1e-4))
+    less = instance("viscous_friction", coefficient=-0.1)  # taken off what the model has
+    short = instance("command_delay", delay=1e-5)  # than any stamp is exact
+    assert acting([none, some, less, short]) == (some, less)
 
 
 def test_more_parameters_must_explain_more():

@@ -186,6 +186,16 @@ def at_bound(instance: EffectInstance) -> bool:
     )
 
 
+def acting(effects: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
+    """Returns the effects of which there is something: a fit may end with none of one."""
+    return tuple(e for e in effects if not _is_none(e))
+
+
+def _is_none(instance: EffectInstance) -> bool:
+    first = instance.effect.parameters[0]
+    return first.lower == 0.0 and 0.0 <= instance.values[first.name] <= first.least
+
+
 def amounts(effects: Sequence[EffectInstance]) -> Array:
     """Returns the values of the free parameters, shape (P,)."""
     return np.array([effects[i].values[name] for i, name in free_parameters(effects)])

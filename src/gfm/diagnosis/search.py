@@ -23,7 +23,7 @@ from gfm.diagnosis.chain.domains import torque_share
 from gfm.diagnosis.chain.torques import torque_domain
 from gfm.diagnosis.claims import ADEQUATE_RATIO, FAR_FROM_NOISE
 from gfm.diagnosis.cross_validation import what_holds
-from gfm.diagnosis.fitting import Fit, along_valley, fit, measured
+from gfm.diagnosis.fitting import Fit, acting, along_valley, fit, measured
 from gfm.diagnosis.lookalikes import exchanges
 from gfm.diagnosis.naming import fitly_named
 from gfm.diagnosis.problem import Problem
@@ -96,6 +96,8 @@ def search(
     final = _borne_out(long_settled, recordings, found.fit, report)
     if short_is_enough:
         final = _not_astray(problem, short, long_settled, final)
+    if len(some := acting(final.effects)) < len(final.effects):
+        final = measured(long_settled, some)
     if final.cost > FAR:
         report("looking at what the model itself says")
         stretches = of_stretches(found.rounds)
