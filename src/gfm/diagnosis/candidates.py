@@ -5,8 +5,8 @@ Shape letters: T measurements, J joints.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import mujoco
@@ -37,10 +37,17 @@ TYPICAL, PEAK = 80.0, 99.5
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """An effect somewhere: a candidate."""
+    """An effect somewhere: a candidate.
+
+    Attributes:
+        effect: The law.
+        joints: Where it acts.
+        least: Amounts, less than none, that would take off all that the model itself says there.
+    """
 
     effect: Effect
     joints: tuple[str, ...]
+    least: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def key(self) -> tuple[str, tuple[str, ...]]:

@@ -210,7 +210,7 @@ def _with_amounts(effects: Sequence[EffectInstance], vector: Array) -> tuple[Eff
 
 def _bounds(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
     both = [
-        (p.lower, min(p.upper, effects[i].most.get(name, p.upper)))
+        (effects[i].least.get(name, p.lower), effects[i].most.get(name, p.upper))
         for i, name in free_parameters(effects)
         for p in effects[i].effect.parameters
         if p.name == name

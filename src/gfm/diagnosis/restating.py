@@ -13,6 +13,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from gfm.diagnosis.candidates import Place
 from gfm.diagnosis.problem import Problem
 from gfm.effects import EffectInstance, Key, find_effect
 from gfm.effects.effect import find_motor_side
@@ -55,23 +56,41 @@ def without_own(
     return replace(problem, specs=specs), tuple(own.values())
 
 
+def with_room(problem: Problem, place: Place) -> Place:
+    """Returns a candidate that may take off what every model of a problem says there."""
+    name = _SAYS.get(place.effect.name)
+    if name is None:
+        return place
+    sides = [find_motor_side(spec, place.joints[0]) for spec in problem.specs.values()]
+    says = min(_says(side, name) for side in sides)
+    return replace(place, least={place.effect.parameters[0].name: -says}) if says > 0.0 else place
+
+
 def covers(spec: mujoco.MjSpec, instance: EffectInstance) -> bool:
     """Returns whether a model has as much of an effect as `instance` takes off."""
     field = _SAYS.get(instance.effect.name)
     if field is None or not instance.takes_off:
         return False
     (taken,) = instance.values.values()
-    return bool(
-        np.ravel(getattr(find_motor_side(spec, instance.joints[0]), field))[0] + taken >= 0.0
-    )
+    said = np.ravel(getattr(find_motor_side(spec, instance.joints[0]), field))[0]
+    return bool(said + taken >= 0.0)
+
+
+def _says(joint: mujoco.MjsJoint, field: str) -> float:
+    """Returns how much can be taken out of what a joint says of itself."""
+    return float((1.0 - _kept(field)) * np.ravel(getattr(joint, field))[0])
 
 
 def _take_out(joint: mujoco.MjsJoint, field: str) -> float:
-    """Takes out most of what a joint says of itself, and returns how much."""
-    said = np.ravel(getattr(joint, field)).astype(float)
-    kept = (KEPT if field == "armature" else 0.0) * said
+    """Takes that out, and returns how much it is."""
+    said = _says(joint, field)
+    kept = _kept(field) * np.ravel(getattr(joint, field)).astype(float)
     setattr(joint, field, kept if len(kept) > 1 else float(kept[0]))
-    return float(said[0] - kept[0])
+    return said
+
+
+def _kept(field: str) -> float:
+    return KEPT if field == "armature" else 0.0
 
 
 def with_own(
@@ -86,7 +105,7 @@ def with_own(
     for e in effects:
         by = said.pop(e.key, None)
         most = by.values if by is not None and e.takes_off else {}
-        mine.append(e if by is None else replace(_changed(e, by, 1.0), most=most))
+        mine.append(e if by is None else replace(_changed(e, by, 1.0), most=most, least={}))
     return (*mine, *said.values())
 
 

@@ -146,10 +146,25 @@ def weigh(
     explained = columns @ amplitudes
     gain = 1.0 - float(np.sum((residual - explained) ** 2) / np.sum(residual**2))
     values = place.effect.combine([i.values for i in group], [float(a) for a in amplitudes])
+    if values is None and place.least:
+        values, gain = _taken_off(place, group[0], float(amplitudes[0])), 0.0
     if values is None or not np.isfinite(gain):
         return None
-    instance = EffectInstance(effect=place.effect, joints=place.joints, values=values)
+    instance = EffectInstance(
+        effect=place.effect, joints=place.joints, values=values, least=place.least
+    )
     return Screened(instance=instance, gain=gain)
+
+
+def _taken_off(place: Place, probe: EffectInstance, amplitude: float) -> dict[str, float] | None:
+    """Returns what takes off as much as explains most, and no more than there is; None for more.
+
+    How much that explains, first order does not tell: half a damping is twice the speed.
+    """
+    if not amplitude < 0.0:
+        return None
+    taken = {name: max(amplitude * probe.values[name], most) for name, most in place.least.items()}
+    return {**probe.values, **taken}
 
 
 def shortlist(screened: Sequence[Screened]) -> list[Screened]:

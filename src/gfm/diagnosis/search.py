@@ -27,6 +27,7 @@ from gfm.diagnosis.fitting import Fit, acting, along_valley, fit, measured
 from gfm.diagnosis.lookalikes import exchanges
 from gfm.diagnosis.naming import fitly_named
 from gfm.diagnosis.problem import Problem
+from gfm.diagnosis.restating import with_room
 from gfm.diagnosis.stretches import look_into_stretches
 from gfm.diagnosis.too_much import FAR, too_much
 from gfm.diagnosis.usual import usually_missing
@@ -61,7 +62,7 @@ def search(
     scales = joint_scales(problem, views)
     looked_for = [effect for effect in effect_library().values() if effect.twin is None]
     candidates = [
-        place
+        with_room(problem, place)
         for effect in looked_for
         for place in places(effect, problem.joints, problem.driven, pushing=problem.pushing)
     ]

@@ -1,0 +1,78 @@
+"""One thing that a model has too much of is a candidate beside those that it lacks."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from gfm.core import CommandKind
+from gfm.diagnosis.candidates import Place
+from gfm.diagnosis.cutting import make_problem
+from gfm.diagnosis.diagnose import diagnose
+from gfm.diagnosis.fitting import fit
+from gfm.diagnosis.restating import KEPT, with_room
+from gfm.diagnosis.screening import weigh
+from gfm.effects import EffectInstance, find_effect
+from late_pendulum import DAMPING, NOISE, SAID_DAMPING, steps, waves
+from pendulum import MODEL, ROTOR, swung
+
+SPECS = {
+    CommandKind.POSITION: mujoco.MjSpec.from_string(
+        MODEL.replace("armature=", f'damping="{SAID_DAMPING}" armature=')
+    )
+}
+PLACE = Place(effect=find_effect("viscous_friction"), joints=("j",))
+
+
+def recorded(told, seed):
+    return swung(told, seed=seed, noise=NOISE, torque=lambda _q, v: -DAMPING * v, start=told[0])
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return [recorded(told, i) for i, told in enumerate((waves(1), steps(2), waves(3)))]
+
+
+def test_a_damping_that_the_model_has_too_much_of_is_named_alone(runs):
+    """A stiffer servo and a heavier rotor together would explain nearly as much."""
+    found = diagnose(SPECS, runs[:2], runs[2:])
+    (one,) = found.effects
+    assert (one.effect, one.joints) == ("viscous_friction", ("j",))
+    told = one.parameters["coefficient"]
+    assert told.value == pytest.approx(DAMPING - SAID_DAMPING, rel=0.01)
+    low, high = told.ci95
+    assert low < DAMPING - SAID_DAMPING < high
+    assert one.confidence > 0.9
+    assert "too much viscous friction on j" in found.sentence
+
+
+def test_no_more_is_taken_off_than_every_model_has(runs):
+    problem = make_problem(SPECS, runs[:1])
+    twice = {**SPECS, CommandKind.VELOCITY: mujoco.MjSpec.from_string(MODEL)}
+    assert with_room(problem, PLACE).least == {"coefficient": -SAID_DAMPING}
+    assert with_room(replace(problem, specs=twice), PLACE).least == {}
+    rotor = with_room(problem, Place(effect=find_effect("armature"), joints=("j",)))
+    assert rotor.least == {"inertia": pytest.approx(-(1.0 - KEPT) * ROTOR)}
+    begun = EffectInstance(
+        effect=PLACE.effect,
+        joints=("j",),
+        values={"coefficient": -0.1},
+        least={"coefficient": -0.3},
+    )
+    (there,) = fit(problem, [begun]).effects
+    assert there.values["coefficient"] == pytest.approx(-0.3)
+
+
+def test_what_would_have_to_be_less_is_a_candidate_only_where_there_is_some():
+    probe = EffectInstance(effect=PLACE.effect, joints=("j",), values={"coefficient": 0.01})
+    column = np.ones((5, 1))
+    room = replace(PLACE, least={"coefficient": -0.6})
+    for residual, least, taken in ((-20.0, room, -0.2), (-90.0, room, -0.6), (20.0, room, 0.2)):
+        found = weigh(least, [probe], column, residual * column[:, 0])
+        assert found.instance.values["coefficient"] == pytest.approx(taken)
+        assert found.instance.least == least.least
+        assert (found.gain > 0.99) is (
+            taken > 0.0
+        )  # first order does not tell how much it explains
+    assert weigh(PLACE, [probe], column, -20.0 * column[:, 0]) is None
