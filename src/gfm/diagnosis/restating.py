@@ -1,8 +1,9 @@
-"""What a model itself says of its joints, to be fitted anew: it may say too much.
+"""What a model itself says of its joints: it may say too much.
 
 Effects add to a model. Where its own damping, dry friction or motor inertia is larger than the
-robot's, what it has is taken out, fitted as if it were missing, and told as what is to be added:
-less than nothing, then. More than it says is not looked for: effects do that.
+robot's, less than nothing is to be added. Of one joint that is a candidate like any other. Of all
+of them together, what the model has is taken out, fitted as if it were missing, and told as what is
+to be added; more than it says is not looked for there: effects do that.
 """
 
 from __future__ import annotations
