@@ -1,9 +1,10 @@
 """What a model has too much of, and the delay that this hides.
 
-Where a model's own damping, dry friction or motor inertia is larger than the robot's on many joints,
-taking it off one of them explains too little, and rollouts have no room for a delay. So where much is
-left in the end, what the model itself says of its joints is fitted anew beside what was found, all of
-it together; and where answers to steps come late, a delay as well, by both witnesses.
+Where a model's own damping, dry friction or motor inertia is larger than the robot's on many
+joints, taking it off one of them explains too little, and rollouts have no room for a delay. So
+where much is left in the end, what the model itself says of its joints is fitted anew beside what
+was found, all of it together; and where answers to steps come late, a delay as well, by both
+witnesses.
 
 Shape letters: N numbers of the rollouts' residual, A answers to steps.
 """
