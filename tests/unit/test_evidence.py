@@ -132,6 +132,8 @@ def test_what_the_model_has_too_much_of_is_said_apart():
     assert "(inertia -0.02 kg m^2)" in words
     assert "misses, among what stays unexplained, coulomb friction" in words
     assert "too much" not in sentence_on(Verdict.EXPLAINED, both[:1], error, "")
+    alone = sentence_on(Verdict.EXPLAINED, [less], error, "")
+    assert alone.startswith("The model has too much armature on a (inertia -0.02 kg m^2) (held-out")
 
 
 def test_of_many_amounts_a_sentence_tells_the_first():

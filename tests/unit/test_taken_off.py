@@ -46,7 +46,7 @@ def test_a_damping_that_the_model_has_too_much_of_is_named_alone(runs):
     low, high = told.ci95
     assert low < DAMPING - SAID_DAMPING < high
     assert one.confidence > 0.9
-    assert "too much viscous friction on j" in found.sentence
+    assert found.sentence.startswith("The model has too much viscous friction on j (")
 
 
 def test_no_more_is_taken_off_than_every_model_has(runs):
@@ -74,7 +74,6 @@ def test_what_would_have_to_be_less_is_a_candidate_only_where_there_is_some():
         found = weigh(least, [probe], column, residual * column[:, 0])
         assert found.instance.values["coefficient"] == pytest.approx(taken)
         assert found.instance.least == least.least
-        assert (found.gain > 0.99) is (
-            taken > 0.0
-        )  # first order does not tell how much it explains
+        # How much taking off explains, first order does not tell.
+        assert (found.gain > 0.99) is (taken > 0.0)
     assert weigh(PLACE, [probe], column, -20.0 * column[:, 0]) is None

@@ -25,11 +25,18 @@ def sentence_on(
         return f"The model explains the recordings to within the sensor noise ({figures})."
     if verdict is Verdict.UNEXPLAINED:
         return f"The model misses something that no known effect explains ({figures})."
+    among = "" if verdict is Verdict.EXPLAINED else ", among what stays unexplained,"
+    return f"The model {_wrong(named, among)} ({figures})."
+
+
+def _wrong(named: Sequence[NamedEffect], among: str) -> str:
+    """Returns what a model misses, and what it has too much of; `among` says beside what."""
     less = [one for one in named if one.instance().takes_off]
-    names = "; ".join(effects_in_words([one for one in named if one not in less]))
-    much = f"; it has too much {'; '.join(effects_in_words(less))}" if less else ""
-    part = "misses" if verdict is Verdict.EXPLAINED else "misses, among what stays unexplained,"
-    return f"The model {part} {names}{much} ({figures})."
+    missing = "; ".join(effects_in_words([one for one in named if one not in less]))
+    much = f"too much {'; '.join(effects_in_words(less))}" if less else ""
+    if not missing:
+        return f"has{among} {much}"
+    return f"misses{among} {missing}; it has {much}" if less else f"misses{among} {missing}"
 
 
 def sentence_on_object(thing: ObjectPart, pushed: Sequence[NamedEffect]) -> str:

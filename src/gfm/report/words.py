@@ -74,15 +74,16 @@ EFFECTS = {
     "coulomb_friction": EffectWords(
         law="constant torque against the motion",
         axis="velocity",
-        look_for="a step at zero velocity, flat on both sides; its half height is the friction "
-        "torque. A slope on the sides would be viscous friction, a peak next to the step Stribeck "
-        "friction.",
+        look_for="a step at zero velocity, flat on both sides (upwards, where the model has too "
+        "much); its half height is the friction torque. A slope on the sides would be viscous "
+        "friction, a peak next to the step Stribeck friction.",
     ),
     "viscous_friction": EffectWords(
         law="torque −coefficient · v",
         axis="velocity",
-        look_for="a straight line through the origin that falls with velocity; its slope is the "
-        "coefficient. A step at zero would be dry friction, a bend quadratic drag.",
+        look_for="a straight line through the origin that falls with velocity (rises, where the "
+        "model has too much); its slope is the coefficient. A step at zero would be dry friction, "
+        "a bend quadratic drag.",
     ),
     "quadratic_drag": EffectWords(
         law="torque −coefficient · v · |v|",
