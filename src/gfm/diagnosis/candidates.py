@@ -16,7 +16,7 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.problem import Problem
 from gfm.diagnosis.signals import smooth_states
-from gfm.effects import Effect, EffectInstance, Motion, Scales, Scope
+from gfm.effects import Effect, EffectInstance, Key, Motion, Scales, Scope
 from gfm.effects.effect import sign
 from gfm.sim.plant import Plant, make_plant
 from gfm.sim.predict import Segment, applied_commands
@@ -50,7 +50,7 @@ class Place:
     least: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def key(self) -> tuple[str, tuple[str, ...]]:
+    def key(self) -> Key:
         """What makes two candidates the same."""
         return self.effect.name, self.joints
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from gfm.core.checks import Array
 from gfm.diagnosis.candidates import Place
 from gfm.diagnosis.problem import Problem
 from gfm.effects import EffectInstance, Key, find_effect
@@ -63,7 +64,7 @@ def with_room(problem: Problem, place: Place) -> Place:
     if name is None:
         return place
     sides = [find_motor_side(spec, place.joints[0]) for spec in problem.specs.values()]
-    says = min(_says(side, name) for side in sides)
+    says = min(_spare(side, name) for side in sides)
     return replace(place, least={place.effect.parameters[0].name: -says}) if says > 0.0 else place
 
 
@@ -73,21 +74,25 @@ def covers(spec: mujoco.MjSpec, instance: EffectInstance) -> bool:
     if field is None or not instance.takes_off:
         return False
     (taken,) = instance.values.values()
-    said = np.ravel(getattr(find_motor_side(spec, instance.joints[0]), field))[0]
+    said = _said(find_motor_side(spec, instance.joints[0]), field)[0]
     return bool(said + taken >= 0.0)
 
 
-def _says(joint: mujoco.MjsJoint, field: str) -> float:
+def _said(joint: mujoco.MjsJoint, field: str) -> Array:
+    """Returns what a joint says of itself: one number, or the coefficients of a polynomial."""
+    return np.ravel(getattr(joint, field)).astype(float)
+
+
+def _spare(joint: mujoco.MjsJoint, field: str) -> float:
     """Returns how much can be taken out of what a joint says of itself."""
-    return float((1.0 - _kept(field)) * np.ravel(getattr(joint, field))[0])
+    return float((1.0 - _kept(field)) * _said(joint, field)[0])
 
 
 def _take_out(joint: mujoco.MjsJoint, field: str) -> float:
     """Takes that out, and returns how much it is."""
-    said = _says(joint, field)
-    kept = _kept(field) * np.ravel(getattr(joint, field)).astype(float)
+    taken, kept = _spare(joint, field), _kept(field) * _said(joint, field)
     setattr(joint, field, kept if len(kept) > 1 else float(kept[0]))
-    return said
+    return taken
 
 
 def _kept(field: str) -> float:
