@@ -136,11 +136,11 @@ def test_more_parameters_must_explain_more():
     assert not worth_it(here, payload, fitted(100.0))
 
 
-def test_what_changes_no_motion_by_half_its_noise_explains_nothing():
+def test_what_only_lies_between_noise_and_what_is_adequate_is_not_named():
     """A time step that differs from a robot's does as much."""
     here, gain = zero_model(np.zeros((len(TIME_S), 1))), instance("actuator_gain", scale=1.004)
-    assert not worth_it(here, fitted(1.0, gain), fitted(1.2))
-    assert worth_it(here, fitted(1.0, gain), fitted(1.3))
+    assert not worth_it(here, fitted(1.0, gain), fitted(1.5))
+    assert worth_it(here, fitted(1.0, gain), fitted(1.6))
 
 
 def test_every_order_of_a_cogging_torque_is_fitted():

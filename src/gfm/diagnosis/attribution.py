@@ -39,6 +39,7 @@ from gfm.diagnosis.fitting import (
 from gfm.diagnosis.naming import describe, twins
 from gfm.diagnosis.problem import Problem, ringing_springs, settled
 from gfm.diagnosis.screening import Screened, screen, shortlist, suspected
+from gfm.diagnosis.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance, Scales, Scope
 
 #: Share of the best gain from which a candidate is a rival of the best.
@@ -47,9 +48,10 @@ RIVAL = 0.33
 ADEQUATE = 1.15
 #: Share of the nominal model's misfit that is left to the inexactness of abrupt laws.
 INEXACT = 0.001
-#: Mean squared residual of some joint, in units of the noise, that an effect must explain at least:
-#: time steps and integrators differ by as much from a robot, and nobody sees half the noise.
-LEAST_SEEN = 0.25
+#: RMSE of a joint, in units of its noise, up to which a model is adequate there: time steps and
+#: integrators alone differ by as much. An effect must explain at least as much more than noise.
+ADEQUATE_RATIO = 1.25
+LEAST_SEEN = ADEQUATE_RATIO**2 - 1.0
 #: Rounds that are played at most.
 MOST_ROUNDS = 6
 #: Share of the best gain on its joint from which an effect found on another joint is
@@ -250,7 +252,7 @@ def settled_fit(
     """
     before = mean_square(problem.residuals([effects])[0])
     for _ in range(IN_TURN):
-        problem = settled(problem, effects).robust(effects)
+        problem = settled(with_suitable_steps(problem, effects), effects).robust(effects)
         found = fit(problem, effects)
         effects = found.effects
         leaves = RINGING_LEAVES if ringing_springs(problem, effects) else TURN_LEAVES

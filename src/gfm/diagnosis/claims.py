@@ -9,18 +9,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gfm.diagnosis.attribution import Attribution, Round, price
+from gfm.diagnosis.attribution import ADEQUATE_RATIO, Attribution, Round, price
 from gfm.diagnosis.fitting import Fit, free_parameters
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.naming import describe, twins
 from gfm.diagnosis.result import ErrorSummary, NamedEffect, ParameterEstimate, Suspect, Verdict
 from gfm.effects import EffectInstance, Scope, effect_library
 
-#: Held-out RMSE, in units of the sensor noise, up to which a nominal model counts as adequate.
-ADEQUATE_RATIO = 1.25
-#: The same for a corrected one, and for what is claimed of one effect, where it acts; and the share
-#: of the gap that abrupt laws, which are not quite exact, may leave: what leaves more stands,
-#: perhaps, for something that no known effect describes.
+#: Held-out RMSE, in units of the sensor noise, up to which a corrected model is adequate, and what
+#: is claimed of one effect, where it acts; and the share of the gap that abrupt laws, which are not
+#: quite exact, may leave: what leaves more stands, perhaps, for what no known effect describes.
 CREDIBLE_RATIO, INEXACT_SHARE = 1.5, 0.003
 #: More noise floors than this are left by something else than inexact laws.
 FAR_FROM_NOISE = 10.0

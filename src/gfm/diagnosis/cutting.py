@@ -16,6 +16,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis.noise import noise_std, steady_noise, typical_noise
 from gfm.diagnosis.problem import Noise, Problem, timed, with_state_basis
 from gfm.diagnosis.signals import smooth_states, starts_at_rest
+from gfm.diagnosis.time_steps import with_suitable_steps
 from gfm.diagnosis.touching import Touch, at_ease, resting_pose
 from gfm.effects import EffectInstance
 from gfm.sim.plant import check_joints
@@ -73,8 +74,8 @@ def make_problem(
         UnknownNameError: a model lacks a recorded joint.
     """
     problem = all_stretches(specs, recordings, noise, given=given, windows_s=windows_s)
-    problem = with_state_basis(problem.subset(problem.sample(most_s, of_each=1)))
-    return timed(problem, ())
+    problem = with_suitable_steps(problem.subset(problem.sample(most_s, of_each=1)))
+    return timed(with_state_basis(problem), ())
 
 
 def all_stretches(

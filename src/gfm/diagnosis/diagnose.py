@@ -45,6 +45,7 @@ from gfm.diagnosis.result import (
 )
 from gfm.diagnosis.search import search
 from gfm.diagnosis.sentences import sentence_on, sentence_on_object
+from gfm.diagnosis.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance
 from gfm.excitation.blind_spots import blind_spots
 from gfm.sim.learned import LearnedForces
@@ -92,7 +93,8 @@ class HeldOut:
 def _errors(problem: Problem, effects: Sequence[EffectInstance]) -> HeldOut:
     """Returns the errors of the nominal model and of that with `effects`."""
     before = settled(problem, ()).position_errors(())
-    after = settled(problem, effects).position_errors(effects) if effects else before
+    with_them = settled(with_suitable_steps(problem, effects), effects)
+    after = with_them.position_errors(effects) if effects else before
     return HeldOut(problem=problem, before=before, after=after)
 
 
@@ -141,6 +143,7 @@ def diagnose(
     found, fitted_to = None, long
     if not lack:
         everything = all_stretches(beside, recordings, problem.noise, given=given)
+        everything = replace(everything, steps_s=problem.steps_s)
         found, fitted_to = search(problem, long, everything, recordings, report)
     instances = found.fit.effects if found else ()
     report("measuring the corrected model on held-out recordings")

@@ -84,6 +84,8 @@ class Problem:
         outlying_from: Residuals from which on they are outlying, by joint for positions and
             efforts, in units of the noise, shape (2, J).
         given: Effects of the nominal model that its specs cannot say: every candidate has them.
+        steps_s: Time steps by command kind, s; the models' own where there is none, and wherever a
+            motor is apart from its link: what rings between them is fast.
     """
 
     specs: Mapping[CommandKind, mujoco.MjSpec]
@@ -94,6 +96,7 @@ class Problem:
     state_basis: tuple[Array, ...] = field(default=())
     outlying_from: Array | None = None
     given: tuple[EffectInstance, ...] = ()
+    steps_s: Mapping[CommandKind, float] = field(default_factory=dict)
 
     @property
     def separated(self) -> set[tuple[str, ...]]:
@@ -120,9 +123,13 @@ class Problem:
         """Returns every candidate's prediction of every segment, candidates first."""
         kinds = list(dict.fromkeys(segment.kind for segment in self.segments))
         rows: list[list[Prediction | None]] = [[None] * len(self.segments) for _ in candidates]
+        sets = [(*self.given, *c) for c in candidates]
+        apart = bool(self.separated) or any(e.effect.separates_motor for c in sets for e in c)
         for kind in kinds:
-            spec, given = self.specs[kind], self.given
-            plants = [make_plant(spec, self.joints, (*given, *c)) for c in candidates]
+            spec = self.specs[kind].copy()
+            if not apart:
+                spec.option.timestep = self.steps_s.get(kind, spec.option.timestep)
+            plants = [make_plant(spec, self.joints, effects) for effects in sets]
             places = [i for i, s in enumerate(self.segments) if s.kind is kind]
             for row, answers in zip(
                 rows, predict(plants, [self.segments[i] for i in places]), strict=True

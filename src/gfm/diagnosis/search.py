@@ -10,6 +10,7 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.diagnosis.attribution import (
+    ADEQUATE_RATIO,
     Attribution,
     Round,
     attribute,
@@ -21,7 +22,7 @@ from gfm.diagnosis.attribution import (
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.chain.domains import torque_share
 from gfm.diagnosis.chain.torques import torque_domain
-from gfm.diagnosis.claims import ADEQUATE_RATIO, FAR_FROM_NOISE
+from gfm.diagnosis.claims import FAR_FROM_NOISE
 from gfm.diagnosis.cross_validation import what_holds
 from gfm.diagnosis.fitting import Fit, acting, along_valley, fit, measured
 from gfm.diagnosis.lookalikes import exchanges

@@ -145,8 +145,8 @@ def _reason(found: Attribution, at_most: float) -> str:
         )
     if not last.fits:
         return (
-            "no candidate explains enough, or changes the motion by more than half the noise, or "
-            "holds for recordings it was not fitted to"
+            "no candidate explains enough, or more than what is adequate may leave, or holds for "
+            "recordings it was not fitted to"
         )
     if at_bound(last.fits[0].effects[-1]):
         best = describe(last.fits[0].effects[-1])
