@@ -19,9 +19,10 @@ from gfm.diagnosis.attribution import (
     worth_it,
 )
 from gfm.diagnosis.candidates import places
-from gfm.diagnosis.claims import clearness
+from gfm.diagnosis.claims import clearness, named_effects
 from gfm.diagnosis.fitting import Fit, acting, along_valley, at_bound, nothing
 from gfm.diagnosis.problem import Problem, with_state_basis
+from gfm.diagnosis.result import ErrorSummary
 from gfm.diagnosis.screening import Screened, screen, shortlist
 from gfm.diagnosis.signals import starts_at_rest
 from gfm.effects import effect_library
@@ -141,6 +142,31 @@ def test_what_only_lies_between_noise_and_what_is_adequate_is_not_named():
     here, gain = zero_model(np.zeros((len(TIME_S), 1))), instance("actuator_gain", scale=1.004)
     assert not worth_it(here, fitted(1.0, gain), fitted(1.5))
     assert worth_it(here, fitted(1.0, gain), fitted(1.6))
+
+
+def test_what_takes_less_than_its_noise_off_a_joint_is_not_claimed():
+    """However clearly it explains that: a time step that differs from a robot's does as much."""
+    friction = instance("coulomb_friction", torque=0.1)
+    gain = replace(instance("actuator_gain", scale=1.1), joints=("other",))
+    rest, both = fitted(2.0, friction), fitted(1.2, friction, gain)
+    both = replace(both, jacobian=np.eye(len(TIME_S))[:, :2])
+    rounds = [
+        Round(before=before, screened=(), fits=(fit,), accepted=fit)
+        for before, fit in ((100.0, rest), (2.0, both))
+    ]
+    found = Attribution(nominal_cost=100.0, fit=both, rounds=tuple(rounds))
+    by_joint = {
+        "joint": ErrorSummary(before=10.0, after=1.1, noise_floor=1.0),
+        "other": ErrorSummary(before=1.3, after=1.1, noise_floor=1.0),
+    }
+    overall = ErrorSummary(before=7.0, after=1.1, noise_floor=1.0)
+    blocks = [slice(0, 20), slice(20, 40)]
+    sure, unsure = named_effects(blocks, found, both.effects, overall, by_joint)
+    assert (sure.effect, unsure.effect) == ("coulomb_friction", "actuator_gain")
+    assert sure.confidence == 0.99
+    assert unsure.confidence < 0.5
+    louder = by_joint | {"other": replace(by_joint["other"], before=1.6)}
+    assert named_effects(blocks, found, both.effects, overall, louder)[1].confidence == 0.99
 
 
 def test_every_order_of_a_cogging_torque_is_fitted():

@@ -202,9 +202,7 @@ def attribute(
     looked_beside: tuple[EffectInstance, ...] | None = None
     tries_at_once = MOST_AT_ONCE
     while len(rounds) < MOST_ROUNDS and not is_enough(problem, accepted, nominal):
-        here = suspected(problem, candidates, accepted)
-        report(f"screening {len(here)} candidates (misfit {accepted.cost:.2f})")
-        this = play_round(problem, here, scales, accepted, nominal, report, torque_share)
+        this = play_round(problem, candidates, scales, accepted, nominal, report, torque_share)
         together = any(r.together for r in rounds)
         if at_once is not None and tries_at_once and not together and hopeless(this):
             tries_at_once -= 1
@@ -513,15 +511,20 @@ def play_round(
 ) -> Round:
     """Returns one round: screening, fits of the shortlist, and whether the best is accepted.
 
+    Nothing is looked at where every joint is adequate: no effect could explain what it has to.
     What takes long to simulate is looked at only where nothing simpler explains much: if it is
     what is missing, it will be found beside the simpler effect and make that superfluous.
     """
+    if (problem.joint_costs(base.residual) <= ADEQUATE_RATIO**2).all():
+        return Round(before=base.cost, screened=(), fits=(), accepted=None)
+    here = suspected(problem, candidates, base)
+    report(f"screening {len(here)} candidates (misfit {base.cost:.2f})")
     part = problem.subset(problem.sample(FITTING_S))
     start = fit(part, base.effects)
     screened: list[Screened] = []
     fits: list[Fit] = []
     for costly in (False, True):
-        tier = [place for place in candidates if place.effect.costly is costly]
+        tier = [place for place in here if place.effect.costly is costly]
         found = screen(problem, tier, scales, base)
         screened.extend(found)
         fits = polished(part, [*fits, *fit_best(part, found, start, report)])

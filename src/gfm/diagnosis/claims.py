@@ -91,7 +91,9 @@ def named_effects(
                 joints=instance.joints,
                 parameters=parameters,
                 confidence=_confidence(
-                    _found_in(instance, found.rounds), error, adequate=credible(here, abrupt=abrupt)
+                    _found_in(instance, found.rounds),
+                    error,
+                    adequate=credible(here, abrupt=abrupt) and _seen(here[1:] or here),
                 ),
                 native=instance.effect.native,
             )
@@ -132,6 +134,11 @@ def _left_little(error: ErrorSummary) -> bool:
     """Returns whether nearly all of the gap was closed, and what is left is not far from noise."""
     closed = closed_share(error) >= 1.0 - INEXACT_SHARE
     return closed and error.after <= FAR_FROM_NOISE * error.noise_floor
+
+
+def _seen(errors: Sequence[ErrorSummary]) -> bool:
+    """Returns whether more than the noise was taken off some error: less, time steps differ by."""
+    return any(one.before**2 - one.after**2 > one.noise_floor**2 for one in errors)
 
 
 def clearness(fits: Sequence[Fit], before: float, *, adequate: bool) -> float:
@@ -177,8 +184,8 @@ def _found_in(instance: EffectInstance, rounds: Sequence[Round]) -> Round:
 def _confidence(this: Round, error: ErrorSummary, *, adequate: bool) -> float:
     """Returns 0..1: high where the runner-up explains clearly less and only noise is left.
 
-    Half where the runner-up explains as much. Half at most where more than noise is left: what is
-    named may then stand for something that no known effect describes.
+    Half where the runner-up explains as much. Half at most where more than noise is left, or less
+    than noise was taken off: what is named may then stand for what no known effect describes.
     """
     clear = clearness(this.fits, this.before, adequate=adequate)
     closed = np.clip(closed_share(error), 0.0, 1.0)

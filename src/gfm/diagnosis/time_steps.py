@@ -13,7 +13,6 @@ import mujoco
 import numpy as np
 
 from gfm.core import CommandKind
-from gfm.core.checks import Array
 from gfm.diagnosis.problem import Problem
 from gfm.effects import EffectInstance
 
@@ -21,8 +20,8 @@ from gfm.effects import EffectInstance
 LONGEST_S = 2e-3
 #: Times that a model's own step is halved at most.
 MOST_HALVED = 4
-#: By how much a longer step may change where a joint is, RMS: in units of its noise, and as a share
-#: of what the model is off by, whichever is more.
+#: By how much a longer step may change what a joint leaves, RMS: in units of the noise, and as a
+#: share of it, whichever is more.
 HARDLY, HARDLY_OF_IT = 0.1, 0.01
 #: The same of the model's own step, halved, from which on it is too long.
 TOO_MUCH, TOO_MUCH_OF_IT = 10.0, 0.3
@@ -63,7 +62,7 @@ def _agree(
     least: float,
     share: float,
 ) -> bool:
-    """Returns whether two steps predict nearly the same motion of every joint, to its end."""
+    """Returns whether two steps leave nearly the same on every joint, and neither breaks off."""
     kinds = list(problem.specs)
     accurate, other = (
         replace(problem, steps_s=dict.fromkeys(kinds, s)).predictions([effects])[0]
@@ -71,12 +70,9 @@ def _agree(
     )
     if any(p.diverged for p in (*accurate, *other)):
         return False
-    true = np.concatenate([p.position for p in accurate])
-    measured = np.concatenate([s.position for s in problem.segments])
-    change = np.concatenate([p.position for p in other]) - true
-    most = np.maximum(least * problem.noise.position, share * _rms(measured - true))
-    return bool((_rms(change) <= most).all())
-
-
-def _rms(values: Array) -> Array:
-    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+    left, others = (
+        np.concatenate([problem.whitened(*row) for row in zip(problem.segments, told, strict=True)])
+        for told in (accurate, other)
+    )
+    change, size = np.sqrt(problem.joint_costs(others - left)), np.sqrt(problem.joint_costs(left))
+    return bool((change <= np.maximum(least, share * size)).all())

@@ -71,7 +71,7 @@ def test_an_effort_without_its_gravity_compensation_is_told_but_not_refused(make
     effort = s["torque"] - weight
     recording = make(t, s["position"], command=s["position"] + effort / 40.0, effort=effort)
     views = views_of(recording, pendulum())
-    views = replace(views, drive=effort[:, None])
+    views = replace(views, drive=effort[:, None], drive_before=effort[:, None])
     assert wrong_effort(recording, views) is None
     (told,) = doubtful_efforts(recording, views)
     assert told.value < -0.6
@@ -81,6 +81,34 @@ def test_an_effort_without_its_gravity_compensation_is_told_but_not_refused(make
 def test_gains_far_from_the_robots_are_no_wrong_sign(driven, pendulum):
     recording = driven(gain=400.0)
     assert wrong_effort(recording, views_of(recording, pendulum())) is None
+
+
+def braking(period_s: float = 0.04, step_s: float = 1e-4):
+    """Returns stamps, positions, commands and efforts of a servo that gets few commands.
+
+    Efforts are measured just before the command of the same stamp.
+    """
+    inertia, weight = 0.3**2 + 0.02, 9.81 * 0.3
+    stamps = np.arange(0.0, 8.0, period_s)
+    command = 0.8 * np.sin(5.0 * stamps) * np.sin(0.7 * stamps)
+    q, v, drive, rows = command[0], 0.0, 0.0, []
+    for told in command:
+        rows.append((q, drive))
+        for _ in range(round(period_s / step_s)):
+            drive = 40.0 * (told - q) - 4.0 * v
+            v += step_s * (drive - weight * np.sin(q)) / inertia
+            q += step_s * v
+    return stamps, np.array(rows)[:, 0], command, np.array(rows)[:, 1]
+
+
+def test_an_effort_measured_before_the_next_command_is_no_wrong_sign(make, pendulum):
+    """The servo brakes by then: the next command asks for the opposite."""
+    stamps, position, command, effort = braking()
+    recording = make(stamps, position, command=command, effort=effort)
+    views = views_of(recording, pendulum())
+    assert np.corrcoef(effort, views.drive[:, 0])[0, 1] < 0.0
+    assert np.corrcoef(effort, views.drive_before[:, 0])[0, 1] > 0.9
+    assert wrong_effort(recording, replace(views, needed=-effort[:, None])) is None
 
 
 def test_the_effort_of_a_drive_that_is_off_is_not_judged(driven, pendulum):

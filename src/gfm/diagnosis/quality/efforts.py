@@ -5,6 +5,9 @@ inverse dynamics needs (it knows masses, not servos), and what the model's actua
 the recorded commands (they know gains, not masses). Either alone may be misled: the first by an
 effort that leaves out a gravity compensation, the second by gains that are far from the robot's.
 
+An effort may have been measured just before the command of its own stamp, or just after: a stiff
+servo that gets few commands pushes after each and brakes before the next.
+
 Shape letters: T measurements, J joints.
 """
 
@@ -36,16 +39,25 @@ class Views:
     Attributes:
         needed: By the model's inverse dynamics for the recorded motion.
         drive: By the law of the model's actuators for the recorded commands.
+        drive_before: The same under the commands before those of the same stamps.
     """
 
     needed: Array
     drive: Array
+    drive_before: Array
 
 
 def views_of(recording: Trajectory, plant: Plant) -> Views:
     """Returns what the model says of a recording's torques, whatever its efforts say."""
-    view = torque_view(plant, replace(recording, effort=None))
-    return Views(needed=view.missing + view.drive, drive=view.drive)
+    alone = replace(recording, effort=None)
+    view, before = torque_view(plant, alone), torque_view(plant, _with_later_commands(alone))
+    return Views(needed=view.missing + view.drive, drive=view.drive, drive_before=before.drive)
+
+
+def _with_later_commands(recording: Trajectory) -> Trajectory:
+    """Returns a recording whose commands came half a period of its measurements later."""
+    half_ns = int(np.median(np.diff(recording.stamp_ns))) // 2
+    return replace(recording, command_stamp_ns=recording.command_stamp_ns + half_ns)
 
 
 def wrong_effort(recording: Trajectory, views: Views) -> Objection | None:
@@ -76,7 +88,8 @@ def _unsigned(recording: Trajectory, effort: Array, views: Views) -> Objection |
     if (effort < 0.0).any():
         return None
     _, velocity, _ = smooth_states(recording.time_s, recording.position)
-    down = (views.needed < 0.0) & (views.drive < 0.0) & (velocity < 0.0)
+    drive = np.maximum(views.drive, views.drive_before)
+    down = (views.needed < 0.0) & (drive < 0.0) & (velocity < 0.0)
     close = effort < NEAR_ZERO * np.percentile(effort, 99.0, axis=0)
     for j in np.flatnonzero((down.mean(axis=0) > WANTED) & (close.mean(axis=0) > NEAR_ZERO_SHARE)):
         return Objection(
@@ -111,8 +124,13 @@ def doubtful_efforts(recording: Trajectory, views: Views) -> list[Finding]:
 
 
 def _agreement(effort: Array, views: Views, joint: int) -> tuple[float, float]:
-    """Returns the correlation of one joint's effort with what is needed, and with the drive."""
-    return correlation(effort, views.needed[:, joint]), correlation(effort, views.drive[:, joint])
+    """Returns the correlation of one joint's effort with what is needed, and with the drive.
+
+    With the drive before the command of the same stamp where it clearly is that.
+    """
+    needed = correlation(effort, views.needed[:, joint])
+    before = correlation(effort, views.drive_before[:, joint])
+    return needed, before if before > -OPPOSITE else correlation(effort, views.drive[:, joint])
 
 
 def _is_off(recording: Trajectory) -> bool:
