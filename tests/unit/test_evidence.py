@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.claims import credible, verdict_on
+from gfm.diagnosis.claims import EXACT_SHARE, INEXACT_SHARE, credible, verdict_on
 from gfm.diagnosis.cutting import make_problem
 from gfm.diagnosis.evidence import MISFIT, law_plots, profile_plots
 from gfm.diagnosis.result import ErrorSummary, NamedEffect, ParameterEstimate, Verdict
@@ -79,15 +79,18 @@ def summary(before, after):
 
 
 def test_a_name_is_credible_where_noise_is_left_or_nearly_nothing_of_the_gap():
-    assert credible([summary(20.0, 1.4)], abrupt=True)
-    assert not credible([summary(20.0, 2.4)], abrupt=True)
-    # 0.01 % of it: what a law with a kink is not quite exact by. A smooth one is.
-    assert credible([summary(200.0, 2.4)], abrupt=True)
-    assert not credible([summary(200.0, 2.4)], abrupt=False)
+    share = INEXACT_SHARE
+    assert credible([summary(20.0, 1.4)])
+    assert not credible([summary(20.0, 2.4)], may_leave=share)
+    # 0.012 % of it: what a law with a kink is not quite exact by. A smooth one is, nearly.
+    assert credible([summary(200.0, 2.4)], may_leave=share)
+    assert not credible([summary(200.0, 2.4)], may_leave=EXACT_SHARE)
+    assert credible([summary(200.0, 1.6)], may_leave=EXACT_SHARE)
+    assert not credible([summary(200.0, 1.6)])
     # As small a share, but far from noise.
-    assert not credible([summary(3000.0, 30.0)], abrupt=True)
+    assert not credible([summary(3000.0, 30.0)], may_leave=share)
     # Six quiet joints beside it would make the error of all of them look like noise.
-    assert not credible([summary(10.0, 1.3), summary(27.0, 2.5)], abrupt=True)
+    assert not credible([summary(10.0, 1.3), summary(27.0, 2.5)], may_leave=share)
 
 
 def named(effect, joint, **values):

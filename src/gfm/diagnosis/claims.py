@@ -18,8 +18,9 @@ from gfm.effects import EffectInstance, Scope, effect_library
 
 #: Held-out RMSE, in units of the sensor noise, up to which a corrected model is adequate, and what
 #: is claimed of one effect, where it acts; and the share of the gap that abrupt laws, which are not
-#: quite exact, may leave: what leaves more stands, perhaps, for what no known effect describes.
-CREDIBLE_RATIO, INEXACT_SHARE = 1.5, 0.003
+#: quite exact, and others, which nearly are, may leave: what leaves more stands, perhaps, for what
+#: no known effect describes.
+CREDIBLE_RATIO, INEXACT_SHARE, EXACT_SHARE = 1.5, 3e-3, 1e-4
 #: More noise floors than this are left by something else than inexact laws.
 FAR_FROM_NOISE = 10.0
 #: Two candidates are equal when the runner-up leaves so little more of what the best explains.
@@ -40,7 +41,7 @@ def verdict_on(error: ErrorSummary, named: Sequence[NamedEffect]) -> Verdict:
         adequate = error.before <= ADEQUATE_RATIO * error.noise_floor
         return Verdict.NO_GAP if adequate else Verdict.UNEXPLAINED
     abrupt = any(effect_library()[one.effect].abrupt for one in named)
-    if credible([error], abrupt=abrupt):
+    if credible([error], may_leave=INEXACT_SHARE if abrupt else EXACT_SHARE):
         return Verdict.EXPLAINED
     return Verdict.PARTLY_EXPLAINED
 
@@ -76,11 +77,12 @@ def named_effects(
     widths = half_widths(values, fitted.jacobian, fitted.residual, blocks)
     by_place = dict(zip(free, widths, strict=True))
     abrupt = any(instance.effect.abrupt for instance in instances)
+    may_leave = INEXACT_SHARE if abrupt else EXACT_SHARE
     named = []
     for i, instance in enumerate(instances):
         parameters = {}
         here = [error, *_where_it_acts(instance, by_joint or {})]
-        adequate = credible(here, abrupt=False)
+        adequate = credible(here)
         for p in instance.effect.parameters:
             value, width = instance.values[p.name], float(by_place.get((i, p.name), np.inf))
             holds = adequate and not instance.effect.only_in_stretches
@@ -93,7 +95,7 @@ def named_effects(
                 confidence=_confidence(
                     _found_in(instance, found.rounds),
                     error,
-                    adequate=credible(here, abrupt=abrupt) and _seen(here[1:] or here),
+                    adequate=credible(here, may_leave=may_leave) and _seen(here[1:] or here),
                 ),
                 native=instance.effect.native,
             )
@@ -118,22 +120,18 @@ def _where_it_acts(
     return [one for joint, one in by_joint.items() if not local or joint in instance.joints]
 
 
-def credible(errors: Sequence[ErrorSummary], *, abrupt: bool) -> bool:
-    """Returns whether noise is left, by all of `errors`.
+def credible(errors: Sequence[ErrorSummary], *, may_leave: float = 0.0) -> bool:
+    """Returns whether noise is left, by all of `errors`, or little of the gap.
 
-    Beside an `abrupt` law also where nearly all of the gap was closed. Smooth laws are simulated
-    exactly: what they leave, they do not describe.
+    Args:
+        errors: Held-out.
+        may_leave: Share of the gap that what was named may leave, not far from noise.
     """
     return all(
-        one.after <= CREDIBLE_RATIO * one.noise_floor or (abrupt and _left_little(one))
+        one.after <= CREDIBLE_RATIO * one.noise_floor
+        or (closed_share(one) >= 1.0 - may_leave and one.after <= FAR_FROM_NOISE * one.noise_floor)
         for one in errors
     )
-
-
-def _left_little(error: ErrorSummary) -> bool:
-    """Returns whether nearly all of the gap was closed, and what is left is not far from noise."""
-    closed = closed_share(error) >= 1.0 - INEXACT_SHARE
-    return closed and error.after <= FAR_FROM_NOISE * error.noise_floor
 
 
 def _seen(errors: Sequence[ErrorSummary]) -> bool:
