@@ -14,7 +14,7 @@ from gfm.diagnosis.fitting import Fit, free_parameters
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.naming import describe, twins
 from gfm.diagnosis.result import ErrorSummary, NamedEffect, ParameterEstimate, Suspect, Verdict
-from gfm.effects import EffectInstance, Scope, effect_library
+from gfm.effects import Effect, EffectInstance, Scope, effect_library
 
 #: Held-out RMSE, in units of the sensor noise, up to which a corrected model is adequate, and what
 #: is claimed of one effect, where it acts; and the share of the gap that abrupt laws, which are not
@@ -40,8 +40,7 @@ def verdict_on(error: ErrorSummary, named: Sequence[NamedEffect]) -> Verdict:
     if not named:
         adequate = error.before <= ADEQUATE_RATIO * error.noise_floor
         return Verdict.NO_GAP if adequate else Verdict.UNEXPLAINED
-    abrupt = any(effect_library()[one.effect].abrupt for one in named)
-    if credible([error], may_leave=INEXACT_SHARE if abrupt else EXACT_SHARE):
+    if credible([error], may_leave=_inexact([effect_library()[one.effect] for one in named])):
         return Verdict.EXPLAINED
     return Verdict.PARTLY_EXPLAINED
 
@@ -76,8 +75,7 @@ def named_effects(
     values = np.array([instances[i].values[name] for i, name in free])
     widths = half_widths(values, fitted.jacobian, fitted.residual, blocks)
     by_place = dict(zip(free, widths, strict=True))
-    abrupt = any(instance.effect.abrupt for instance in instances)
-    may_leave = INEXACT_SHARE if abrupt else EXACT_SHARE
+    may_leave = _inexact([instance.effect for instance in instances])
     named = []
     for i, instance in enumerate(instances):
         parameters = {}
@@ -132,6 +130,11 @@ def credible(errors: Sequence[ErrorSummary], *, may_leave: float = 0.0) -> bool:
         or (closed_share(one) >= 1.0 - may_leave and one.after <= FAR_FROM_NOISE * one.noise_floor)
         for one in errors
     )
+
+
+def _inexact(laws: Sequence[Effect]) -> float:
+    """Returns the share of a gap that laws may leave by not being quite exact."""
+    return INEXACT_SHARE if any(law.abrupt for law in laws) else EXACT_SHARE
 
 
 def _seen(errors: Sequence[ErrorSummary]) -> bool:

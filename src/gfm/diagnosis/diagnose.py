@@ -93,9 +93,10 @@ class HeldOut:
 def _errors(problem: Problem, effects: Sequence[EffectInstance]) -> HeldOut:
     """Returns the errors of the nominal model and of that with `effects`."""
     before = settled(problem, ()).position_errors(())
-    with_them = settled(with_suitable_steps(problem, effects), effects)
-    after = with_them.position_errors(effects) if effects else before
-    return HeldOut(problem=problem, before=before, after=after)
+    if not effects:
+        return HeldOut(problem=problem, before=before, after=before)
+    suited = settled(with_suitable_steps(problem, effects), effects)
+    return HeldOut(problem=problem, before=before, after=suited.position_errors(effects))
 
 
 def diagnose(
