@@ -110,6 +110,7 @@ def test_a_motor_apart_from_its_link_keeps_the_models_step():
     apart = EffectInstance(effect=elastic, joints=("j",), values=values)
     assert (problem.residuals([(apart,)]) == own.residuals([(apart,)])).all()
     assert (problem.residuals([()]) != own.residuals([()])).any()
+    assert with_suitable_steps(own, (apart,)) is own
     # What is compared is simulated alike.
     both = problem.residuals([(), (apart,)])
     assert (both[0] == own.residuals([()])[0]).all()

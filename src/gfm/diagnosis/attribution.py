@@ -248,9 +248,10 @@ def settled_fit(
         effects: With the amounts to begin with.
         nominal: Cost of the model without any.
     """
+    problem = with_suitable_steps(problem, effects)
     before = mean_square(problem.residuals([effects])[0])
     for _ in range(IN_TURN):
-        problem = settled(with_suitable_steps(problem, effects), effects).robust(effects)
+        problem = settled(problem, effects).robust(effects)
         found = fit(problem, effects)
         effects = found.effects
         leaves = RINGING_LEAVES if ringing_springs(problem, effects) else TURN_LEAVES

@@ -119,17 +119,21 @@ class Problem:
         )
         return touching and any(s.object_pose is not None for s in self.segments)
 
+    def motors_apart(self, candidates: Sequence[Sequence[EffectInstance]]) -> bool:
+        """Returns whether a motor is apart from its link in the model or a candidate."""
+        added = [*self.given, *(one for effects in candidates for one in effects)]
+        return bool(self.separated) or any(one.effect.separates_motor for one in added)
+
     def predictions(self, candidates: Sequence[Sequence[EffectInstance]]) -> list[list[Prediction]]:
         """Returns every candidate's prediction of every segment, candidates first."""
         kinds = list(dict.fromkeys(segment.kind for segment in self.segments))
         rows: list[list[Prediction | None]] = [[None] * len(self.segments) for _ in candidates]
-        sets = [(*self.given, *c) for c in candidates]
-        apart = bool(self.separated) or any(e.effect.separates_motor for c in sets for e in c)
+        apart = self.motors_apart(candidates)
         for kind in kinds:
             spec = self.specs[kind].copy()
             if not apart:
                 spec.option.timestep = self.steps_s.get(kind, spec.option.timestep)
-            plants = [make_plant(spec, self.joints, effects) for effects in sets]
+            plants = [make_plant(spec, self.joints, (*self.given, *c)) for c in candidates]
             places = [i for i, s in enumerate(self.segments) if s.kind is kind]
             for row, answers in zip(
                 rows, predict(plants, [self.segments[i] for i in places]), strict=True
@@ -315,10 +319,9 @@ def _led(segment: Segment) -> bool:
 
 def ringing_springs(problem: Problem, effects: Sequence[EffectInstance]) -> list[Spring]:
     """Returns the springs whose motors have states of their own at first, under `effects`."""
-    added = (*problem.given, *effects)
-    apart = problem.separated or any(one.effect.separates_motor for one in added)
-    if not apart or all(_led(segment) for segment in problem.segments):
+    if not problem.motors_apart([effects]) or all(_led(s) for s in problem.segments):
         return []
+    added = (*problem.given, *effects)
     plant = make_plant(next(iter(problem.specs.values())), problem.joints, added)
     return [spring for spring in springs(plant) if spring.ringing_hz >= RINGS_HZ]
 

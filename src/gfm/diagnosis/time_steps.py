@@ -30,7 +30,12 @@ COMPARED_S = 6.0
 
 
 def with_suitable_steps(problem: Problem, effects: Sequence[EffectInstance] = ()) -> Problem:
-    """Returns the problem with the time steps that suit its models with `effects` in them."""
+    """Returns the problem with the time steps that suit its models with `effects` in them.
+
+    As it is where a motor is apart from its link: those are simulated on steps of their own.
+    """
+    if problem.motors_apart([effects]):
+        return problem
     part = problem.subset(problem.sample(COMPARED_S))
     steps_s = {kind: _suitable(part, kind, spec, effects) for kind, spec in problem.specs.items()}
     return replace(problem, steps_s=steps_s)

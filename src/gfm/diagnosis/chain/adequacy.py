@@ -11,12 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gfm.core.checks import Array
+from gfm.diagnosis.attribution import ADEQUATE_RATIO
 from gfm.diagnosis.chain.torques import Signals
 from gfm.diagnosis.quality.finding import correlation
 
-#: RMS in noise floors up to which a joint's residual is as small as noise: the square root of the
-#: mean squared residual at which the search for effects ends.
-AS_SMALL = 1.25
 #: Autocorrelation of neighbours up to which a residual is as uneven as noise. It is the share of
 #: its power that changes slowly: a tenth of it is a third of the noise's size.
 WHITE = 0.1
@@ -54,7 +52,7 @@ class Residual:
     @property
     def adequate(self) -> bool:
         """Whether it is as small as noise, or at least as uneven as noise."""
-        return self.ratio <= AS_SMALL or self.white
+        return self.ratio <= ADEQUATE_RATIO or self.white
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +68,7 @@ class JointAdequacy:
         """What is left, in one line."""
         now = self.after
         if now.adequate:
-            return "noise" if now.ratio <= AS_SMALL else "noise, larger than it was measured"
+            return "noise" if now.ratio <= ADEQUATE_RATIO else "noise, larger than it was measured"
         if now.goes_with is None:
             return "structure that goes with no signal of this joint: another joint may cause it"
         return (
@@ -112,7 +110,7 @@ def _residual(
     slow = slow_share(own)
     told = {n: correlation(missing[:, joint], getattr(signals, n)[:, joint]) for n in WORDS}
     strongest = max(told, key=lambda name: abs(told[name]))
-    is_noise = ratio <= AS_SMALL or slow <= WHITE
+    is_noise = ratio <= ADEQUATE_RATIO or slow <= WHITE
     says = not is_noise and abs(told[strongest]) >= GOES_WITH
     return Residual(
         ratio=ratio,
