@@ -6,7 +6,7 @@ from gfm.core import CommandKind
 from gfm.diagnosis.fitting import Fit
 from gfm.diagnosis.problem import Noise, Problem
 from gfm.effects import EffectInstance, Scales, effect_library
-from gfm.sim.predict import Segment
+from gfm.sim.segment import Segment
 
 TIME_S = 0.01 * np.arange(40.0)
 SCALES = Scales(

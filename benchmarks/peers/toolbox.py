@@ -15,8 +15,9 @@ import numpy as np
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
+from gfm.sim.commands import stepping_commands
 from gfm.sim.plant import make_plant
-from gfm.sim.predict import Segment, applied_commands
+from gfm.sim.segment import Segment
 from peers.case import Case, Named, rises
 
 #: Loaded by name: its types would be all that is known of MuJoCo's.
@@ -192,7 +193,7 @@ def _series(
     plant = make_plant(case.specs[kind], case.joints)
     times = model.opt.timestep * np.arange(steps)
     control = np.zeros((steps, model.nu))
-    control[:, plant.actuator] = applied_commands(plant, segment, steps)
+    control[:, plant.actuator] = stepping_commands(plant, segment, steps)
     qpos, qvel = np.zeros(model.nq), np.zeros(model.nv)
     qpos[plant.qpos], qvel[plant.dof] = segment.initial_position, segment.initial_velocity
     start = sysid.create_initial_state(model, qpos, qvel)

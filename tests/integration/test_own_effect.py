@@ -24,8 +24,9 @@ from gfm.service.model_files import read_model
 from gfm.sim.batch import HybridBatch
 from gfm.sim.hybrid import HybridModel
 from gfm.sim.plant import make_plant, stepping_spec
-from gfm.sim.predict import Segment, predict
+from gfm.sim.predict import predict
 from gfm.sim.rollout import rollouts
+from gfm.sim.segment import Segment
 
 PAGE = Path(__file__).parents[2] / "docs" / "effects.md"
 INERTIA, STIFFNESS, DAMPING, SLOPE, NOISE = 0.02, 20.0, 1.0, 0.6, 2e-4

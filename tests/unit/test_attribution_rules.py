@@ -26,7 +26,7 @@ from gfm.diagnosis.result import ErrorSummary
 from gfm.diagnosis.screening import Screened, screen, shortlist
 from gfm.diagnosis.signals import starts_at_rest
 from gfm.effects import effect_library
-from gfm.sim.predict import Prediction
+from gfm.sim.segment import Prediction
 from one_joint import SCALES, TIME_S, fitted, instance, problem
 
 
@@ -35,7 +35,7 @@ class Predicted(Problem):
 
     def predictions(self, candidates):
         zero = np.zeros_like(self.segments[0].position)
-        one = Prediction(position=zero, effort=zero, effort_after=zero, diverged=False)
+        one = Prediction(position=zero, effort=zero, diverged=False)
         return [[one] for _ in candidates]
 
 

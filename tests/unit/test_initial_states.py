@@ -13,7 +13,7 @@ from gfm.diagnosis.attribution import polished, settled_fit
 from gfm.diagnosis.fitting import fit
 from gfm.diagnosis.problem import Noise, Problem, settled
 from gfm.effects import EffectInstance, find_effect
-from gfm.sim.predict import Segment
+from gfm.sim.segment import Segment
 
 #: A point mass on a light rod, near its upright equilibrium, whose fall multiplies what it begins
 #: with by about 50: q'' = g / l sin q.

@@ -7,7 +7,8 @@ import pytest
 from gfm.core import CommandKind
 from gfm.effects import EffectInstance, effect_library
 from gfm.sim.plant import make_plant
-from gfm.sim.predict import Segment, predict
+from gfm.sim.predict import predict
+from gfm.sim.segment import Segment
 
 MASS, LENGTH, STIFFNESS, KP, GAP = 1.2, 0.5, 40.0, 100.0, 0.02
 #: Of a lever that is held level, N m.

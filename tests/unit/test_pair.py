@@ -21,9 +21,10 @@ from gfm.service.assets import load_environment
 from gfm.service.model_files import read_model
 from gfm.sim.hybrid import HybridModel
 from gfm.sim.plant import make_plant, native_spec, stepping_spec
-from gfm.sim.predict import Segment, predict
+from gfm.sim.predict import predict
 from gfm.sim.residual import residual_forces
 from gfm.sim.rollout import rollouts
+from gfm.sim.segment import Segment
 
 ARM = (Path(__file__).parents[1] / "data" / "compensated_arm.xml").read_text()
 VELOCITY_ARM = ARM.replace("<position", "<velocity").replace('kp="30"', "").replace('kp="15"', "")

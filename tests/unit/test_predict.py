@@ -6,8 +6,10 @@ import pytest
 
 from gfm.core import CommandKind, UnknownNameError
 from gfm.effects import EffectInstance, find_effect
+from gfm.sim.commands import stepping_commands
 from gfm.sim.plant import make_plant
-from gfm.sim.predict import Segment, applied_commands, predict
+from gfm.sim.predict import predict
+from gfm.sim.segment import Segment
 
 PENDULUM = """
 <mujoco>
@@ -56,22 +58,22 @@ def test_a_constant_torque_moves_as_the_textbook_says():
 
 
 def test_a_command_between_two_steps_counts_by_its_share():
-    shares = applied_commands(plant(), segment([0.0, 1.0], [0.0, 0.0035]), 4)
+    shares = stepping_commands(plant(), segment([0.0, 1.0], [0.0, 0.0035]), 4)
     assert shares[:, 0] == pytest.approx([0.0, 0.25, 1.0, 1.0])
 
 
 def test_a_delay_shifts_the_command_by_any_fraction_of_a_step():
     late = plant(effects=(effect("command_delay", delay=0.0015),))
-    shares = applied_commands(late, segment([0.0, 1.0], [0.0, 0.002]), 4)
+    shares = stepping_commands(late, segment([0.0, 1.0], [0.0, 0.002]), 4)
     assert shares[:, 0] == pytest.approx([0.0, 0.25, 1.0, 1.0])
 
 
 def test_a_lag_answers_a_step_exponentially():
     lagging = plant(effects=(effect("actuator_lag", time_constant=0.1),))
-    means = applied_commands(lagging, segment([0.0, 1.0], [0.0, 0.2]), 500)[:, 0]
-    time_s = 0.002 * np.arange(500) + 0.001
-    expected = np.where(time_s < 0.2, 0.0, 1.0 - np.exp(-(time_s - 0.2) / 0.1))
-    assert means == pytest.approx(expected, abs=1e-4)
+    means = stepping_commands(lagging, segment([0.0, 1.0], [0.0, 0.2]), 500)[:, 0]
+    since = np.maximum(0.002 * np.arange(501) - 0.2, 0.0)
+    integral = since - 0.1 * (1.0 - np.exp(-since / 0.1))
+    assert means == pytest.approx(np.diff(integral) / 0.002, abs=1e-10)
 
 
 def test_predictions_converge_with_the_step_and_are_accurate_at_two_milliseconds():
@@ -129,9 +131,9 @@ def test_a_joint_that_is_not_there_is_told_with_those_that_are():
 def test_a_lag_remembers_what_was_commanded_before_the_stretch():
     lagged = plant(effects=(effect("actuator_lag", time_constant=0.1),))
     before = segment([0.0, 1.0, 0.0], [-1.0, -0.3, 0.0])
-    shares = applied_commands(lagged, before, 3)
+    shares = stepping_commands(lagged, before, 3)
     left = 1.0 - np.exp(-3.0)
-    assert shares[0, 0] == pytest.approx(left * np.exp(-0.01), rel=1e-3)
+    assert shares[0, 0] == pytest.approx(left * (1.0 - np.exp(-0.02)) / 0.02, rel=1e-9)
 
 
 def test_models_with_more_bodies_of_collision_are_simulated_apart():

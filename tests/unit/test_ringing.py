@@ -14,7 +14,7 @@ from gfm.diagnosis.problem import Noise, Problem, settled, with_state_basis
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.motor_sides import springs
 from gfm.sim.plant import make_plant
-from gfm.sim.predict import Segment
+from gfm.sim.segment import Segment
 
 #: Inertias of link and motor, kg m^2, and a stiffness at which they ring with 11 Hz.
 LINK, MOTOR, STIFFNESS = 0.02, 0.01, 35.0

@@ -11,7 +11,7 @@ from gfm.core import CommandKind
 from gfm.diagnosis.problem import Noise, Problem
 from gfm.diagnosis.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance, find_effect
-from gfm.sim.predict import Segment
+from gfm.sim.segment import Segment
 
 #: A disc that a position servo turns: I q'' = kp (u - q) - kv q', overdamped.
 DISC = """

@@ -22,7 +22,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis.cutting import between
 from gfm.diagnosis.problem import Noise, Problem
 from gfm.effects import EffectInstance
-from gfm.sim.predict import Prediction, Segment
+from gfm.sim.segment import Prediction, Segment
 
 #: Time for which a command stood still before its step, and after which nothing is an answer, s.
 #: What seems to have begun before the step by more than stamps may err did not wait for it.

@@ -18,8 +18,9 @@ from gfm.diagnosis.problem import Problem
 from gfm.diagnosis.signals import smooth_states
 from gfm.effects import Effect, EffectInstance, Key, Motion, Scales, Scope
 from gfm.effects.effect import sign
+from gfm.sim.commands import commands_between
 from gfm.sim.plant import Plant, make_plant
-from gfm.sim.predict import Segment, applied_commands
+from gfm.sim.segment import Segment
 
 #: Orders of a cogging torque that are looked for, per revolution of the joint.
 COGGING_ORDERS = range(2, 101)
@@ -147,10 +148,8 @@ def whole_segment(recording: Trajectory) -> Segment:
 
 def _command_at(plant: Plant, recording: Trajectory) -> Array:
     """Returns the command in force at each measurement, shape (T, J)."""
-    period_s = plant.model.opt.timestep
-    steps = int(recording.duration_s / period_s) + 2
-    held = applied_commands(plant, whole_segment(recording), steps)
-    return np.asarray(held[np.minimum((recording.time_s / period_s).astype(int), steps - 1)])
+    end = recording.time_s + plant.model.opt.timestep
+    return commands_between(plant, whole_segment(recording), recording.time_s, end)
 
 
 def torque_views(

@@ -19,8 +19,9 @@ from gfm.diagnosis.signals import smooth_states, starts_at_rest
 from gfm.diagnosis.time_steps import with_suitable_steps
 from gfm.diagnosis.touching import Touch, at_ease, resting_pose
 from gfm.effects import EffectInstance
+from gfm.sim.commands import HISTORY_S
 from gfm.sim.plant import check_joints
-from gfm.sim.predict import HISTORY_S, Segment
+from gfm.sim.segment import Segment
 
 #: Length of the stretches in which effects are looked for. A servo keeps a rollout on track and a
 #: torque does not; in longer ones errors add up, and fits end in the nearest of many valleys.

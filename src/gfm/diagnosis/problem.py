@@ -28,7 +28,8 @@ from gfm.effects import EffectInstance
 from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.motor_sides import Spring, springs
 from gfm.sim.plant import make_plant
-from gfm.sim.predict import Prediction, Segment, predict
+from gfm.sim.predict import predict
+from gfm.sim.segment import Prediction, Segment
 
 #: Steps in position and velocity with which the effect of the initial state is measured.
 STATE_STEP = (1e-4, 1e-3)
@@ -135,9 +136,9 @@ class Problem:
                 spec.option.timestep = self.steps_s.get(kind, spec.option.timestep)
             plants = [make_plant(spec, self.joints, (*self.given, *c)) for c in candidates]
             places = [i for i, s in enumerate(self.segments) if s.kind is kind]
-            for row, answers in zip(
-                rows, predict(plants, [self.segments[i] for i in places]), strict=True
-            ):
+            here = [self.segments[i] for i in places]
+            told = predict(plants, here, after_command=self.after_command)
+            for row, answers in zip(rows, told, strict=True):
                 for i, answer in zip(places, answers, strict=True):
                     row[i] = answer
         return [[p for p in row if p is not None] for row in rows]
@@ -198,8 +199,7 @@ class Problem:
         """Returns measured minus predicted in units of the noise, position before effort."""
         channels = [(segment.position - prediction.position) / self.noise.position]
         if segment.effort is not None and segment.effort_noise is not None:
-            told = prediction.effort_after if self.after_command else prediction.effort
-            channels.append((segment.effort - told) / segment.effort_noise)
+            channels.append((segment.effort - prediction.effort) / segment.effort_noise)
         flat = np.concatenate([channel.ravel() for channel in channels])
         return np.asarray(np.clip(np.nan_to_num(flat, nan=LARGEST), -LARGEST, LARGEST))
 
@@ -210,6 +210,15 @@ class Problem:
             part[: s.position.size].reshape(s.position.shape) * self.noise.position
             for s, part in zip(self.segments, parts, strict=True)
         ]
+
+    def effort_misfit(self, effects: Sequence[EffectInstance]) -> float:
+        """Returns by how much efforts are missed, N m: the medians of all segments, added up."""
+        told = zip(self.segments, self.predictions([effects])[0], strict=True)
+        return sum(
+            float(np.median(np.abs(segment.effort - prediction.effort)))
+            for segment, prediction in told
+            if segment.effort is not None
+        )
 
     def joint_costs(self, residual: Array) -> Array:
         """Returns the mean squared residual of each joint, shape (J,)."""
@@ -286,13 +295,8 @@ def timed(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
     """
     if problem.noise.effort is None:
         return problem
-    misfit = [0.0, 0.0]
-    predictions = problem.predictions([effects])[0]
-    for segment, prediction in zip(problem.segments, predictions, strict=True):
-        if segment.effort is not None:
-            for i, told in enumerate((prediction.effort, prediction.effort_after)):
-                misfit[i] += float(np.median(np.abs(segment.effort - told)))
-    return replace(problem, after_command=misfit[1] < misfit[0])
+    both = [replace(problem, after_command=after) for after in (False, True)]
+    return min(both, key=lambda one: one.effort_misfit(effects))
 
 
 def settled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:

@@ -14,81 +14,20 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 from mujoco import batch, rollout
-from numpy.typing import NDArray
-from scipy.signal import lfilter
 
-from gfm.core import CommandKind
 from gfm.core.checks import Array
+from gfm.sim.commands import commands_at, stepping_commands
 from gfm.sim.compensation import CompensationError, compensation_error
+from gfm.sim.instants import sensors_at, states_at
 from gfm.sim.motor_sides import ahead_of_link, motor_of
 from gfm.sim.plant import Plant, with_servo_gain
+from gfm.sim.segment import Prediction, Segment
 from gfm.sim.step_laws import middle_of_step, step_laws
 
 #: Memory that one call of the batched rollout may fill, bytes.
 CHUNK_BYTES = 200e6
 #: Degrees of freedom that a thread must have to step, or it waits longer than it works.
 THREAD_DOF = 60
-#: Change of a command beside a larger one that is the share of a step before it came, at most.
-MIXED = 0.1
-#: How long before a segment commands are looked at: delays and lags remember them, s.
-HISTORY_S = 0.6
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Segment:
-    """A stretch of one recording, to be predicted from its initial state.
-
-    Attributes:
-        time_s: Measurement times from the start of the segment, shape (T,).
-        position: Measured, rad, shape (T, J).
-        effort: Measured drive torque, N m, shape (T, J), or None.
-        kind: What the commands are.
-        command_time_s: When each command took effect, on the same clock, shape (C,).
-        command: rad, rad/s or N m, shape (C, J).
-        initial_position: rad, shape (J,).
-        initial_velocity: rad/s, shape (J,).
-        servo_gain: Factor on the servo's gain, shape (J,).
-        recording: Index of the recording that it was cut from.
-        effort_noise: Standard deviation of that recording's efforts, N m, shape (J,), or None.
-        same_stamp_s: How far apart a command and a measurement are of the same stamp, s.
-        initial_motor: How far motor sides are ahead of where their loads hold them, rad, and how
-            much faster than their links they are, rad/s, shape (2, J); None for not at all.
-        object_pose: Where a free object is at first, m and quaternion w x y z, shape (7,); None
-            where that is not known.
-    """
-
-    time_s: Array
-    position: Array
-    effort: Array | None
-    kind: CommandKind
-    command_time_s: Array
-    command: Array
-    initial_position: Array
-    initial_velocity: Array
-    servo_gain: Array
-    recording: int = 0
-    effort_noise: Array | None = None
-    same_stamp_s: float = 0.0
-    initial_motor: Array | None = None
-    object_pose: Array | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Prediction:
-    """What a plant predicts for a segment, at its measurement times.
-
-    Attributes:
-        position: rad, shape (T, J).
-        effort: Drive torque at each measurement time, under the command before that of the same
-            stamp, N m, shape (T, J).
-        effort_after: The same under the command of the same stamp, shape (T, J).
-        diverged: Whether the simulation broke off.
-    """
-
-    position: Array
-    effort: Array
-    effort_after: Array
-    diverged: bool
 
 
 @dataclass
@@ -106,14 +45,33 @@ class _Job:
         self.compensation = compensation_error(self.plant, self.segment.position)
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Settings:
+    threads: int
+    after_command: bool
+
+
 def predict(
-    plants: Sequence[Plant], segments: Sequence[Segment], *, threads: int | None = None
+    plants: Sequence[Plant],
+    segments: Sequence[Segment],
+    *,
+    after_command: bool = False,
+    threads: int | None = None,
 ) -> list[list[Prediction]]:
-    """Returns the prediction of every plant for every segment, plants first."""
+    """Returns the prediction of every plant for every segment, plants first.
+
+    Args:
+        plants: What to simulate.
+        segments: What to predict.
+        after_command: Whether efforts are those under the command of the same stamp, not under the
+            one before.
+        threads: On how many to simulate; as many as there are processors by default.
+    """
+    settings = _Settings(threads=threads or os.cpu_count() or 1, after_command=after_command)
     answers: list[list[Prediction | None]] = [[None] * len(segments) for _ in plants]
     for jobs in _batches(plants, segments):
         run = _step_by_step if jobs[0].plant.stepwise else _rollout
-        for job, prediction in zip(jobs, run(jobs, threads or os.cpu_count() or 1), strict=True):
+        for job, prediction in zip(jobs, run(jobs, settings), strict=True):
             answers[job.place[0]][job.place[1]] = prediction
     return [[p for p in row if p is not None] for row in answers]
 
@@ -136,27 +94,26 @@ def _batches(plants: Sequence[Plant], segments: Sequence[Segment]) -> Iterator[l
             yield jobs[start : start + most]
 
 
-def _rollout(jobs: list[_Job], threads: int) -> list[Prediction]:
+def _rollout(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
     steps = max(job.steps for job in jobs)
     controls = np.stack([_controls(job, steps) for job in jobs])
     inputs, what = controls, mujoco.mjtState.mjSTATE_CTRL.value
     if jobs[0].plant.compensations:
         inputs = np.concatenate([controls, np.stack([_forces(j, steps) for j in jobs])], axis=2)
         what |= mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
+    initial = np.stack([_initial_state(job) for job in jobs])
     with _quiet():
-        states, sensors = rollout.rollout(
+        states, _ = rollout.rollout(
             [job.model for job in jobs],
-            [mujoco.MjData(jobs[0].model) for _ in range(min(threads, len(jobs)))],
-            np.stack([_initial_state(job) for job in jobs]),
+            [mujoco.MjData(jobs[0].model) for _ in range(min(settings.threads, len(jobs)))],
+            initial,
             inputs,
             control_spec=what,
             persistent_pool=True,
         )
-    nq = jobs[0].model.nq
-    return [
-        _prediction(job, states[i, :, 0], states[i, :, 1 : 1 + nq], sensors[i], controls[i])
-        for i, job in enumerate(jobs)
-    ]
+        return _predictions(
+            jobs, list(np.concatenate([initial[:, None], states], axis=1)), settings
+        )
 
 
 def _forces(job: _Job, steps: int) -> Array:
@@ -220,108 +177,61 @@ def _load(job: _Job, qpos: Array) -> Array:
 def _controls(job: _Job, steps: int) -> Array:
     """Returns the control of every time step, shape (K, nu)."""
     controls = np.zeros((steps, job.model.nu))
-    controls[:, job.plant.actuator] = applied_commands(job.plant, job.segment, steps)
+    controls[:, job.plant.actuator] = stepping_commands(job.plant, job.segment, steps)
     return controls
 
 
-def applied_commands(plant: Plant, segment: Segment, steps: int) -> Array:
-    """Returns the mean command of every time step after delays and lags, shape (K, J).
+def _predictions(jobs: list[_Job], rows: Sequence[Array], settings: _Settings) -> list[Prediction]:
+    """Returns the predictions from the states at the beginning and after every step.
 
-    A command that changes within a time step counts by its share of it, so that predictions are
-    smooth in a delay. What was commanded shortly before the segment counts, too: a lag remembers.
+    Args:
+        jobs: What was simulated.
+        rows: Of each job, shape (K + 1, S).
+        settings: How it is told.
     """
-    period_s = plant.model.opt.timestep
-    before = round(HISTORY_S / period_s)
-    grid = period_s * np.arange(-before, steps + 1)
-    columns = []
-    for j, name in enumerate(plant.joints):
-        here = [e for e in plant.effects if name in e.joints and not e.in_model]
-        time_s = segment.command_time_s
-        for instance in here:
-            time_s = instance.effect.retime(time_s, instance.values)
-        column = _held_means(grid, time_s, segment.command[:, j])
-        lag_s = sum(e.effect.lag_s(e.values) for e in here)
-        columns.append(_lagged_means(column, lag_s, period_s)[before:])
-    return np.stack(columns, axis=1)
+    step_s = jobs[0].model.opt.timestep
+    states = [
+        states_at(job.model, states, job.segment.time_s / step_s)
+        for job, states in zip(jobs, rows, strict=True)
+    ]
+    sensors = sensors_at(
+        [job.model for job, here in zip(jobs, states, strict=True) for _ in here],
+        np.concatenate(states),
+        np.concatenate([_measured_controls(job, settings.after_command) for job in jobs]),
+        threads=settings.threads,
+    )
+    ends = np.cumsum([len(here) for here in states])[:-1]
+    told = zip(jobs, rows, states, np.split(sensors, ends), strict=True)
+    return [_prediction(*one) for one in told]
 
 
-def _held_means(grid: Array, time_s: Array, value: Array) -> Array:
-    """Returns the mean over each grid interval of a value held from each time to the next."""
-    before = min(float(time_s[0]), float(grid[0])) - 1.0
-    after = max(float(time_s[-1]), float(grid[-1])) + 1.0
-    knots = np.concatenate([[before], time_s, [after]])
-    held = np.concatenate([[value[0]], value])
-    integral = np.concatenate([[0.0], np.cumsum(held * np.diff(knots))])
-    return np.asarray(np.diff(np.interp(grid, knots, integral)) / np.diff(grid))
-
-
-def _lagged_means(value: Array, lag_s: float, period_s: float) -> Array:
-    """Returns the means over each step of a first-order lag's answer to a stepwise value."""
-    if lag_s <= 0.0:
-        return value
-    decay = float(np.exp(-period_s / lag_s))
-    # State at the start of each step: y+ = decay y + (1 - decay) u, settled at the first value.
-    filtered = lfilter([1.0 - decay], [1.0, -decay], value, zi=np.array([decay * value[0]]))[0]
-    start = np.concatenate([[value[0]], filtered[:-1]])
-    return np.asarray(value + (start - value) * (lag_s / period_s) * (1.0 - decay))
-
-
-def _prediction(
-    job: _Job, time_s: Array, qpos: Array, sensors: Array, controls: Array
-) -> Prediction:
-    """Returns the prediction at the measurement times from what each step left behind.
-
-    State k is that after step k; sensors k are those before it.
-    """
-    segment, plant = job.segment, job.plant
-    period_s = job.model.opt.timestep
-    after = np.concatenate([segment.initial_position[None], qpos[:, plant.qpos]])
-    drive, command = sensors @ plant.drive.T, controls[:, plant.actuator]
-    broken = bool(np.any(np.diff(time_s[: job.steps]) <= 0.0)) or not np.isfinite(after).all()
+def _prediction(job: _Job, rows: Array, states: Array, sensors: Array) -> Prediction:
+    plant, model = job.plant, job.model
     beside = 0.0 if job.compensation is None else job.compensation.drive[:, plant.dof]
-    place, apart = segment.time_s / period_s, max(segment.same_stamp_s / period_s, 1e-6)
+    rising = np.diff(rows[: job.steps + 1, 0]) > 0.0
     return Prediction(
-        position=_sample(after, place),
-        effort=_drive_at(drive, command, place, -apart) + beside,
-        effort_after=_drive_at(drive, command, place, apart) + beside,
-        diverged=broken,
+        position=states[:, 1 + plant.qpos],
+        effort=sensors @ plant.drive.T + beside,
+        diverged=not (rising.all() and np.isfinite(rows[:, 1 : 1 + model.nq]).all()),
     )
 
 
-def _sample(values: Array, place: Array) -> Array:
-    """Returns rows of `values` interpolated linearly at fractional row numbers."""
-    low = np.clip(np.floor(place + 1e-9).astype(np.intp), 0, len(values) - 2)
-    share = (place - low)[:, None]
-    return np.asarray((1.0 - share) * values[low] + share * values[low + 1])
+def _measured_controls(job: _Job, after_command: bool) -> Array:
+    """Returns the controls under which efforts are measured, shape (T, nu)."""
+    segment = job.segment
+    controls = np.zeros((len(segment.time_s), job.model.nu))
+    at = segment.time_s + (1.0 if after_command else -1.0) * segment.same_stamp_s
+    controls[:, job.plant.actuator] = commands_at(job.plant, segment, at, after=after_command)
+    return controls
 
 
-def _drive_at(drive: Array, command: Array, place: Array, later: float) -> Array:
-    """Returns the drive torque at fractional row numbers, shape (T, J).
-
-    Row k of `drive` holds at the start of step k, under the command of that step. Within a step
-    the torque goes on to the next row where the command stays the same, and else as it came. The
-    command is that of the step `later` rows on: stamps jitter.
-    """
-    last = len(drive) - 1
-    row = np.clip(np.floor(place + later).astype(np.intp), 0, last)
-    share = (place - row)[:, None]
-    before, after = np.maximum(row - 1, 0), np.minimum(row + 1, last)
-    rising, risen = command[after] - command[row], command[row] - command[before]
-    onward = np.where(_next_to_none(rising, risen), drive[after] - drive[row], np.nan)
-    backward = np.where(_next_to_none(risen, rising), drive[row] - drive[before], 0.0)
-    return np.asarray(drive[row] + share * np.where(np.isnan(onward), backward, onward))
-
-
-def _next_to_none(change: Array, neighbour: Array) -> NDArray[np.bool_]:
-    """Returns where a command stays: a step in which it changed has a little of both."""
-    return np.abs(change) <= np.maximum(MIXED * np.abs(neighbour), 1e-8)
-
-
-def _step_by_step(jobs: list[_Job], threads: int) -> list[Prediction]:
+def _step_by_step(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
     """Simulates with effects that are evaluated at every step, all jobs side by side."""
     steps = max(job.steps for job in jobs)
     work = sum(job.model.nv for job in jobs)
-    sims = _stepping_batch([job.model for job in jobs], min(threads, 1 + work // THREAD_DOF))
+    sims = _stepping_batch(
+        [job.model for job in jobs], min(settings.threads, 1 + work // THREAD_DOF)
+    )
     qpos, qvel = sims.bind("qpos"), sims.bind("qvel")
     for i, job in enumerate(jobs):
         _set_initial(job, qpos[i], qvel[i])
@@ -333,8 +243,9 @@ def _step_by_step(jobs: list[_Job], threads: int) -> list[Prediction]:
     constant = np.stack([job.model.dof_frictionloss for job in jobs])
     friction, applied = sims.expand("dof_frictionloss"), sims.bind("qfrc_applied")
     qacc, step_s = sims.bind("qacc"), jobs[0].model.opt.timestep
-    time_s, kept_qpos, kept_sensors = [], [], []
-    clock, sensordata, ctrl = sims.bind("time"), sims.bind("sensordata"), sims.bind("ctrl")
+    sensordata, ctrl = sims.bind("sensordata"), sims.bind("ctrl")
+    moving = [sims.bind(name) for name in ("time", "qpos", "qvel", "act")]
+    rows = np.stack([np.tile(_initial_state(job), (steps + 1, 1)) for job in jobs])
     with _quiet():
         for k in range(steps):
             ctrl[:], applied[:] = controls[k], forces[k]
@@ -344,14 +255,9 @@ def _step_by_step(jobs: list[_Job], threads: int) -> list[Prediction]:
                 friction[:] = laws.levels(constant, now)
                 applied[:] += laws.forces(now)
             sims.step(nstep=1)
-            time_s.append(np.array(clock).reshape(len(jobs)))
-            kept_qpos.append(np.array(qpos))
-            kept_sensors.append(np.array(sensordata))
-    times, positions, sensors = np.stack(time_s), np.stack(kept_qpos), np.stack(kept_sensors)
-    return [
-        _prediction(job, times[:, i], positions[:, i], sensors[:, i], controls[:, i])
-        for i, job in enumerate(jobs)
-    ]
+            told = np.concatenate([np.reshape(m, (len(jobs), -1)) for m in moving], axis=1)
+            rows[:, k + 1, : told.shape[1]] = told
+        return _predictions(jobs, list(rows), settings)
 
 
 def _stepping_batch(models: list[mujoco.MjModel], threads: int) -> batch.Batch:

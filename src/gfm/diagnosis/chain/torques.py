@@ -25,9 +25,9 @@ from gfm.diagnosis.quality.finding import held_command
 from gfm.diagnosis.signals import smooth_states
 from gfm.effects import EffectInstance
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
+from gfm.sim.commands import commands_between
 from gfm.sim.compensation import compensation_error
 from gfm.sim.plant import Plant, make_plant, with_servo_gain
-from gfm.sim.predict import applied_commands
 
 #: Length of a block, s: short beside a motion, long beside the noise of accelerations.
 BLOCK_S = 0.1
@@ -219,16 +219,9 @@ def _commands(plant: Plant, recording: Trajectory) -> Array:
     Measurements and commands are in step with each other: the command at a measurement would always
     be the beginning, or the end, of a step in which a servo's torque falls as the joint follows.
     """
-    period_s = plant.model.opt.timestep
     half_s = 0.5 * float(np.median(np.diff(recording.time_s)))
-    steps = int((recording.duration_s + half_s) / period_s) + 2
-    applied = applied_commands(plant, whole_segment(recording), steps)
-    summed = np.concatenate([np.zeros((1, applied.shape[1])), np.cumsum(applied, axis=0)])
-    around = recording.time_s + half_s * np.array([[-1.0], [1.0]])
-    edges = np.clip(around / period_s, 0.0, steps)
-    grid = np.arange(steps + 1)
-    sums = [[np.interp(e, grid, column) for column in summed.T] for e in edges]
-    return np.asarray((np.array(sums[1]) - np.array(sums[0])).T / (edges[1] - edges[0])[:, None])
+    start, end = recording.time_s - half_s, recording.time_s + half_s
+    return commands_between(plant, whole_segment(recording), start, end)
 
 
 def _looked_at(recording: Trajectory, samples: int) -> Trajectory:

@@ -1,0 +1,77 @@
+"""Simulations at instants between two of their time steps: the state there, and what drives do.
+
+Shape letters: K time steps, S numbers of a state (mjSTATE_FULLPHYSICS), T instants, N of all
+simulations together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from gfm.core.checks import Array
+
+
+def states_at(model: mujoco.MjModel, rows: Array, place: Array) -> Array:
+    """Returns the states at fractional row numbers, shape (T, S).
+
+    Hinges and slides follow the cubic that has the positions and speeds of both rows; all else
+    goes straight, but for what actuators remember, which stays that of the row before.
+
+    Args:
+        model: What was simulated.
+        rows: The states at the beginning and after every time step, shape (K + 1, S).
+        place: Row numbers, shape (T,).
+    """
+    low = np.clip(np.floor(place + 1e-9).astype(np.intp), 0, len(rows) - 2)
+    share = (place - low)[:, None]
+    before, after = rows[low], rows[low + 1]
+    states = np.array(before)
+    straight = 1 + model.nq + model.nv + model.na
+    change = after[:, :straight] - before[:, :straight]
+    states[:, :straight] += share * change
+    single = model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)
+    position = 1 + model.jnt_qposadr[single]
+    velocity = 1 + model.nq + model.jnt_dofadr[single]
+    step_s = model.opt.timestep
+    # What the cubic has beside the straight line (Hermite's form).
+    bend = [step_s * row[:, velocity] - change[:, position] for row in (before, after)]
+    states[:, position] += share * (1.0 - share) * ((1.0 - share) * bend[0] - share * bend[1])
+    return states
+
+
+def sensors_at(
+    models: Sequence[mujoco.MjModel], states: Array, controls: Array, *, threads: int
+) -> Array:
+    """Returns the sensor data in given states under given controls, shape (N, nsensordata).
+
+    Args:
+        models: Of each state, N of them, alike but for their values.
+        states: shape (N, S).
+        controls: shape (N, nu).
+        threads: On how many to compute.
+    """
+    data = [mujoco.MjData(models[0]) for _ in range(min(threads, len(models)))]
+    with _explicit(models):
+        _, sensors = rollout.rollout(
+            models, data, states, controls[:, None], nstep=1, persistent_pool=True
+        )
+    return np.asarray(sensors[:, 0])
+
+
+@contextmanager
+def _explicit(models: Sequence[mujoco.MjModel]) -> Iterator[None]:
+    """Lets models step at the least cost: sensors are read before the step."""
+    different = list({id(model): model for model in models}.values())
+    before = [model.opt.integrator for model in different]
+    try:
+        for model in different:
+            model.opt.integrator = int(mujoco.mjtIntegrator.mjINT_EULER)
+        yield
+    finally:
+        for model, integrator in zip(different, before, strict=True):
+            model.opt.integrator = integrator

@@ -1,0 +1,65 @@
+"""Stretches of recordings that are to be predicted, and their predictions.
+
+Shape letters: T measurements of a segment, J joints, C commands.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gfm.core import CommandKind
+from gfm.core.checks import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Segment:
+    """A stretch of one recording, to be predicted from its initial state.
+
+    Attributes:
+        time_s: Measurement times from the start of the segment, shape (T,).
+        position: Measured, rad, shape (T, J).
+        effort: Measured drive torque, N m, shape (T, J), or None.
+        kind: What the commands are.
+        command_time_s: When each command took effect, on the same clock, shape (C,).
+        command: rad, rad/s or N m, shape (C, J).
+        initial_position: rad, shape (J,).
+        initial_velocity: rad/s, shape (J,).
+        servo_gain: Factor on the servo's gain, shape (J,).
+        recording: Index of the recording that it was cut from.
+        effort_noise: Standard deviation of that recording's efforts, N m, shape (J,), or None.
+        same_stamp_s: How far apart a command and a measurement are of the same stamp, s.
+        initial_motor: How far motor sides are ahead of where their loads hold them, rad, and how
+            much faster than their links they are, rad/s, shape (2, J); None for not at all.
+        object_pose: Where a free object is at first, m and quaternion w x y z, shape (7,); None
+            where that is not known.
+    """
+
+    time_s: Array
+    position: Array
+    effort: Array | None
+    kind: CommandKind
+    command_time_s: Array
+    command: Array
+    initial_position: Array
+    initial_velocity: Array
+    servo_gain: Array
+    recording: int = 0
+    effort_noise: Array | None = None
+    same_stamp_s: float = 0.0
+    initial_motor: Array | None = None
+    object_pose: Array | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prediction:
+    """What a plant predicts for a segment, at its measurement times.
+
+    Attributes:
+        position: rad, shape (T, J).
+        effort: Drive torque at each measurement time, N m, shape (T, J).
+        diverged: Whether the simulation broke off.
+    """
+
+    position: Array
+    effort: Array
+    diverged: bool
