@@ -116,7 +116,7 @@ def _space(case: Case) -> Space:
 
 def _peak(case: Case, index: int) -> Array:
     """Returns the largest torques of a recording as the model has them, N m, shape (J,)."""
-    predictions = case.problem.predictions([()])[0]
+    predictions = case.problem.predictions([()], efforts=True)[0]
     here = [
         np.nanmax(np.abs(p.effort), axis=0)
         for p, s in zip(predictions, case.problem.segments, strict=True)

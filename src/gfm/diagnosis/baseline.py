@@ -207,7 +207,7 @@ class _Objective:
 
     def _damping_unit(self) -> Array:
         """Returns a damping that would matter: drive torque over speed, N m s/rad, shape (J,)."""
-        predictions = self._fast.predictions([()])[0]
+        predictions = self._fast.predictions([()], efforts=True)[0]
         torque = np.concatenate([p.effort for p in predictions])
         speed = np.concatenate(
             [

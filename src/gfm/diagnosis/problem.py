@@ -125,8 +125,15 @@ class Problem:
         added = [*self.given, *(one for effects in candidates for one in effects)]
         return bool(self.separated) or any(one.effect.separates_motor for one in added)
 
-    def predictions(self, candidates: Sequence[Sequence[EffectInstance]]) -> list[list[Prediction]]:
-        """Returns every candidate's prediction of every segment, candidates first."""
+    def predictions(
+        self, candidates: Sequence[Sequence[EffectInstance]], *, efforts: bool = False
+    ) -> list[list[Prediction]]:
+        """Returns every candidate's prediction of every segment, candidates first.
+
+        Args:
+            candidates: What to add to the nominal model.
+            efforts: Whether to tell efforts where none were measured, too.
+        """
         kinds = list(dict.fromkeys(segment.kind for segment in self.segments))
         rows: list[list[Prediction | None]] = [[None] * len(self.segments) for _ in candidates]
         apart = self.motors_apart(candidates)
@@ -137,7 +144,7 @@ class Problem:
             plants = [make_plant(spec, self.joints, (*self.given, *c)) for c in candidates]
             places = [i for i, s in enumerate(self.segments) if s.kind is kind]
             here = [self.segments[i] for i in places]
-            told = predict(plants, here, after_command=self.after_command)
+            told = predict(plants, here, after_command=self.after_command, efforts=efforts or apart)
             for row, answers in zip(rows, told, strict=True):
                 for i, answer in zip(places, answers, strict=True):
                     row[i] = answer

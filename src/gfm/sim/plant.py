@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
 
 import mujoco
@@ -52,6 +52,12 @@ class Plant:
     def stepwise(self) -> tuple[EffectInstance, ...]:
         """The effects that have to be evaluated at every step."""
         return tuple(e for e in self.effects if acts_at_every_step(e))
+
+    @property
+    def on_commands(self) -> tuple[Hashable, ...]:
+        """What happens to commands: plants for which this is equal take the same ones."""
+        acting = (e for e in self.effects if acts_on_command(e))
+        return tuple((e.key, tuple(e.values.items())) for e in acting)
 
     @property
     def compensations(self) -> tuple[Compensation, ...]:

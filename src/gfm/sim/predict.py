@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -49,6 +49,7 @@ class _Job:
 class _Settings:
     threads: int
     after_command: bool
+    efforts: bool
 
 
 def predict(
@@ -56,6 +57,7 @@ def predict(
     segments: Sequence[Segment],
     *,
     after_command: bool = False,
+    efforts: bool = True,
     threads: int | None = None,
 ) -> list[list[Prediction]]:
     """Returns the prediction of every plant for every segment, plants first.
@@ -65,9 +67,12 @@ def predict(
         segments: What to predict.
         after_command: Whether efforts are those under the command of the same stamp, not under the
             one before.
+        efforts: Whether to tell them where none were measured, too.
         threads: On how many to simulate; as many as there are processors by default.
     """
-    settings = _Settings(threads=threads or os.cpu_count() or 1, after_command=after_command)
+    settings = _Settings(
+        threads=threads or os.cpu_count() or 1, after_command=after_command, efforts=efforts
+    )
     answers: list[list[Prediction | None]] = [[None] * len(segments) for _ in plants]
     for jobs in _batches(plants, segments):
         run = _step_by_step if jobs[0].plant.stepwise else _rollout
@@ -96,12 +101,12 @@ def _batches(plants: Sequence[Plant], segments: Sequence[Segment]) -> Iterator[l
 
 def _rollout(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
     steps = max(job.steps for job in jobs)
-    controls = np.stack([_controls(job, steps) for job in jobs])
+    controls = _controls(jobs, steps)
     inputs, what = controls, mujoco.mjtState.mjSTATE_CTRL.value
     if jobs[0].plant.compensations:
         inputs = np.concatenate([controls, np.stack([_forces(j, steps) for j in jobs])], axis=2)
         what |= mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
-    initial = np.stack([_initial_state(job) for job in jobs])
+    initial = _initial_states(jobs)
     with _quiet():
         states, _ = rollout.rollout(
             [job.model for job in jobs],
@@ -136,9 +141,20 @@ def _quiet() -> Iterator[None]:
         mujoco.set_mju_user_warning(before)
 
 
-def _initial_state(job: _Job) -> Array:
-    model, data = job.model, mujoco.MjData(job.model)
-    _set_initial(job, data.qpos, data.qvel)
+def _initial_states(jobs: list[_Job]) -> Array:
+    """Returns the state in which each simulation begins, shape (len(jobs), S)."""
+    at_rest = {
+        id(plant): _at_rest(plant.model) for plant in {id(j.plant): j.plant for j in jobs}.values()
+    }
+    states = np.stack([at_rest[id(job.plant)] for job in jobs])
+    nq, nv = jobs[0].model.nq, jobs[0].model.nv
+    for job, state in zip(jobs, states, strict=True):
+        _set_initial(job, state[1 : 1 + nq], state[1 + nq : 1 + nq + nv])
+    return states
+
+
+def _at_rest(model: mujoco.MjModel) -> Array:
+    data = mujoco.MjData(model)
     state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
     mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     return state
@@ -149,10 +165,11 @@ def _set_initial(job: _Job, qpos: Array, qvel: Array) -> None:
     plant, segment = job.plant, job.segment
     qpos[plant.qpos] = segment.initial_position
     qvel[plant.dof] = segment.initial_velocity
-    free = np.flatnonzero(plant.model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
-    if segment.object_pose is not None and len(free) == 1:
-        first = int(plant.model.jnt_qposadr[free[0]])
-        qpos[first : first + 7] = segment.object_pose
+    if segment.object_pose is not None:
+        free = np.flatnonzero(plant.model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
+        if len(free) == 1:
+            first = int(plant.model.jnt_qposadr[free[0]])
+            qpos[first : first + 7] = segment.object_pose
     with_motor = np.flatnonzero(plant.motor_qpos >= 0)
     if len(with_motor):
         load = _load(job, qpos)[plant.dof]
@@ -174,11 +191,38 @@ def _load(job: _Job, qpos: Array) -> Array:
     return np.asarray(data.qfrc_bias - data.qfrc_gravcomp - applied)
 
 
-def _controls(job: _Job, steps: int) -> Array:
-    """Returns the control of every time step, shape (K, nu)."""
-    controls = np.zeros((steps, job.model.nu))
-    controls[:, job.plant.actuator] = stepping_commands(job.plant, job.segment, steps)
-    return controls
+def _controls(jobs: list[_Job], steps: int) -> Array:
+    """Returns the controls of every time step, shape (len(jobs), K, nu)."""
+    told = _commanded(jobs, lambda job: stepping_commands(job.plant, job.segment, steps))
+    return np.stack([_as_control(job, command) for job, command in zip(jobs, told, strict=True)])
+
+
+def _measured_controls(jobs: list[_Job], after_command: bool) -> Array:
+    """Returns the controls under which efforts are measured, shape (T of all jobs, nu)."""
+
+    def at_measurements(job: _Job) -> Array:
+        apart = (1.0 if after_command else -1.0) * job.segment.same_stamp_s
+        at = job.segment.time_s + apart
+        return commands_at(job.plant, job.segment, at, after=after_command)
+
+    told = _commanded(jobs, at_measurements)
+    return np.concatenate([_as_control(*one) for one in zip(jobs, told, strict=True)])
+
+
+def _commanded(jobs: list[_Job], commands: Callable[[_Job], Array]) -> list[Array]:
+    """Returns the commands of every job; those that differ in something else share them."""
+    known: dict[Hashable, Array] = {}
+    keys = [(job.place[1], job.plant.on_commands) for job in jobs]
+    for job, key in zip(jobs, keys, strict=True):
+        if key not in known:
+            known[key] = commands(job)
+    return [known[key] for key in keys]
+
+
+def _as_control(job: _Job, command: Array) -> Array:
+    control = np.zeros((len(command), job.model.nu))
+    control[:, job.plant.actuator] = command
+    return control
 
 
 def _predictions(jobs: list[_Job], rows: Sequence[Array], settings: _Settings) -> list[Prediction]:
@@ -194,35 +238,41 @@ def _predictions(jobs: list[_Job], rows: Sequence[Array], settings: _Settings) -
         states_at(job.model, states, job.segment.time_s / step_s)
         for job, states in zip(jobs, rows, strict=True)
     ]
-    sensors = sensors_at(
-        [job.model for job, here in zip(jobs, states, strict=True) for _ in here],
-        np.concatenate(states),
-        np.concatenate([_measured_controls(job, settings.after_command) for job in jobs]),
-        threads=settings.threads,
-    )
-    ends = np.cumsum([len(here) for here in states])[:-1]
-    told = zip(jobs, rows, states, np.split(sensors, ends), strict=True)
+    efforts = _efforts(jobs, states, settings)
+    told = zip(jobs, rows, states, efforts, strict=True)
     return [_prediction(*one) for one in told]
 
 
-def _prediction(job: _Job, rows: Array, states: Array, sensors: Array) -> Prediction:
-    plant, model = job.plant, job.model
-    beside = 0.0 if job.compensation is None else job.compensation.drive[:, plant.dof]
+def _prediction(job: _Job, rows: Array, states: Array, effort: Array) -> Prediction:
     rising = np.diff(rows[: job.steps + 1, 0]) > 0.0
     return Prediction(
-        position=states[:, 1 + plant.qpos],
-        effort=sensors @ plant.drive.T + beside,
-        diverged=not (rising.all() and np.isfinite(rows[:, 1 : 1 + model.nq]).all()),
+        position=states[:, 1 + job.plant.qpos],
+        effort=effort,
+        diverged=not (rising.all() and np.isfinite(rows[:, 1 : 1 + job.model.nq]).all()),
     )
 
 
-def _measured_controls(job: _Job, after_command: bool) -> Array:
-    """Returns the controls under which efforts are measured, shape (T, nu)."""
-    segment = job.segment
-    controls = np.zeros((len(segment.time_s), job.model.nu))
-    at = segment.time_s + (1.0 if after_command else -1.0) * segment.same_stamp_s
-    controls[:, job.plant.actuator] = commands_at(job.plant, segment, at, after=after_command)
-    return controls
+def _efforts(jobs: list[_Job], states: list[Array], settings: _Settings) -> list[Array]:
+    """Returns the drive torques of every job in given states, N m, shape (T, J) each."""
+    efforts = [
+        np.full((len(here), len(job.plant.joints)), np.nan)
+        for job, here in zip(jobs, states, strict=True)
+    ]
+    asked = [i for i, job in enumerate(jobs) if settings.efforts or job.segment.effort is not None]
+    if not asked:
+        return efforts
+    sensors = sensors_at(
+        [jobs[i].model for i in asked for _ in states[i]],
+        np.concatenate([states[i] for i in asked]),
+        _measured_controls([jobs[i] for i in asked], settings.after_command),
+        threads=settings.threads,
+    )
+    ends = np.cumsum([len(states[i]) for i in asked])[:-1]
+    for i, here in zip(asked, np.split(sensors, ends), strict=True):
+        plant, error = jobs[i].plant, jobs[i].compensation
+        beside = 0.0 if error is None else error.drive[:, plant.dof]
+        efforts[i] = here @ plant.drive.T + beside
+    return efforts
 
 
 def _step_by_step(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
@@ -233,9 +283,10 @@ def _step_by_step(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
         [job.model for job in jobs], min(settings.threads, 1 + work // THREAD_DOF)
     )
     qpos, qvel = sims.bind("qpos"), sims.bind("qvel")
-    for i, job in enumerate(jobs):
-        _set_initial(job, qpos[i], qvel[i])
-    controls = np.stack([_controls(job, steps) for job in jobs], axis=1)
+    rows = np.tile(_initial_states(jobs)[:, None], (1, steps + 1, 1))
+    nq, nv = jobs[0].model.nq, jobs[0].model.nv
+    qpos[:], qvel[:] = rows[:, 0, 1 : 1 + nq], rows[:, 0, 1 + nq : 1 + nq + nv]
+    controls = _controls(jobs, steps).swapaxes(0, 1)
     forces = np.stack([_forces(job, steps) for job in jobs], axis=1)
     plant = jobs[0].plant
     places, own = (plant.qpos, plant.dof), [job.plant.effects for job in jobs]
@@ -245,7 +296,6 @@ def _step_by_step(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
     qacc, step_s = sims.bind("qacc"), jobs[0].model.opt.timestep
     sensordata, ctrl = sims.bind("sensordata"), sims.bind("ctrl")
     moving = [sims.bind(name) for name in ("time", "qpos", "qvel", "act")]
-    rows = np.stack([np.tile(_initial_state(job), (steps + 1, 1)) for job in jobs])
     with _quiet():
         for k in range(steps):
             ctrl[:], applied[:] = controls[k], forces[k]

@@ -56,7 +56,8 @@ class Prediction:
 
     Attributes:
         position: rad, shape (T, J).
-        effort: Drive torque at each measurement time, N m, shape (T, J).
+        effort: Drive torque at each measurement time, N m, shape (T, J); NaN where it was not
+            asked for.
         diverged: Whether the simulation broke off.
     """
 
