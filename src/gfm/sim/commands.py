@@ -30,7 +30,8 @@ def stepping_commands(plant: Plant, segment: Segment, steps: int) -> Array:
     smooth in a delay.
     """
     grid = plant.model.opt.timestep * np.arange(steps + 1)
-    return commands_between(plant, segment, grid[:-1], grid[1:])
+    integrals = np.stack([taken.integral(grid) for taken in _taken(plant, segment)], axis=1)
+    return np.asarray(np.diff(integrals, axis=0) / plant.model.opt.timestep)
 
 
 def commands_between(plant: Plant, segment: Segment, start: Array, end: Array) -> Array:
@@ -75,12 +76,7 @@ class _Taken:
 
     def mean(self, start: Array, end: Array) -> Array:
         """Returns the mean from each start to its end, shape (T,)."""
-        apart = end - start
-        held = (self._integral(end) - self._integral(start)) / apart
-        if self.lag_s <= 0.0:
-            return np.asarray(held)
-        # lag y' = u - y: the mean of y is that of u less what is still to come.
-        return np.asarray(held - self.lag_s * (self._lagging(end) - self._lagging(start)) / apart)
+        return np.asarray((self.integral(end) - self.integral(start)) / (end - start))
 
     def at(self, at: Array, *, after: bool) -> Array:
         """Returns what is taken just before or after given times, shape (T,)."""
@@ -89,11 +85,13 @@ class _Taken:
         start = at if after else at - UNCERTAIN_S
         return self.mean(start, start + UNCERTAIN_S)
 
-    def _integral(self, at: Array) -> Array:
-        """Returns the integral over time of what is held up to given times, shape (T,)."""
+    def integral(self, at: Array) -> Array:
+        """Returns the integral over time up to given times, shape (T,)."""
         i = self._in_force(at)
         whole = np.concatenate([[0.0], np.cumsum(self.value[:-1] * np.diff(self.time_s))])
-        return np.asarray(whole[i] + self.value[i] * (at - self.time_s[i]))
+        held = whole[i] + self.value[i] * (at - self.time_s[i])
+        # lag y' = u - y: the integral of y is that of u less what is still to come.
+        return np.asarray(held - self.lag_s * self._lagging(at) if self.lag_s > 0.0 else held)
 
     def _lagging(self, at: Array) -> Array:
         """Returns the lag's answer at given times, shape (T,)."""

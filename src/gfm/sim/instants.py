@@ -16,20 +16,22 @@ from mujoco import rollout
 from gfm.core.checks import Array
 
 
-def states_at(model: mujoco.MjModel, rows: Array, place: Array) -> Array:
-    """Returns the states at fractional row numbers, shape (T, S).
+def states_at(model: mujoco.MjModel, initial: Array, rows: Array, place: Array) -> Array:
+    """Returns the states at instants, shape (T, S).
 
-    Hinges and slides follow the cubic that has the positions and speeds of both rows; all else
-    goes straight, but for what actuators remember, which stays that of the row before.
+    Hinges and slides follow the cubic that has the positions and speeds of both neighbours; all
+    else goes straight, but for what actuators remember, which stays that of the one before.
 
     Args:
         model: What was simulated.
-        rows: The states at the beginning and after every time step, shape (K + 1, S).
-        place: Row numbers, shape (T,).
+        initial: The state before the first time step, shape (S,).
+        rows: The states after every time step, shape (K, S).
+        place: The instants, in time steps, shape (T,).
     """
-    low = np.clip(np.floor(place + 1e-9).astype(np.intp), 0, len(rows) - 2)
+    low = np.clip(np.floor(place + 1e-9).astype(np.intp), 0, len(rows) - 1)
     share = (place - low)[:, None]
-    before, after = rows[low], rows[low + 1]
+    before, after = rows[low - 1], rows[low]
+    before[low == 0] = initial
     states = np.array(before)
     straight = 1 + model.nq + model.nv + model.na
     change = after[:, :straight] - before[:, :straight]

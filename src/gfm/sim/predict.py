@@ -116,9 +116,7 @@ def _rollout(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
             control_spec=what,
             persistent_pool=True,
         )
-        return _predictions(
-            jobs, list(np.concatenate([initial[:, None], states], axis=1)), settings
-        )
+        return _predictions(jobs, initial, states, settings)
 
 
 def _forces(job: _Job, steps: int) -> Array:
@@ -225,30 +223,30 @@ def _as_control(job: _Job, command: Array) -> Array:
     return control
 
 
-def _predictions(jobs: list[_Job], rows: Sequence[Array], settings: _Settings) -> list[Prediction]:
-    """Returns the predictions from the states at the beginning and after every step.
+def _predictions(
+    jobs: list[_Job], initial: Array, rows: Array, settings: _Settings
+) -> list[Prediction]:
+    """Returns the predictions from the states before the first and after every step.
 
     Args:
-        jobs: What was simulated.
-        rows: Of each job, shape (K + 1, S).
+        jobs: What was simulated, N of them.
+        initial: shape (N, S).
+        rows: shape (N, K, S).
         settings: How it is told.
     """
     step_s = jobs[0].model.opt.timestep
-    states = [
-        states_at(job.model, states, job.segment.time_s / step_s)
-        for job, states in zip(jobs, rows, strict=True)
-    ]
-    efforts = _efforts(jobs, states, settings)
-    told = zip(jobs, rows, states, efforts, strict=True)
+    begun = zip(jobs, initial, rows, strict=True)
+    states = [states_at(j.model, first, own, j.segment.time_s / step_s) for j, first, own in begun]
+    told = zip(jobs, rows, states, _efforts(jobs, states, settings), strict=True)
     return [_prediction(*one) for one in told]
 
 
 def _prediction(job: _Job, rows: Array, states: Array, effort: Array) -> Prediction:
-    rising = np.diff(rows[: job.steps + 1, 0]) > 0.0
+    goes_on = (np.diff(rows[: job.steps, 0]) > 0.0).all() and rows[0, 0] > 0.0
     return Prediction(
         position=states[:, 1 + job.plant.qpos],
         effort=effort,
-        diverged=not (rising.all() and np.isfinite(rows[:, 1 : 1 + job.model.nq]).all()),
+        diverged=not (goes_on and np.isfinite(rows[:, 1 : 1 + job.model.nq]).all()),
     )
 
 
@@ -283,9 +281,10 @@ def _step_by_step(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
         [job.model for job in jobs], min(settings.threads, 1 + work // THREAD_DOF)
     )
     qpos, qvel = sims.bind("qpos"), sims.bind("qvel")
-    rows = np.tile(_initial_states(jobs)[:, None], (1, steps + 1, 1))
+    initial = _initial_states(jobs)
+    rows = np.repeat(initial[:, None], steps, axis=1)
     nq, nv = jobs[0].model.nq, jobs[0].model.nv
-    qpos[:], qvel[:] = rows[:, 0, 1 : 1 + nq], rows[:, 0, 1 + nq : 1 + nq + nv]
+    qpos[:], qvel[:] = initial[:, 1 : 1 + nq], initial[:, 1 + nq : 1 + nq + nv]
     controls = _controls(jobs, steps).swapaxes(0, 1)
     forces = np.stack([_forces(job, steps) for job in jobs], axis=1)
     plant = jobs[0].plant
@@ -306,8 +305,8 @@ def _step_by_step(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
                 applied[:] += laws.forces(now)
             sims.step(nstep=1)
             told = np.concatenate([np.reshape(m, (len(jobs), -1)) for m in moving], axis=1)
-            rows[:, k + 1, : told.shape[1]] = told
-        return _predictions(jobs, list(rows), settings)
+            rows[:, k, : told.shape[1]] = told
+        return _predictions(jobs, initial, rows, settings)
 
 
 def _stepping_batch(models: list[mujoco.MjModel], threads: int) -> batch.Batch:
