@@ -80,15 +80,10 @@ def _to_first_order(
 ) -> list[Screened]:
     """Returns what each candidate explains to first order beside `base`."""
     groups = list(probes(problem, candidates, scales))
-    sets = [(*base.effects, instance) for _, group in groups for instance in group]
-    still, *moved = problem.residuals([base.effects, *sets])
     basis = orthonormal(base.jacobian)
     residual = base.residual - basis @ (basis.T @ base.residual)
     best: dict[tuple[object, ...], Screened] = {}
-    row = 0
-    for place, group in groups:
-        columns = still[:, None] - np.stack(moved[row : row + len(group)], axis=1)
-        row += len(group)
+    for place, group, columns in _columns(problem, groups, base.effects):
         found = weigh(place, group, columns - basis @ (basis.T @ columns), residual)
         # A fit cannot go from one valley to another: each is a candidate.
         apart = (*place.effect.fixed, *place.effect.valleys)
@@ -98,19 +93,46 @@ def _to_first_order(
     return list(best.values())
 
 
+def _columns(
+    problem: Problem,
+    groups: Sequence[tuple[Place, list[EffectInstance]]],
+    effects: Sequence[EffectInstance],
+) -> Iterator[tuple[Place, list[EffectInstance], Array]]:
+    """Yields groups of probes with what each of them changes beside `effects`, shape (N, probes).
+
+    Motors apart from their links are simulated on steps of their own, and so is what a candidate
+    that has one is compared with.
+    """
+    for apart in (False, True):
+        alike = [g for g in groups if g[0].effect.separates_motor is apart]
+        sets = [(*effects, instance) for _, group in alike for instance in group]
+        if not sets:
+            continue
+        still, *moved = problem.residuals([effects, *sets])
+        changes = iter(still - m for m in moved)
+        for place, group in alike:
+            yield place, group, np.stack([next(changes) for _ in group], axis=1)
+
+
 def _tried(problem: Problem, found: Sequence[Screened], base: Fit) -> list[Screened]:
     """Returns the candidates with what their amounts explain in a rollout, if that is more.
 
     The effects of `base` make up for it to first order.
     """
-    sets = [base.effects, *((*base.effects, one.instance) for one in found)]
-    residuals, basis = problem.residuals(sets), orthonormal(base.jacobian)
-    left = np.sum((residuals - (residuals @ basis) @ basis.T) ** 2, axis=1)
-    explained = 1.0 - left[1:] / left[0]
-    return [
-        replace(one, gain=max(one.gain, float(gain)))
-        for one, gain in zip(found, explained, strict=True)
-    ]
+    basis = orthonormal(base.jacobian)
+    tried = []
+    for apart in (False, True):
+        alike = [one for one in found if one.instance.effect.separates_motor is apart]
+        if not alike:
+            continue
+        sets = [base.effects, *((*base.effects, one.instance) for one in alike)]
+        residuals = problem.residuals(sets)
+        left = np.sum((residuals - (residuals @ basis) @ basis.T) ** 2, axis=1)
+        tried += [
+            replace(one, gain=max(one.gain, float(1.0 - after / left[0])))
+            for one, after in zip(alike, left[1:], strict=True)
+        ]
+    return tried
 
 
 def _rows(problem: Problem, segments: Sequence[int]) -> Array:
