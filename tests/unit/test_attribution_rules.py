@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -167,6 +168,23 @@ def test_what_takes_less_than_its_noise_off_a_joint_is_not_claimed():
     assert unsure.confidence < 0.5
     louder = by_joint | {"other": replace(by_joint["other"], before=1.6)}
     assert named_effects(blocks, found, both.effects, overall, louder)[1].confidence == 0.99
+
+
+@pytest.mark.parametrize(("damping", "sure"), [(0.4, True), (30.0, False)])
+def test_what_changes_slightly_what_a_model_says_of_a_joint_is_not_claimed(damping, sure):
+    one = fitted(1.0, instance("viscous_friction", coefficient=0.5))
+    one = replace(one, jacobian=np.ones((len(TIME_S), 1)))
+    found = Attribution(
+        nominal_cost=9.0,
+        fit=one,
+        rounds=(Round(before=9.0, screened=(), fits=(one,), accepted=one),),
+    )
+    error = ErrorSummary(before=3.0, after=1.0, noise_floor=1.0)
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_body().add_joint(name="joint").damping[0] = damping
+    blocks = [slice(0, 20), slice(20, 40)]
+    (named,) = named_effects(blocks, found, one.effects, error, {"joint": error}, [spec])
+    assert (named.confidence > 0.9) is sure
 
 
 def test_every_order_of_a_cogging_torque_is_fitted():

@@ -8,6 +8,7 @@ import pytest
 
 from gfm.core import ConfigError, UnknownNameError
 from gfm.effects import EffectInstance, Scales, Scope, effect_library, find_effect
+from gfm.effects.elements import let_friction_hold
 from gfm.sim.plant import make_plant, native_spec
 
 ARM = """
@@ -115,6 +116,38 @@ def test_coulomb_friction_is_a_friction_loss_on_top_of_what_is_there():
     spec = mujoco.MjSpec.from_string(ARM.replace('armature="0.05"', 'frictionloss="0.1"'))
     model = native_spec(spec, [instance("coulomb_friction", torque=0.3)]).compile()
     assert model.dof_frictionloss == pytest.approx([0.4, 0.0])
+
+
+RUBBING = """
+<mujoco><option timestep="0.002" integrator="RK4" gravity="0 0 0"/><worldbody><body>
+  <joint name="a" axis="0 0 1" frictionloss="0.3" {settings}/>
+  <inertial pos="0 0 0" mass="1" diaginertia="0.05 0.05 0.05"/></body></worldbody>
+</mujoco>
+"""
+
+
+def crept(spec):
+    """Returns how far a joint goes in two seconds under a torque below its friction, rad."""
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qfrc_applied[0] = 0.27
+    mujoco.mj_step(model, data, nstep=1000)
+    return data.qpos[0]
+
+
+def test_dry_friction_of_a_model_is_made_to_hold():
+    spec = mujoco.MjSpec.from_string(RUBBING.format(settings=""))
+    before = crept(spec.copy())
+    let_friction_hold(spec)
+    assert before > 0.01
+    assert 0.0 <= crept(spec) < 0.1 * before
+
+
+def test_friction_whose_settings_were_chosen_is_left_as_it_is():
+    chosen = RUBBING.format(settings='solreffriction="0.05 1"')
+    spec = mujoco.MjSpec.from_string(chosen)
+    let_friction_hold(spec)
+    assert spec.to_xml() == mujoco.MjSpec.from_string(chosen).to_xml()
 
 
 def test_a_payload_adds_its_weight_and_leaves_the_names():

@@ -26,7 +26,10 @@ from gfm.sim.residual import residual_forces
 from gfm.sim.rollout import rollouts
 from gfm.sim.segment import Segment
 
-ARM = (Path(__file__).parents[1] / "data" / "compensated_arm.xml").read_text()
+#: Its dry friction creeps; that of ARM holds, as in every corrected model.
+CREEPING_ARM = (Path(__file__).parents[1] / "data" / "compensated_arm.xml").read_text()
+HOLDING = 'solreffriction="0.004" solimpfriction="0.99 0.999"'
+ARM = CREEPING_ARM.replace('frictionloss="0.05"', f'frictionloss="0.05" {HOLDING}')
 VELOCITY_ARM = ARM.replace("<position", "<velocity").replace('kp="30"', "").replace('kp="15"', "")
 JOINTS = ("a", "b")
 
@@ -285,7 +288,8 @@ def test_the_mjcf_says_every_effect_with_amount_and_interval_in_a_comment(tmp_pa
 def test_every_line_that_changed_stands_below_what_it_was(tmp_path):
     lines = written(tmp_path, CASES["elasticity, cogging and payload"][0]).read_text().splitlines()
     told = {line.strip(): lines[i - 1].strip() for i, line in enumerate(lines)}
-    joint = '<joint name="a" axis="0 1 0" armature="0.05" damping="0.1" frictionloss="0.05"/>'
+    said = 'axis="0 1 0" armature="0.05" damping="0.1" frictionloss="0.05"'
+    joint = f'<joint name="a" {said} {HOLDING}/>'
     was = next(line for line in lines if line.strip().startswith("<!-- nominal: <joint"))
     assert sorted(was.split('"')[1::2]) == sorted(joint.split('"')[1::2])
     assert told['<body name="payload" pos="0.1 0 0.05">'] == "<!-- added -->"
@@ -301,6 +305,12 @@ def test_a_model_to_which_nothing_is_added_has_no_comment_but_the_integrators(tm
     text = written(tmp_path / "euler", [], spec=euler).read_text()
     assert text.count("<!--") == 1
     assert "<!-- added -->\n  <option integrator" in text
+
+
+def test_dry_friction_that_creeps_is_corrected_and_said(tmp_path):
+    text = written(tmp_path, [], spec=mujoco.MjSpec.from_string(CREEPING_ARM)).read_text()
+    assert HOLDING in text
+    assert text.count("<!-- nominal: <joint") == 1
 
 
 def test_a_corrected_pair_is_corrected_again_without_losing_anything(tmp_path):

@@ -5,14 +5,16 @@ Nothing is claimed on the recordings that effects were fitted to: errors are of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
+import mujoco
 import numpy as np
 
 from gfm.diagnosis.attribution import ADEQUATE_RATIO, Attribution, Round, price
 from gfm.diagnosis.fitting import Fit, free_parameters
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.naming import describe, twins
+from gfm.diagnosis.restating import slight
 from gfm.diagnosis.result import ErrorSummary, NamedEffect, ParameterEstimate, Suspect, Verdict
 from gfm.effects import Effect, EffectInstance, Scope, effect_library
 
@@ -58,6 +60,7 @@ def named_effects(
     instances: Sequence[EffectInstance],
     error: ErrorSummary,
     by_joint: Mapping[str, ErrorSummary] | None = None,
+    specs: Collection[mujoco.MjSpec] = (),
 ) -> tuple[NamedEffect, ...]:
     """Returns the accepted effects with intervals, in the order in which they were found.
 
@@ -67,6 +70,7 @@ def named_effects(
         instances: The same with their amounts.
         error: Held-out, of everything together.
         by_joint: The same of every joint.
+        specs: The nominal models.
     """
     if not instances:
         return ()
@@ -81,6 +85,7 @@ def named_effects(
         parameters = {}
         here = [error, *_where_it_acts(instance, by_joint or {})]
         adequate = credible(here)
+        sure = credible(here, may_leave=may_leave) and _seen(here[1:] or here)
         for p in instance.effect.parameters:
             value, width = instance.values[p.name], float(by_place.get((i, p.name), np.inf))
             holds = adequate and not instance.effect.only_in_stretches
@@ -93,7 +98,7 @@ def named_effects(
                 confidence=_confidence(
                     _found_in(instance, found.rounds),
                     error,
-                    adequate=credible(here, may_leave=may_leave) and _seen(here[1:] or here),
+                    adequate=sure and not slight(specs, instance),
                 ),
                 native=instance.effect.native,
             )
@@ -185,8 +190,9 @@ def _found_in(instance: EffectInstance, rounds: Sequence[Round]) -> Round:
 def _confidence(this: Round, error: ErrorSummary, *, adequate: bool) -> float:
     """Returns 0..1: high where the runner-up explains clearly less and only noise is left.
 
-    Half where the runner-up explains as much. Half at most where more than noise is left, or less
-    than noise was taken off: what is named may then stand for what no known effect describes.
+    Half where the runner-up explains as much. Half at most where more than noise is left, less than
+    noise was taken off, or what the model says of a joint was changed slightly: what is named may
+    then stand for what no known effect describes.
     """
     clear = clearness(this.fits, this.before, adequate=adequate)
     closed = np.clip(closed_share(error), 0.0, 1.0)

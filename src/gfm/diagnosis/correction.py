@@ -10,12 +10,16 @@ import mujoco
 from gfm.diagnosis.annotated import annotated
 from gfm.diagnosis.result import ModelPair, NamedEffect, ParameterEstimate
 from gfm.effects import EffectInstance
+from gfm.effects.elements import let_friction_hold
 from gfm.sim.plant import compensations, misled_already, native_spec
 from gfm.sim.step_laws import acts_at_every_step
 
 #: Comments in front of a corrected model: around what was added, and before what it had.
 HEADLINE = "Corrected by gfm: what follows was added to the nominal model."
-FOOTLINE = "Fitted with the integrator set below; another one adds an error of its own."
+FOOTLINE = (
+    "Fitted with the integrator and dry friction that holds, as set below; others add errors of "
+    "their own."
+)
 BEFORE = "As before:"
 
 
@@ -65,9 +69,10 @@ def _corrected_xml(nominal: mujoco.MjSpec, changed: mujoco.MjSpec, comments: Seq
     """Returns MJCF text with comments in front, and at every line that changed.
 
     The integrator is part of the correction: amounts were fitted with the fourth-order one, and a
-    first-order step would add an error of its own.
+    first-order step would add an error of its own. So is dry friction that holds.
     """
     changed.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    let_friction_hold(changed)
     head, body = annotated(_xml(nominal.copy()), _xml(changed)).split("\n", 1)
     return "\n".join([head, *(f"  <!-- {line} -->" for line in comments), body])
 

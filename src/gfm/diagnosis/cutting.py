@@ -19,6 +19,7 @@ from gfm.diagnosis.signals import smooth_states, starts_at_rest
 from gfm.diagnosis.time_steps import with_suitable_steps
 from gfm.diagnosis.touching import Touch, at_ease, resting_pose
 from gfm.effects import EffectInstance
+from gfm.effects.elements import let_friction_hold
 from gfm.sim.commands import HISTORY_S
 from gfm.sim.plant import check_joints
 from gfm.sim.segment import Segment
@@ -90,14 +91,14 @@ def all_stretches(
     """Returns the problem with all stretches, and nothing yet that takes simulations to make.
 
     Initial states are as measured, and efforts taken before the command of the same stamp. The
-    models are integrated to fourth order whatever they say themselves: a first-order step of theirs
-    would show as a delay. Arguments and errors as of `make_problem`.
+    models are simulated accurately whatever they say themselves: a first-order step of theirs would
+    show as a delay. Arguments and errors as of `make_problem`.
     """
     joints = recordings[0].joint_names
     check_recordings(specs, recordings)
     for spec in specs.values():
         check_joints(spec, joints)
-    accurate = {kind: accurately_integrated(spec) for kind, spec in specs.items()}
+    accurate = {kind: accurately_simulated(spec) for kind, spec in specs.items()}
     touch = {kind: Touch(spec, joints) for kind, spec in accurate.items()}
     for kind, spec in accurate.items():
         if not any(touch[kind].ever(r) for r in recordings if r.command_kind is kind):
@@ -131,10 +132,14 @@ def _cut_as_it_touches(
     return cut(recording, index, noise, min(windows_s[kind], SHORT[kind]), touch[kind])
 
 
-def accurately_integrated(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """Returns a copy that is integrated by the fourth-order Runge-Kutta method."""
+def accurately_simulated(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Returns a copy that is integrated by the fourth-order Runge-Kutta method.
+
+    Its dry friction holds: what creeps by MuJoCo's default, no robot does.
+    """
     accurate = spec.copy()
     accurate.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    let_friction_hold(accurate)
     return accurate
 
 

@@ -151,8 +151,9 @@ def diagnose(
     errors = _errors(held, instances)
     if found and closed_share(errors.summary) < LEAST_SHARE:
         instances, errors = (), HeldOut(problem=held, before=errors.before, after=errors.before)
+    models, slices = tuple(beside.values()), fitted_to.slices()
     named = (
-        named_effects(fitted_to.slices(), found, instances, errors.summary, errors.by_joint)
+        named_effects(slices, found, instances, errors.summary, errors.by_joint, models)
         if found
         else ()
     )

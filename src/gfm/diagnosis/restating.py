@@ -22,6 +22,8 @@ from gfm.effects.effect import find_motor_side
 
 #: Share of its motors' inertia that a model keeps: what is light cannot be simulated without.
 KEPT = 0.05
+#: Share of what a model says of a joint up to which it need not be right: nobody knows it better.
+SLIGHT = 0.05
 
 #: Where a joint says how much it has of an effect.
 _SAYS: Mapping[str, str] = {
@@ -76,6 +78,16 @@ def covers(spec: mujoco.MjSpec, instance: EffectInstance) -> bool:
     (taken,) = instance.values.values()
     said = _said(find_motor_side(spec, instance.joints[0]), field)[0]
     return bool(said + taken >= 0.0)
+
+
+def slight(specs: Collection[mujoco.MjSpec], instance: EffectInstance) -> bool:
+    """Returns whether an effect changes only slightly what models say of a joint."""
+    field = _SAYS.get(instance.effect.name)
+    if field is None or not specs:
+        return False
+    (change,) = instance.values.values()
+    said = [_said(find_motor_side(spec, instance.joints[0]), field)[0] for spec in specs]
+    return bool(abs(change) < SLIGHT * min(said))
 
 
 def _said(joint: mujoco.MjsJoint, field: str) -> Array:

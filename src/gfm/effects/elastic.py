@@ -176,6 +176,8 @@ def separate_motor(spec: mujoco.MjSpec, name: str, what: str) -> mujoco.MjsTendo
     motor.pos, motor.ref, motor.limited = link.pos, link.ref, mujoco.mjtLimited.mjLIMITED_FALSE
     motor.armature = max(float(link.armature), LEAST_ARMATURE)
     motor.frictionloss, motor.damping = float(link.frictionloss), link.damping
+    motor.solref_friction = link.solref_friction
+    motor.solimp_friction = link.solimp_friction
     link.armature, link.frictionloss, link.damping = 0.0, 0.0, [0.0, 0.0, 0.0]
     for actuator in (a for a in spec.actuators if a.target == name):
         actuator.target = motor.name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 
 from gfm.effects.effect import angle, find_joint, find_motor_side, free_name
 
@@ -28,6 +29,20 @@ def add_dry_friction(spec: mujoco.MjSpec, name: str, torque: float) -> None:
     """Adds dry friction that holds: MuJoCo's default lets a joint creep under a load below it."""
     joint = find_motor_side(spec, name)
     joint.frictionloss += torque
+    _let_hold(joint)
+
+
+def let_friction_hold(spec: mujoco.MjSpec) -> None:
+    """Lets dry friction hold wherever its solver settings are MuJoCo's default: it would creep."""
+    default = mujoco.MjSpec().worldbody.add_body().add_joint()
+    settings = ("solref_friction", "solimp_friction")
+    for joint in spec.joints:
+        same = all(np.array_equal(getattr(joint, s), getattr(default, s)) for s in settings)
+        if joint.frictionloss > 0.0 and same:
+            _let_hold(joint)
+
+
+def _let_hold(joint: mujoco.MjsJoint) -> None:
     joint.solref_friction = HOLDING_SOLREF
     joint.solimp_friction[0:3] = HOLDING_SOLIMP
 
