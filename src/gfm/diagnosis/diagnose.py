@@ -187,6 +187,7 @@ def diagnose(
             *notes,
             *doubts(findings),
             *_notes(verdict, outside=bool(first.effects), less=any(e.takes_off for e in instances)),
+            *_units(specs[recordings[0].command_kind], problem.joints),
         ),
         provenance=dict(provenance or {}),
     )
@@ -324,3 +325,12 @@ def _notes(verdict: Verdict, *, outside: bool, less: bool) -> tuple[str, ...]:
     if verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY_EXPLAINED):
         notes.append("What stays unexplained can be learned as a generalized force model.")
     return tuple(notes)
+
+
+def _units(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[str, ...]:
+    """Returns what to read for the units of joints that slide."""
+    sliding = [name for name in joints if spec.joint(name).type == mujoco.mjtJoint.mjJNT_SLIDE]
+    if not sliding:
+        return ()
+    verb = "slides" if len(sliding) == 1 else "slide"
+    return (f"{', '.join(sliding)} {verb}: there read m for rad, N for N m, kg for kg m^2.",)
