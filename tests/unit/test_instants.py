@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from disc import DISC
 from gfm.core import CommandKind
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.instants import sensors_at, states_at
@@ -15,16 +16,8 @@ from gfm.sim.predict import predict
 from gfm.sim.segment import Segment
 
 INERTIA, KP, KV, LAG_S = 0.05, 200.0, 5.0, 0.03
-#: A disc that a stiff position servo turns: I q'' = kp (u - q) - kv q'.
-DISC = f"""
-<mujoco><option timestep="0.002" integrator="RK4" gravity="0 0 0"/><worldbody>
-  <body name="disc"><joint name="j" axis="0 0 1"/>
-    <inertial pos="0 0 0" mass="1" diaginertia="{INERTIA} {INERTIA} {INERTIA}"/></body>
-</worldbody><actuator>
-  <general name="j" joint="j" biastype="affine" gainprm="{KP}" biasprm="0 -{KP} -{KV}"/>
-</actuator></mujoco>
-"""
-MOTOR = DISC[: DISC.index("<general")] + '<motor name="j" joint="j"/></actuator></mujoco>'
+STIFF = DISC.format(step=0.002, integrator="RK4", inertia=INERTIA, kp=KP, kv=KV)
+MOTOR = STIFF[: STIFF.index("<general")] + '<motor name="j" joint="j"/></actuator></mujoco>'
 #: Off the grid of time steps, and between commands.
 TIME_S = 0.0107 + 0.01 * np.arange(60)
 COMMAND_TIME_S = 0.0093 + 0.01 * np.arange(60)
@@ -56,7 +49,7 @@ def exact_torque():
     return np.array(torque)
 
 
-def told(effects=(), *, text=DISC, after_command=False, **changes):
+def told(effects=(), *, text=STIFF, after_command=False, **changes):
     segment = Segment(
         time_s=TIME_S,
         position=np.zeros((len(TIME_S), 1)),
@@ -106,7 +99,7 @@ def test_a_lagging_drive_answers_exponentially_between_steps():
 
 
 def test_states_between_rows_follow_a_constant_acceleration():
-    model = mujoco.MjModel.from_xml_string(DISC)
+    model = mujoco.MjModel.from_xml_string(STIFF)
     size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     rows = np.zeros((4, size))
     time_s = model.opt.timestep * np.arange(4)
@@ -119,7 +112,7 @@ def test_states_between_rows_follow_a_constant_acceleration():
 
 
 def test_models_keep_their_integrator():
-    model = mujoco.MjModel.from_xml_string(DISC)
+    model = mujoco.MjModel.from_xml_string(STIFF)
     state = np.zeros((2, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
     sensors_at([model, model], state, np.zeros((2, 1)), threads=1)
     assert model.opt.integrator == int(mujoco.mjtIntegrator.mjINT_RK4)

@@ -7,21 +7,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from disc import DISC
 from gfm.core import CommandKind
 from gfm.diagnosis.problem import Noise, Problem
 from gfm.diagnosis.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.segment import Segment
 
-#: A disc that a position servo turns: I q'' = kp (u - q) - kv q', overdamped.
-DISC = """
-<mujoco><option timestep="{step}" integrator="implicitfast" gravity="0 0 0"/><worldbody>
-  <body name="disc"><joint name="j" axis="0 0 1"/>
-    <inertial pos="0 0 0" mass="1" diaginertia="{inertia} {inertia} {inertia}"/></body>
-</worldbody><actuator>
-  <general name="j" joint="j" biastype="affine" gainprm="{kp}" biasprm="0 -{kp} -{kv}"/>
-</actuator></mujoco>
-"""
 TIME_S = 0.01 * np.arange(100.0)
 NOISE = 1e-4
 KIND = CommandKind.POSITION
@@ -53,7 +45,7 @@ def turning(*, step, inertia=0.05, kp=20.0, kv=2.0):
         initial_velocity=np.zeros(1),
         servo_gain=np.ones(1),
     )
-    text = DISC.format(step=step, inertia=inertia, kp=kp, kv=kv)
+    text = DISC.format(step=step, integrator="implicitfast", inertia=inertia, kp=kp, kv=kv)
     spec = mujoco.MjSpec.from_string(text)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     return Problem(
