@@ -5,8 +5,9 @@ Shape letters: N numbers of a residual.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,7 +15,9 @@ from gfm.core.checks import Array
 from gfm.diagnosis.candidates import Place
 from gfm.diagnosis.fitting import Fit, orthonormal
 from gfm.diagnosis.problem import Problem
-from gfm.effects import EffectInstance, Scales, Scope
+from gfm.effects import Effect, EffectInstance, Scales, Scope
+
+T = TypeVar("T")
 
 #: Candidates that are fitted in earnest in each round, places of one effect among them, and values
 #: from which the fit of one begins.
@@ -98,20 +101,23 @@ def _columns(
     groups: Sequence[tuple[Place, list[EffectInstance]]],
     effects: Sequence[EffectInstance],
 ) -> Iterator[tuple[Place, list[EffectInstance], Array]]:
-    """Yields groups of probes with what each of them changes beside `effects`, shape (N, probes).
-
-    Motors apart from their links are simulated on steps of their own, and so is what a candidate
-    that has one is compared with.
-    """
-    for apart in (False, True):
-        alike = [g for g in groups if g[0].effect.separates_motor is apart]
+    """Yields groups of probes with what each changes beside `effects`, shape (N, probes)."""
+    for alike in _on_same_steps(groups, lambda one: one[0].effect):
         sets = [(*effects, instance) for _, group in alike for instance in group]
-        if not sets:
-            continue
         still, *moved = problem.residuals([effects, *sets])
         changes = iter(still - m for m in moved)
         for place, group in alike:
             yield place, group, np.stack([next(changes) for _ in group], axis=1)
+
+
+def _on_same_steps(items: Sequence[T], effect: Callable[[T], Effect]) -> list[list[T]]:
+    """Returns together what is simulated on the same time steps, by the effect of each.
+
+    Motors apart from their links have steps of their own, and so has what a candidate that has one
+    is compared with.
+    """
+    both = [[i for i in items if effect(i).separates_motor is apart] for apart in (False, True)]
+    return [alike for alike in both if alike]
 
 
 def _tried(problem: Problem, found: Sequence[Screened], base: Fit) -> list[Screened]:
@@ -121,10 +127,7 @@ def _tried(problem: Problem, found: Sequence[Screened], base: Fit) -> list[Scree
     """
     basis = orthonormal(base.jacobian)
     tried = []
-    for apart in (False, True):
-        alike = [one for one in found if one.instance.effect.separates_motor is apart]
-        if not alike:
-            continue
+    for alike in _on_same_steps(found, lambda one: one.instance.effect):
         sets = [base.effects, *((*base.effects, one.instance) for one in alike)]
         residuals = problem.residuals(sets)
         left = np.sum((residuals - (residuals @ basis) @ basis.T) ** 2, axis=1)

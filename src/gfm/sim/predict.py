@@ -141,9 +141,8 @@ def _quiet() -> Iterator[None]:
 
 def _initial_states(jobs: list[_Job]) -> Array:
     """Returns the state in which each simulation begins, shape (len(jobs), S)."""
-    at_rest = {
-        id(plant): _at_rest(plant.model) for plant in {id(j.plant): j.plant for j in jobs}.values()
-    }
+    plants = {id(job.plant): job.plant for job in jobs}
+    at_rest = {key: _at_rest(plant.model) for key, plant in plants.items()}
     states = np.stack([at_rest[id(job.plant)] for job in jobs])
     nq, nv = jobs[0].model.nq, jobs[0].model.nv
     for job, state in zip(jobs, states, strict=True):
@@ -210,7 +209,7 @@ def _measured_controls(jobs: list[_Job], after_command: bool) -> Array:
 def _commanded(jobs: list[_Job], commands: Callable[[_Job], Array]) -> list[Array]:
     """Returns the commands of every job; those that differ in something else share them."""
     known: dict[Hashable, Array] = {}
-    keys = [(job.place[1], job.plant.on_commands) for job in jobs]
+    keys = [(job.place[1], job.model.opt.timestep, job.plant.on_commands) for job in jobs]
     for job, key in zip(jobs, keys, strict=True):
         if key not in known:
             known[key] = commands(job)
@@ -234,9 +233,10 @@ def _predictions(
         rows: shape (N, K, S).
         settings: How it is told.
     """
-    step_s = jobs[0].model.opt.timestep
-    begun = zip(jobs, initial, rows, strict=True)
-    states = [states_at(j.model, first, own, j.segment.time_s / step_s) for j, first, own in begun]
+    states = [
+        states_at(job.model, first, own, job.segment.time_s / job.model.opt.timestep)
+        for job, first, own in zip(jobs, initial, rows, strict=True)
+    ]
     told = zip(jobs, rows, states, _efforts(jobs, states, settings), strict=True)
     return [_prediction(*one) for one in told]
 
