@@ -1,1 +1,1 @@
-"""The Sawyer cell, and hybrid models stepped in batch."""
+"""The Sawyer cell, plants with effects in them, their predictions, hybrid stepping in batch."""
