@@ -84,7 +84,7 @@ def test_two_models_of_one_kind_are_refused():
 @pytest.mark.parametrize(
     ("actuators", "message"),
     [
-        ("", "m: no actuators; expected one per driven joint"),
+        ("", "m: no actuator drives a joint; expected one"),
         (
             '<motor name="a" joint="a"/><position name="b" joint="b" kp="1"/>',
             r"m: actuators a \(effort\), b \(position\); expected one kind of command",

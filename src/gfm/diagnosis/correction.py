@@ -11,6 +11,7 @@ from gfm.diagnosis.annotated import annotated
 from gfm.diagnosis.result import ModelPair, NamedEffect, ParameterEstimate
 from gfm.effects import EffectInstance
 from gfm.effects.elements import let_friction_hold
+from gfm.sim.drive_names import name_as_found
 from gfm.sim.plant import compensations, misled_already, native_spec
 from gfm.sim.step_laws import acts_at_every_step
 
@@ -20,13 +21,28 @@ FOOTLINE = (
     "Fitted with the integrator and dry friction that holds, as set below; others add errors of "
     "their own."
 )
+STIFF = (
+    "Servos are too stiff here for other integrators. Amounts were fitted as on ever shorter time "
+    "steps: on one of T the model is T/2 late."
+)
 BEFORE = "As before:"
 
 
 def corrected_model(
-    spec: mujoco.MjSpec, named: Sequence[NamedEffect], given: Sequence[EffectInstance] = ()
+    spec: mujoco.MjSpec,
+    named: Sequence[NamedEffect],
+    given: Sequence[EffectInstance] = (),
+    *,
+    implicit: bool = False,
 ) -> ModelPair:
-    """Returns the model `spec`, beside which `given` stands, with the named effects added."""
+    """Returns the model `spec`, beside which `given` stands, with the named effects added.
+
+    Args:
+        spec: The nominal model.
+        named: What it lacks.
+        given: What stands beside it.
+        implicit: Whether its servos are too stiff for the fourth-order method.
+    """
     instances = [effect.instance() for effect in named]
     nominal, changed = spec.copy().compile(), native_spec(spec, instances)
     compensated = nominal.body_gravcomp.any() or misled_already(nominal, given)
@@ -40,7 +56,7 @@ def corrected_model(
     ]
     before = [_as_named(instance) for instance in given]
     return ModelPair(
-        xml=_corrected_xml(spec, changed, _lines(named, new, before)),
+        xml=_corrected_xml(spec, changed, _lines(named, new, before, implicit), implicit),
         effects=(*before, *new),
     )
 
@@ -65,13 +81,17 @@ def _as_named(instance: EffectInstance) -> NamedEffect:
     )
 
 
-def _corrected_xml(nominal: mujoco.MjSpec, changed: mujoco.MjSpec, comments: Sequence[str]) -> str:
+def _corrected_xml(
+    nominal: mujoco.MjSpec, changed: mujoco.MjSpec, comments: Sequence[str], implicit: bool
+) -> str:
     """Returns MJCF text with comments in front, and at every line that changed.
 
     The integrator is part of the correction: amounts were fitted with the fourth-order one, and a
-    first-order step would add an error of its own. So is dry friction that holds.
+    first-order step would add an error of its own; where servos are too stiff for it, with that
+    under which they and dry friction hold together. So is dry friction that holds.
     """
-    changed.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    integrators = mujoco.mjtIntegrator
+    changed.option.integrator = integrators.mjINT_DISCRETE if implicit else integrators.mjINT_RK4
     let_friction_hold(changed)
     head, body = annotated(_xml(nominal.copy()), _xml(changed)).split("\n", 1)
     return "\n".join([head, *(f"  <!-- {line} -->" for line in comments), body])
@@ -81,6 +101,7 @@ def _xml(spec: mujoco.MjSpec) -> str:
     if spec.comment.strip().startswith((HEADLINE, BEFORE)):  # MuJoCo keeps a file's first comment
         spec.comment = ""
     _make_findable(spec)
+    name_as_found(spec)
     spec.compile()
     return str(spec.to_xml())
 
@@ -95,10 +116,14 @@ def _make_findable(spec: mujoco.MjSpec) -> None:
 
 
 def _lines(
-    named: Sequence[NamedEffect], beside: Sequence[NamedEffect], before: Sequence[NamedEffect]
+    named: Sequence[NamedEffect],
+    beside: Sequence[NamedEffect],
+    before: Sequence[NamedEffect],
+    implicit: bool,
 ) -> list[str]:
     """Returns what was added, and what stood beside the model before, a line for each effect."""
-    added = [HEADLINE, *(_line(effect, beside) for effect in named), FOOTLINE] if named else []
+    foot = [FOOTLINE, STIFF] if implicit else [FOOTLINE]
+    added = [HEADLINE, *(_line(effect, beside) for effect in named), *foot] if named else []
     return [*added, *(f"{BEFORE} {_line(effect, before)}" for effect in before)]
 
 

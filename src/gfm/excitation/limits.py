@@ -13,6 +13,7 @@ import numpy as np
 
 from gfm.core import CommandKind, ConfigError, UnknownNameError
 from gfm.core.checks import Array
+from gfm.sim.drive_names import driven_joints
 
 #: Share of a velocity limit in the model that is used: drives follow badly at their limit, and a
 #: bridge, which allows half of it by default, should have nothing to change.
@@ -92,7 +93,7 @@ def robot_limits(
     """
     wishes = wishes or Wishes()
     model = next(iter(models.values()))
-    names = tuple(model.actuator(i).name for i in range(model.nu))
+    names = driven_joints(model)
     _check_names(models, names, wishes)
     notes: list[str] = []
     start = _start(model, names, wishes.pose)
@@ -116,14 +117,10 @@ def _check_names(
     models: Mapping[CommandKind, mujoco.MjModel], names: tuple[str, ...], wishes: Wishes
 ) -> None:
     for kind, model in models.items():
-        driven = {model.actuator(i).name for i in range(model.nu)}
+        driven = set(driven_joints(model))
         if driven != set(names):
             listed = ", ".join(sorted(driven)), ", ".join(sorted(names))
             raise ConfigError(f"the {kind} model drives {listed[0]}, another one {listed[1]}")
-        joints = {model.joint(i).name for i in range(model.njnt)}
-        for name in names:
-            if name not in joints:
-                raise UnknownNameError("joint (an actuator has the name)", name, joints)
     for name in (*wishes.joints, *wishes.ranges, *wishes.speed, *wishes.acceleration):
         if name not in (*names, ALL):
             raise UnknownNameError("joint", name, names)

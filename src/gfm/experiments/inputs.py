@@ -20,6 +20,7 @@ from gfm.effects import EffectInstance
 from gfm.recording import read_recording
 from gfm.recording.schemas import COMMAND, JOINT_STATES
 from gfm.service.model_files import ModelFile, effects_path, read_model, shared_effects
+from gfm.sim.drive_names import driven_joints
 
 #: Share of a single recording that effects are looked for in; the rest is held out.
 TRAINING_SHARE = 0.7
@@ -76,7 +77,7 @@ def load_nominal(paths: Sequence[Path]) -> NominalModel:
         paths={kind: file.path for kind, file in files.items()},
         effects=shared_effects(files.values()),
         files=(*paths, *beside),
-        about=tuple(file.about for file in files.values() if file.about),
+        about=tuple(line for file in files.values() for line in file.about),
     )
 
 
@@ -86,17 +87,17 @@ def load_specs(paths: Sequence[Path]) -> dict[CommandKind, mujoco.MjSpec]:
 
 
 def command_kind(model: mujoco.MjModel, where: str) -> CommandKind:
-    """Returns the kind of command that all actuators of a model take.
+    """Returns the kind of command that the drives of a model's joints take.
+
+    Other actuators (a gripper's, that pulls at a tendon) stay as they are without a command.
 
     Raises:
         ConfigError: there are none, or they take different kinds.
     """
-    # What takes no command (a cogging torque is written as such an actuator) does not drive.
-    driving = [i for i in range(model.nactuator) if model.actuator_ctrlnum[i]]
-    kinds = {model.actuator(i).name: _actuator_kind(model, i) for i in driving}
+    kinds = {n: _actuator_kind(model, model.actuator(n).id) for n in driven_joints(model)}
     if not kinds:
         raise ConfigError(
-            f"model {where}: no actuators; expected one per driven joint, named as the joint"
+            f"model {where}: no actuator drives a joint; expected one per commanded joint"
         )
     strange = [name for name, kind in kinds.items() if kind is None]
     if strange:

@@ -15,6 +15,7 @@ import mujoco
 from gfm.core import BadInputError, CommandKind, ConfigError
 from gfm.effects import EffectInstance
 from gfm.service.effects_file import read_effects
+from gfm.sim.drive_names import name_after_joints
 
 #: What stands in place of `.xml`.
 EFFECTS_SUFFIX = ".effects.json"
@@ -28,21 +29,30 @@ class ModelFile:
         path: Of the MJCF file.
         spec: What it says.
         effects: What the file beside it says; empty where there is none.
+        called: What the file calls drives that have another name than their joints, by joint.
     """
 
     path: Path
     spec: mujoco.MjSpec
     effects: tuple[EffectInstance, ...]
+    called: Mapping[str, str]
 
     @property
-    def about(self) -> str:
-        """What was found beside the MJCF file, in one line; empty where nothing was."""
-        if not self.effects:
-            return ""
-        named = ", ".join(
-            f"{e.effect.name} on {', '.join(e.joints) or 'all'}" for e in self.effects
-        )
-        return f"model {self.path}: with {effects_path(self.path).name} beside it: {named}"
+    def about(self) -> tuple[str, ...]:
+        """What there is to know of the model, in lines: what stands beside it, what it calls."""
+        lines = []
+        if self.effects:
+            named = ", ".join(
+                f"{e.effect.name} on {', '.join(e.joints) or 'all'}" for e in self.effects
+            )
+            lines.append(f"with {effects_path(self.path).name} beside it: {named}")
+        if self.called:
+            drives = ", ".join(
+                f"{name or 'an actuator without a name'} for {joint}"
+                for joint, name in self.called.items()
+            )
+            lines.append(f"actuators go by the joints that they drive: {drives}")
+        return tuple(f"model {self.path}: {line}" for line in lines)
 
 
 def effects_path(model: Path) -> Path:
@@ -57,10 +67,11 @@ def read_model(path: Path) -> ModelFile:
         BadInputError: a file is missing or damaged, or the two do not belong together.
     """
     spec = _read_spec(path)
+    called = name_after_joints(spec)
     beside = effects_path(path)
     effects = read_effects(beside) if beside.is_file() else ()
     _check_joints(spec, effects, beside, path)
-    return ModelFile(path=path, spec=spec, effects=effects)
+    return ModelFile(path=path, spec=spec, effects=effects, called=called)
 
 
 def _read_spec(path: Path) -> mujoco.MjSpec:
@@ -103,8 +114,8 @@ def read_robot(
     files = {kind: read_model(Path(path)) for kind, path in paths.items()}
     shared_effects(files.values())
     for file in files.values():
-        if file.about:
-            say(file.about)
+        for line in file.about:
+            say(line)
     return files
 
 

@@ -22,8 +22,8 @@ _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 class Layout:
     """Addresses in qpos, qvel and ctrl.
 
-    A motor side is a hinge or slide that is not measured and whose name begins with that of one
-    that is, and an underscore: it starts where its joint starts.
+    A motor side is a hinge or slide that is neither measured nor commanded by its own name, which
+    begins with that of one that is measured, and an underscore: it starts where its joint starts.
 
     Attributes:
         joint_names: The measured joints, in the order of every array of joints.
@@ -91,13 +91,15 @@ def make_layout(model: mujoco.MjModel, joint_names: tuple[str, ...] = ()) -> Lay
         ConfigError: it has more than one free body, or drives none of the joints.
     """
     there = {model.joint(i).name: i for i in range(model.njnt) if model.jnt_type[i] in _SCALAR}
-    names = joint_names or tuple(name for name in there if _owner(name, there) is None)
+    driven = {model.actuator(i).name for i in range(model.nactuator)}
+    names = joint_names or tuple(n for n in there if n in driven or _owner(n, there) is None)
     for name in names:
         if name not in there:
             raise UnknownNameError("joint", name, there)
     ids = np.array([there[name] for name in names], np.intp)
-    owners = {i: _owner(name, names) for name, i in there.items() if name not in names}
-    motors = np.array([i for i, owner in owners.items() if owner is not None], np.intp)
+    others = [name for name in there if name not in (*names, *driven)]
+    owners = {there[name]: owner for name in others if (owner := _owner(name, names))}
+    motors = np.array(list(owners), np.intp)
     actuator_type = mujoco.mjtObj.mjOBJ_ACTUATOR
     actuator = np.array([mujoco.mj_name2id(model, actuator_type, name) for name in names], np.intp)
     if not (actuator >= 0).any():
@@ -110,7 +112,7 @@ def make_layout(model: mujoco.MjModel, joint_names: tuple[str, ...] = ()) -> Lay
         actuator=actuator,
         motor_qpos=model.jnt_qposadr[motors].astype(np.intp),
         motor_dof=model.jnt_dofadr[motors].astype(np.intp),
-        motor_owner=np.array([names.index(str(owners[int(i)])) for i in motors], np.intp),
+        motor_owner=np.array([names.index(owners[int(i)]) for i in motors], np.intp),
         object_qpos=object_qpos,
         object_dof=object_dof,
         qpos0=model.qpos0.copy(),

@@ -178,7 +178,7 @@ def _add_drive_sensors(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
         for actuator in spec.actuators:
             if actuator.target in (name, name + MOTOR_SIDE) and actuator.name != name:
                 spec.add_sensor(
-                    name=f"{DRIVE_SENSOR}minus_{actuator.name}",
+                    name=f"{DRIVE_SENSOR}minus_{name}:{actuator.name}",
                     type=mujoco.mjtSensor.mjSENS_ACTUATORFRC,
                     objtype=mujoco.mjtObj.mjOBJ_ACTUATOR,
                     objname=actuator.name,
@@ -215,9 +215,8 @@ def drive_matrix(model: mujoco.MjModel, joints: Sequence[str]) -> NDArray[np.flo
         for side in (name, name + MOTOR_SIDE):
             _mark(model, matrix[row], f"{DRIVE_SENSOR}plus_{side}", 1.0)
         for index in range(model.nactuator):
-            actuator = model.actuator(index).name
-            if actuator.startswith(name + "_"):
-                _mark(model, matrix[row], f"{DRIVE_SENSOR}minus_{actuator}", -1.0)
+            beside = model.actuator(index).name
+            _mark(model, matrix[row], f"{DRIVE_SENSOR}minus_{name}:{beside}", -1.0)
     return matrix
 
 
