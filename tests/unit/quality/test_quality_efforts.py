@@ -111,6 +111,15 @@ def test_an_effort_measured_before_the_next_command_is_no_wrong_sign(make, pendu
     assert wrong_effort(recording, replace(views, needed=-effort[:, None])) is None
 
 
+def test_a_command_that_asks_for_many_times_the_effort_is_no_wrong_sign(driven, pendulum):
+    """Commands arrive late, and a stiff servo was measured while it braked."""
+    recording = driven()
+    views = views_of(recording, pendulum())
+    recording = replace(recording, effort=-0.2 * recording.effort)
+    assert np.corrcoef(recording.effort[:, 0], views.drive[:, 0])[0, 1] < -0.9
+    assert wrong_effort(recording, views) is None
+
+
 def test_the_effort_of_a_drive_that_is_off_is_not_judged(driven, pendulum):
     recording = driven(servo_gain={"a": 0.0})
     recording = replace(recording, effort=-recording.effort)

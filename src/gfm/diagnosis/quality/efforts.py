@@ -6,7 +6,9 @@ the recorded commands (they know gains, not masses). Either alone may be misled:
 effort that leaves out a gravity compensation, the second by gains that are far from the robot's.
 
 An effort may have been measured just before the command of its own stamp, or just after: a stiff
-servo that gets few commands pushes after each and brakes before the next.
+servo that gets few commands pushes after each and brakes before the next. One whose commands arrive
+late is measured anywhere between: what it was asked for is then many times what it gave, and says
+nothing of the sign.
 
 Shape letters: T measurements, J joints.
 """
@@ -26,6 +28,8 @@ from gfm.sim.plant import Plant
 
 #: Correlation with both views that only the other sign explains.
 OPPOSITE = -0.6
+#: How many times larger than the other a torque that is measured, or asked for, is at most.
+COMPARABLE = 3.0
 #: Share of the time in which the sign must be wanted negative for its absence to tell.
 WANTED = 0.1
 #: An effort without sign comes close to zero again and again: so often, so close to its greatest.
@@ -72,7 +76,7 @@ def wrong_effort(recording: Trajectory, views: Views) -> Objection | None:
 def _opposite(recording: Trajectory, effort: Array, views: Views) -> Objection | None:
     for j, name in enumerate(recording.joint_names):
         needed, drive = _agreement(effort[:, j], views, j)
-        if max(needed, drive) < OPPOSITE:
+        if max(needed, drive) < OPPOSITE and _comparable(effort[:, j], views.drive[:, j]):
             return Objection(
                 where=f"effort of {name}",
                 problem="runs against what the motion needs and what the command asks for "
@@ -103,13 +107,13 @@ def _unsigned(recording: Trajectory, effort: Array, views: Views) -> Objection |
 
 
 def doubtful_efforts(recording: Trajectory, views: Views) -> list[Finding]:
-    """Finds efforts that run against what the motion needs, though not against the command."""
+    """Finds efforts that run against what the motion needs, in recordings that are not refused."""
     if recording.effort is None or _is_off(recording):
         return []
     found = []
     for j, name in enumerate(recording.joint_names):
-        needed, drive = _agreement(recording.effort[:, j], views, j)
-        if needed < OPPOSITE <= drive:
+        needed, _ = _agreement(recording.effort[:, j], views, j)
+        if needed < OPPOSITE:
             found.append(
                 Finding(
                     recording=recording.name,
@@ -131,6 +135,11 @@ def _agreement(effort: Array, views: Views, joint: int) -> tuple[float, float]:
     needed = correlation(effort, views.needed[:, joint])
     before = correlation(effort, views.drive_before[:, joint])
     return needed, before if before > -OPPOSITE else correlation(effort, views.drive[:, joint])
+
+
+def _comparable(measured: Array, asked: Array) -> bool:
+    sizes = float(np.std(measured)), float(np.std(asked))
+    return max(sizes) <= COMPARABLE * min(sizes)
 
 
 def _is_off(recording: Trajectory) -> bool:
