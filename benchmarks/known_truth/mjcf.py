@@ -7,7 +7,7 @@ import numpy as np
 from known_truth.robots import Array, Robot
 
 #: Declared dry friction as it must be written to hold: MuJoCo's defaults let a joint creep.
-_HOLDING = 'solreffriction="0.004 1" solimpfriction="0.99 0.999 0.001"'
+_HOLDING = 'solreffriction="0.004 1" solimpfriction="0.9999 0.9999 0.001"'
 
 
 def mjcf(robot: Robot, kind: str) -> str:

@@ -28,7 +28,7 @@ from gfm.sim.segment import Segment
 
 #: Its dry friction creeps; that of ARM holds, as in every corrected model.
 CREEPING_ARM = (Path(__file__).parents[1] / "data" / "compensated_arm.xml").read_text()
-HOLDING = 'solreffriction="0.004" solimpfriction="0.99 0.999"'
+HOLDING = 'solreffriction="0.004" solimpfriction="0.9999 0.9999"'
 ARM = CREEPING_ARM.replace('frictionloss="0.05"', f'frictionloss="0.05" {HOLDING}')
 VELOCITY_ARM = ARM.replace("<position", "<velocity").replace('kp="30"', "").replace('kp="15"', "")
 JOINTS = ("a", "b")

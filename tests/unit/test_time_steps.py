@@ -9,7 +9,8 @@ from scipy.integrate import solve_ivp
 
 from disc import DISC
 from gfm.core import CommandKind
-from gfm.diagnosis.problem import Noise, Problem
+from gfm.diagnosis.cutting import accurately_simulated
+from gfm.diagnosis.problem import Noise, Problem, Stepping
 from gfm.diagnosis.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.segment import Segment
@@ -33,10 +34,10 @@ def turned(inertia, kp, kv):
     return found.y[:1].T
 
 
-def turning(*, step, inertia=0.05, kp=20.0, kv=2.0):
+def turning(*, step, inertia=0.05, kp=20.0, kv=2.0, friction=0.0, angles=None):
     segment = Segment(
         time_s=TIME_S,
-        position=turned(inertia, kp, kv),
+        position=turned(inertia, kp, kv) if angles is None else angles,
         effort=None,
         kind=KIND,
         command_time_s=TIME_S,
@@ -47,9 +48,9 @@ def turning(*, step, inertia=0.05, kp=20.0, kv=2.0):
     )
     text = DISC.format(step=step, integrator="implicitfast", inertia=inertia, kp=kp, kv=kv)
     spec = mujoco.MjSpec.from_string(text)
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    spec.joint("j").frictionloss = friction
     return Problem(
-        specs={KIND: spec},
+        specs={KIND: accurately_simulated(spec)},
         joints=("j",),
         segments=(segment,),
         noise=Noise(position=np.full(1, NOISE), effort=None),
@@ -62,13 +63,13 @@ def cost(problem, effects=()):
 
 def test_a_short_step_is_as_long_as_nobody_sees():
     suited = with_suitable_steps(turning(step=0.00025))
-    assert suited.steps_s == {KIND: pytest.approx(0.002)}
+    assert suited.stepping[KIND].step_s == pytest.approx(0.002)
     assert cost(suited) < 0.01
 
 
 def test_a_step_is_never_made_longer_than_the_longest():
-    assert with_suitable_steps(turning(step=0.0015)).steps_s == {KIND: pytest.approx(0.0015)}
-    assert with_suitable_steps(turning(step=0.005)).steps_s == {KIND: pytest.approx(0.005)}
+    assert with_suitable_steps(turning(step=0.0015)).stepping[KIND].step_s == pytest.approx(0.0015)
+    assert with_suitable_steps(turning(step=0.005)).stepping[KIND].step_s == pytest.approx(0.005)
 
 
 def test_a_step_on_which_a_stiff_servo_runs_away_is_made_shorter():
@@ -76,14 +77,14 @@ def test_a_step_on_which_a_stiff_servo_runs_away_is_made_shorter():
     stiff = turning(step=0.002, inertia=0.001, kp=100.0, kv=4.0)
     assert cost(stiff) > 1e4
     suited = with_suitable_steps(stiff)
-    assert suited.steps_s[KIND] <= 0.0005
+    assert suited.stepping[KIND].step_s <= 0.0005
     assert cost(suited) < 0.1
 
 
 def test_a_step_that_would_show_is_not_taken():
     """The same servo, written for a step on which it is followed."""
     suited = with_suitable_steps(turning(step=0.00025, inertia=0.001, kp=100.0, kv=4.0))
-    assert suited.steps_s[KIND] <= 0.0005
+    assert suited.stepping[KIND].step_s <= 0.0005
     assert cost(suited) < 0.1
 
 
@@ -91,12 +92,58 @@ def test_what_is_added_may_ask_for_a_shorter_step():
     problem = with_suitable_steps(turning(step=0.0005))
     drag = find_effect("viscous_friction")
     heavy = EffectInstance(effect=drag, joints=("j",), values={"coefficient": 150.0})
-    assert with_suitable_steps(problem, (heavy,)).steps_s[KIND] < problem.steps_s[KIND]
+    assert (
+        with_suitable_steps(problem, (heavy,)).stepping[KIND].step_s < problem.stepping[KIND].step_s
+    )
+
+
+def test_a_servo_that_is_too_stiff_for_any_step_is_integrated_implicitly():
+    """At 100 000 /s, as wrists of arms that are modelled without rotors."""
+    stiff = turning(step=0.002, inertia=1e-4, kp=200.0, kv=10.0)
+    assert cost(stiff) > 1e4
+    suited = with_suitable_steps(stiff)
+    assert suited.stepping[KIND].implicit
+    assert cost(suited) < 0.1
+    # Once it is known, the other method is not tried again.
+    assert with_suitable_steps(suited).stepping == suited.stepping
+
+
+def massless(kp, kv, friction):
+    """Returns the angles after a command of half a radian where inertia is nothing, shape (T, 1).
+
+    While it turns, kv q' = kp (u - q) - friction.
+    """
+    return ((0.5 - friction / kp) * -np.expm1(-kp / kv * TIME_S))[:, None]
+
+
+@pytest.mark.parametrize("friction", [2.0, 8.0])
+def test_dry_friction_holds_beside_a_servo_that_is_too_stiff(friction):
+    stiff = turning(
+        step=0.002,
+        inertia=1e-5,
+        kp=200.0,
+        kv=10.0,
+        friction=friction,
+        angles=massless(200.0, 10.0, friction),
+    )
+    suited = with_suitable_steps(stiff)
+    assert suited.stepping[KIND].implicit
+    assert cost(suited) < 0.5
+
+
+def test_what_is_extrapolated_is_of_second_order():
+    problem = turning(step=0.002, inertia=1e-5, kp=200.0, kv=10.0, angles=massless(200.0, 10.0, 0))
+
+    def error(step_s):
+        on = {KIND: Stepping(step_s=step_s, implicit=True)}
+        return cost(replace(problem, stepping=on)) ** 0.5
+
+    assert error(0.01) / error(0.005) == pytest.approx(4.0, rel=0.25)
 
 
 def test_a_motor_apart_from_its_link_keeps_the_models_step():
-    problem = replace(turning(step=0.0005), steps_s={KIND: 0.002})
-    own = replace(problem, steps_s={})
+    problem = replace(turning(step=0.0005), stepping={KIND: Stepping(step_s=0.002)})
+    own = replace(problem, stepping={})
     elastic = find_effect("joint_elasticity")
     values = {p.name: max(p.lower, 1e-3) for p in elastic.parameters} | {"stiffness": 300.0}
     apart = EffectInstance(effect=elastic, joints=("j",), values=values)

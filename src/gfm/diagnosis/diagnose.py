@@ -144,7 +144,7 @@ def diagnose(
     found, fitted_to = None, long
     if not lack:
         everything = all_stretches(beside, recordings, problem.noise, given=given)
-        everything = replace(everything, steps_s=problem.steps_s)
+        everything = replace(everything, stepping=problem.stepping)
         found, fitted_to = search(problem, long, everything, recordings, report)
     instances = found.fit.effects if found else ()
     report("measuring the corrected model on held-out recordings")
@@ -160,7 +160,8 @@ def diagnose(
     verdict = Verdict.INSUFFICIENT_DATA if lack else verdict_on(errors.summary, named)
     both = (*named, *pushed)
     corrected = {
-        kind: corrected_model(_with_cone(spec, thing), both, given) for kind, spec in specs.items()
+        kind: corrected_model(_with_cone(spec, thing), both, given, implicit=held.is_implicit(kind))
+        for kind, spec in specs.items()
     }
     first = corrected[recordings[0].command_kind]
     findings = all_findings(long, recordings, holdout, instances)

@@ -27,9 +27,9 @@ from gfm.diagnosis.outliers import OUTLYING, bounded
 from gfm.effects import EffectInstance
 from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.motor_sides import Spring, springs
-from gfm.sim.plant import make_plant
+from gfm.sim.plant import Plant, make_plant
 from gfm.sim.predict import predict
-from gfm.sim.segment import Prediction, Segment
+from gfm.sim.segment import Prediction, Segment, extrapolated
 
 #: Steps in position and velocity with which the effect of the initial state is measured.
 STATE_STEP = (1e-4, 1e-3)
@@ -70,6 +70,25 @@ class Noise:
     effort: Array | None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Stepping:
+    """How a model is simulated.
+
+    Attributes:
+        step_s: Time step, s.
+        implicit: Whether by MuJoCo's `discrete` integrator, once on such steps and once on half of
+            them, as if going on to ever shorter ones (Richardson extrapolation), where a servo is
+            too stiff for the model's integrator.
+    """
+
+    step_s: float
+    implicit: bool = False
+
+    def halved(self) -> Stepping:
+        """Returns the same on half the step."""
+        return replace(self, step_s=0.5 * self.step_s)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
     """Recordings and the model that should explain them.
@@ -85,8 +104,10 @@ class Problem:
         outlying_from: Residuals from which on they are outlying, by joint for positions and
             efforts, in units of the noise, shape (2, J).
         given: Effects of the nominal model that its specs cannot say: every candidate has them.
-        steps_s: Time steps by command kind, s; the models' own where there is none, and wherever a
-            motor is apart from its link: what rings between them is fast.
+        stepping: How models are simulated, by command kind; as they say where there is none. Where
+            a motor is apart from its link, on the model's own step: what rings between them is
+            fast.
+        rough: Whether they are simulated faster and less exactly.
     """
 
     specs: Mapping[CommandKind, mujoco.MjSpec]
@@ -97,7 +118,8 @@ class Problem:
     state_basis: tuple[Array, ...] = field(default=())
     outlying_from: Array | None = None
     given: tuple[EffectInstance, ...] = ()
-    steps_s: Mapping[CommandKind, float] = field(default_factory=dict)
+    stepping: Mapping[CommandKind, Stepping] = field(default_factory=dict)
+    rough: bool = False
 
     @property
     def separated(self) -> set[tuple[str, ...]]:
@@ -120,6 +142,10 @@ class Problem:
         )
         return touching and any(s.object_pose is not None for s in self.segments)
 
+    def is_implicit(self, kind: CommandKind) -> bool:
+        """Returns whether the model of that kind of command is integrated implicitly."""
+        return kind in self.stepping and self.stepping[kind].implicit
+
     def motors_apart(self, candidates: Sequence[Sequence[EffectInstance]]) -> bool:
         """Returns whether a motor is apart from its link in the model or a candidate."""
         added = [*self.given, *(one for effects in candidates for one in effects)]
@@ -136,19 +162,38 @@ class Problem:
         """
         kinds = list(dict.fromkeys(segment.kind for segment in self.segments))
         rows: list[list[Prediction | None]] = [[None] * len(self.segments) for _ in candidates]
-        apart = self.motors_apart(candidates)
+        asked = efforts or self.motors_apart(candidates)
         for kind in kinds:
-            spec = self.specs[kind].copy()
-            if not apart:
-                spec.option.timestep = self.steps_s.get(kind, spec.option.timestep)
-            plants = [make_plant(spec, self.joints, (*self.given, *c)) for c in candidates]
             places = [i for i, s in enumerate(self.segments) if s.kind is kind]
             here = [self.segments[i] for i in places]
-            told = predict(plants, here, after_command=self.after_command, efforts=efforts or apart)
-            for row, answers in zip(rows, told, strict=True):
-                for i, answer in zip(places, answers, strict=True):
-                    row[i] = answer
+            told = [
+                predict(plants, here, after_command=self.after_command, efforts=asked)
+                for plants in self._plants(kind, candidates)
+            ]
+            for row, *answers in zip(rows, *told, strict=True):
+                for i, *answer in zip(places, *answers, strict=True):
+                    row[i] = extrapolated(*answer)
         return [[p for p in row if p is not None] for row in rows]
+
+    def _plants(
+        self, kind: CommandKind, candidates: Sequence[Sequence[EffectInstance]]
+    ) -> list[list[Plant]]:
+        """Returns the plants to simulate: on one step, or on one and on its half."""
+        spec = self.specs[kind].copy()
+        own = Stepping(step_s=float(spec.option.timestep))
+        stepping = self.stepping.get(kind, own)
+        if self.motors_apart(candidates):
+            stepping = replace(stepping, step_s=own.step_s)
+        if stepping.implicit:
+            spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+        elif self.rough:
+            spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        once = not stepping.implicit or self.rough
+        plants = []
+        for one in (stepping,) if once else (stepping, stepping.halved()):
+            spec.option.timestep = one.step_s
+            plants.append([make_plant(spec, self.joints, (*self.given, *c)) for c in candidates])
+        return plants
 
     def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
         """Returns the residual of every candidate, initial states fitted, shape (candidates, N)."""
@@ -252,10 +297,7 @@ class Problem:
 
     def coarse(self) -> Problem:
         """Returns the problem with fast integration: good enough for differences of predictions."""
-        fast = {kind: spec.copy() for kind, spec in self.specs.items()}
-        for spec in fast.values():
-            spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        return replace(self, specs=fast)
+        return replace(self, rough=True)
 
     def joined(self, other: Problem) -> Problem:
         """Returns the same problem with the segments of another one behind its own."""

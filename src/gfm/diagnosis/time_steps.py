@@ -1,7 +1,9 @@
 """Time steps on which a diagnosis simulates: as long as what is predicted hardly depends on them.
 
 Models come with steps that suit their own integrators. Integrated to fourth order, most do with
-longer ones; a stiff servo on a light link needs a shorter one, or its rollouts run away.
+longer ones; a stiff servo on a light link needs a shorter one, or its rollouts run away. Where the
+link is lighter still (arms that are modelled without rotors), no step is short enough for that, and
+the model is integrated implicitly.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ import mujoco
 import numpy as np
 
 from gfm.core import CommandKind
-from gfm.diagnosis.problem import Problem
+from gfm.diagnosis.problem import Problem, Stepping
 from gfm.effects import EffectInstance
 
 #: Longest step that is taken, s.
@@ -37,41 +39,54 @@ def with_suitable_steps(problem: Problem, effects: Sequence[EffectInstance] = ()
     if problem.motors_apart([effects]):
         return problem
     part = problem.subset(problem.sample(COMPARED_S))
-    steps_s = {kind: _suitable(part, kind, spec, effects) for kind, spec in problem.specs.items()}
-    return replace(problem, steps_s=steps_s)
+    stepping = {kind: _suitable(part, kind, spec, effects) for kind, spec in problem.specs.items()}
+    return replace(problem, stepping=stepping)
 
 
 def _suitable(
     problem: Problem, kind: CommandKind, spec: mujoco.MjSpec, effects: Sequence[EffectInstance]
-) -> float:
-    """Returns the step that suits the model of one kind of command, s."""
-    own = float(spec.option.timestep)
+) -> Stepping:
+    """Returns what suits the model of one kind of command."""
+    own_s = float(spec.option.timestep)
     of_kind = problem.subset([i for i, s in enumerate(problem.segments) if s.kind is kind])
     if not of_kind.segments:
-        return own
-    longer = int(np.log2(max(LONGEST_S / own, 1.0)) + 1e-9)
-    for step in (own * 2.0**n for n in range(longer, 0, -1)):
-        if _agree(of_kind, effects, own, step, HARDLY, HARDLY_OF_IT):
-            return step
-    for step in (own / 2.0**n for n in range(MOST_HALVED)):
-        if _agree(of_kind, effects, step / 2.0, step, TOO_MUCH, TOO_MUCH_OF_IT):
-            return step
-    return own
+        return Stepping(step_s=own_s)
+    for implicit in (True,) if problem.is_implicit(kind) else (False, True):
+        found = _long_enough(of_kind, effects, Stepping(step_s=own_s, implicit=implicit))
+        if found is not None:
+            return found
+    return Stepping(step_s=own_s / 2.0 ** (MOST_HALVED - 1), implicit=True)
+
+
+def _long_enough(
+    problem: Problem, effects: Sequence[EffectInstance], own: Stepping
+) -> Stepping | None:
+    """Returns the longest step that does; None where even the shortest does not."""
+    longer = int(np.log2(max(LONGEST_S / own.step_s, 1.0)) + 1e-9)
+    for n in range(longer, 0, -1):
+        one = replace(own, step_s=own.step_s * 2.0**n)
+        if _agree(problem, effects, own, one, HARDLY, HARDLY_OF_IT):
+            return one
+    for n in range(MOST_HALVED):
+        one = replace(own, step_s=own.step_s / 2.0**n)
+        if _agree(problem, effects, one.halved(), one, TOO_MUCH, TOO_MUCH_OF_IT):
+            return one
+    return None
 
 
 def _agree(
     problem: Problem,
     effects: Sequence[EffectInstance],
-    accurate_s: float,
-    step_s: float,
+    finer: Stepping,
+    coarser: Stepping,
     least: float,
     share: float,
 ) -> bool:
     """Returns whether two steps leave nearly the same on every joint, and neither breaks off."""
     kinds = list(problem.specs)
     accurate, other = (
-        replace(problem, steps_s=dict.fromkeys(kinds, s)).predictions([effects])[0]
-        for s in (accurate_s, step_s)
+        replace(problem, stepping=dict.fromkeys(kinds, one)).predictions([effects])[0]
+        for one in (finer, coarser)
     )
     if any(p.diverged for p in (*accurate, *other)):
         return False

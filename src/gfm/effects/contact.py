@@ -18,10 +18,12 @@ from gfm.effects.effect import (
     find_joint,
     free_name,
 )
-from gfm.effects.elements import HOLDING_SOLIMP, HOLDING_SOLREF
+from gfm.effects.elements import HOLDING_SOLREF
 
 #: Radius of the ball around the point that touches, m: the plane is so much lower.
 POINT_M = 1e-3
+#: Impedance of a surface that does not give way.
+FIRM_SOLIMP = (0.99, 0.999, 0.001)
 #: Sliding friction with which a surface is looked for at first.
 USUAL_FRICTION = 0.3
 #: Share of a probe's response from which on it looks like the surface.
@@ -74,7 +76,7 @@ class SurfaceContact(Effect):
         )
         pair.condim = 3
         pair.friction[0:2] = values["friction"]
-        pair.solref, pair.solimp[0:3] = HOLDING_SOLREF, HOLDING_SOLIMP
+        pair.solref, pair.solimp[0:3] = HOLDING_SOLREF, FIRM_SOLIMP
 
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:

@@ -64,3 +64,19 @@ class Prediction:
     position: Array
     effort: Array
     diverged: bool
+
+
+def extrapolated(prediction: Prediction, halved: Prediction | None = None) -> Prediction:
+    """Returns what predictions on ever shorter time steps come to, to second order.
+
+    Args:
+        prediction: On some step, of first order in it.
+        halved: On half the step; without it `prediction` is told as it is.
+    """
+    if halved is None:
+        return prediction
+    return Prediction(
+        position=2.0 * halved.position - prediction.position,
+        effort=2.0 * halved.effort - prediction.effort,
+        diverged=prediction.diverged or halved.diverged,
+    )
