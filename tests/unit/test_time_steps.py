@@ -72,12 +72,12 @@ def test_a_step_is_never_made_longer_than_the_longest():
     assert with_suitable_steps(turning(step=0.005)).stepping[KIND].step_s == pytest.approx(0.005)
 
 
-def test_a_step_on_which_a_stiff_servo_runs_away_is_made_shorter():
+def test_a_stiff_servo_that_runs_away_on_its_models_step_is_followed_all_the_same():
     """At 4000 /s, steps of 2 ms are beyond what the Runge-Kutta method can follow."""
     stiff = turning(step=0.002, inertia=0.001, kp=100.0, kv=4.0)
     assert cost(stiff) > 1e4
     suited = with_suitable_steps(stiff)
-    assert suited.stepping[KIND].step_s <= 0.0005
+    assert suited.stepping[KIND] != Stepping(step_s=0.002)
     assert cost(suited) < 0.1
 
 

@@ -9,12 +9,13 @@ the model is integrated implicitly.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
 
 from gfm.core import CommandKind
+from gfm.core.checks import Array
 from gfm.diagnosis.problem import Problem, Stepping
 from gfm.effects import EffectInstance
 
@@ -24,9 +25,10 @@ LONGEST_S = 2e-3
 MOST_HALVED = 4
 #: By how much a longer step may change what a joint leaves, RMS: in units of the noise, and as a
 #: share of it, whichever is more.
-HARDLY, HARDLY_OF_IT = 0.1, 0.01
-#: The same of the model's own step, halved, from which on it is too long.
-TOO_MUCH, TOO_MUCH_OF_IT = 10.0, 0.3
+HARDLY = (0.1, 0.01)
+#: The same of the model's own step, halved, from which on it is too long while something else does
+#: better, and from which on it is in any case.
+MUCH, TOO_MUCH = (3.0, 0.1), (10.0, 0.3)
 #: Recorded time on which steps are compared (of an arm; of smaller robots more), s.
 COMPARED_S = 6.0
 
@@ -47,52 +49,56 @@ def _suitable(
     problem: Problem, kind: CommandKind, spec: mujoco.MjSpec, effects: Sequence[EffectInstance]
 ) -> Stepping:
     """Returns what suits the model of one kind of command."""
-    own_s = float(spec.option.timestep)
+    own = Stepping(step_s=float(spec.option.timestep))
     of_kind = problem.subset([i for i, s in enumerate(problem.segments) if s.kind is kind])
     if not of_kind.segments:
-        return Stepping(step_s=own_s)
-    for implicit in (True,) if problem.is_implicit(kind) else (False, True):
-        found = _long_enough(of_kind, effects, Stepping(step_s=own_s, implicit=implicit))
-        if found is not None:
-            return found
-    return Stepping(step_s=own_s / 2.0 ** (MOST_HALVED - 1), implicit=True)
-
-
-def _long_enough(
-    problem: Problem, effects: Sequence[EffectInstance], own: Stepping
-) -> Stepping | None:
-    """Returns the longest step that does; None where even the shortest does not."""
+        return own
+    trial = _Trial(of_kind, effects)
+    methods = (True,) if problem.is_implicit(kind) else (False, True)
     longer = int(np.log2(max(LONGEST_S / own.step_s, 1.0)) + 1e-9)
     for n in range(longer, 0, -1):
-        one = replace(own, step_s=own.step_s * 2.0**n)
-        if _agree(problem, effects, own, one, HARDLY, HARDLY_OF_IT):
+        one = Stepping(step_s=own.step_s * 2.0**n, implicit=methods[0])
+        if trial.agree(replace(own, implicit=methods[0]), one, HARDLY):
             return one
-    for n in range(MOST_HALVED):
-        one = replace(own, step_s=own.step_s / 2.0**n)
-        if _agree(problem, effects, one.halved(), one, TOO_MUCH, TOO_MUCH_OF_IT):
-            return one
-    return None
+    shorter = [
+        Stepping(step_s=own.step_s / 2.0**n, implicit=implicit)
+        for n in range(MOST_HALVED)
+        for implicit in methods
+    ]
+    for most in (MUCH, TOO_MUCH):
+        for one in shorter:
+            if trial.agree(one.halved(), one, most):
+                return one
+    return shorter[-1]
 
 
-def _agree(
-    problem: Problem,
-    effects: Sequence[EffectInstance],
-    finer: Stepping,
-    coarser: Stepping,
-    least: float,
-    share: float,
-) -> bool:
-    """Returns whether two steps leave nearly the same on every joint, and neither breaks off."""
-    kinds = list(problem.specs)
-    accurate, other = (
-        replace(problem, stepping=dict.fromkeys(kinds, one)).predictions([effects])[0]
-        for one in (finer, coarser)
-    )
-    if any(p.diverged for p in (*accurate, *other)):
-        return False
-    left, others = (
-        np.concatenate([problem.whitened(*row) for row in zip(problem.segments, told, strict=True)])
-        for told in (accurate, other)
-    )
-    change, size = np.sqrt(problem.joint_costs(others - left)), np.sqrt(problem.joint_costs(left))
-    return bool((change <= np.maximum(least, share * size)).all())
+@dataclass
+class _Trial:
+    """What a model leaves when it is simulated in several ways, each of them once."""
+
+    problem: Problem
+    effects: Sequence[EffectInstance]
+    left: dict[Stepping, Array | None] = field(default_factory=dict)
+
+    def agree(self, finer: Stepping, coarser: Stepping, most: tuple[float, float]) -> bool:
+        """Returns whether two leave nearly the same on every joint, and neither breaks off."""
+        told, others = self._left(finer), self._left(coarser)
+        if told is None or others is None:
+            return False
+        change = np.sqrt(self.problem.joint_costs(others - told))
+        size = np.sqrt(self.problem.joint_costs(told))
+        return bool((change <= np.maximum(most[0], most[1] * size)).all())
+
+    def _left(self, stepping: Stepping) -> Array | None:
+        if stepping not in self.left:
+            self.left[stepping] = self._simulated(stepping)
+        return self.left[stepping]
+
+    def _simulated(self, stepping: Stepping) -> Array | None:
+        """Returns what is left, in units of the noise; None where the simulation breaks off."""
+        kinds = dict.fromkeys(self.problem.specs, stepping)
+        told = replace(self.problem, stepping=kinds).predictions([self.effects])[0]
+        if any(prediction.diverged for prediction in told):
+            return None
+        rows = zip(self.problem.segments, told, strict=True)
+        return np.concatenate([self.problem.whitened(*row) for row in rows])
