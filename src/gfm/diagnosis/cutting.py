@@ -23,6 +23,7 @@ from gfm.effects.elements import let_friction_hold
 from gfm.sim.commands import HISTORY_S
 from gfm.sim.plant import check_joints
 from gfm.sim.segment import Segment
+from gfm.sim.still import unrecorded, with_still_joints
 
 #: Length of the stretches in which effects are looked for. A servo keeps a rollout on track and a
 #: torque does not; in longer ones errors add up, and fits end in the nearest of many valleys.
@@ -92,13 +93,18 @@ def all_stretches(
 
     Initial states are as measured, and efforts taken before the command of the same stamp. The
     models are simulated accurately whatever they say themselves: a first-order step of theirs would
-    show as a delay. Arguments and errors as of `make_problem`.
+    show as a delay. What they drive beside the recorded joints stands still. Arguments and errors
+    as of `make_problem`.
     """
     joints = recordings[0].joint_names
     check_recordings(specs, recordings)
     for spec in specs.values():
         check_joints(spec, joints)
-    accurate = {kind: accurately_simulated(spec) for kind, spec in specs.items()}
+    still = {kind: unrecorded(spec, joints) for kind, spec in specs.items()}
+    accurate = {
+        kind: accurately_simulated(with_still_joints(spec, still[kind]))
+        for kind, spec in specs.items()
+    }
     touch = {kind: Touch(spec, joints) for kind, spec in accurate.items()}
     for kind, spec in accurate.items():
         if not any(touch[kind].ever(r) for r in recordings if r.command_kind is kind):
@@ -111,7 +117,12 @@ def all_stretches(
         for segment in _cut_as_it_touches(recording, i, noise, windows_s, touch)
     )
     return Problem(
-        specs=accurate, joints=joints, segments=segments, noise=noise, given=tuple(given)
+        specs=accurate,
+        joints=joints,
+        segments=segments,
+        noise=noise,
+        given=tuple(given),
+        still={name: at for one in still.values() for name, at in one.items()},
     )
 
 

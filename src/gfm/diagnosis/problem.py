@@ -107,6 +107,8 @@ class Problem:
         stepping: How models are simulated, by command kind; as they say where there is none. Where
             a motor is apart from its link, on the model's own step: what rings between them is
             fast.
+        still: Joints that the models drive and nobody recorded, and where they are taken to stand
+            still, rad or m.
         rough: Whether they are simulated faster and less exactly.
     """
 
@@ -119,6 +121,7 @@ class Problem:
     outlying_from: Array | None = None
     given: tuple[EffectInstance, ...] = ()
     stepping: Mapping[CommandKind, Stepping] = field(default_factory=dict)
+    still: Mapping[str, float] = field(default_factory=dict)
     rough: bool = False
 
     @property

@@ -94,26 +94,18 @@ def all_findings(
         for recording in (*recordings, *holdout)
         for finding in findings_of(recording, plants[recording.command_kind])
     ]
-    unseen = [_unrecorded(name) for name in _driven(problem) if name not in problem.joints]
+    unseen = [_unrecorded(name, position) for name, position in problem.still.items()]
     nominal = predicted_positions(problem)
     corrected = predicted_positions(problem, effects) if effects else None
     return (*unseen, *each, *timing_of(recordings, nominal, corrected, stretches(problem)))
 
 
-def _driven(problem: Problem) -> list[str]:
-    """Returns the joints that have an actuator of their name, in any of the models."""
-    specs = problem.specs.values()
-    joints = {joint.name for spec in specs for joint in spec.joints}
-    actuators = (actuator.name for spec in specs for actuator in spec.actuators)
-    return [name for name in dict.fromkeys(actuators) if name in joints]
-
-
-def _unrecorded(name: str) -> Finding:
+def _unrecorded(name: str, position: float) -> Finding:
     return Finding(
         recording=EVERYWHERE,
         joint=name,
-        what="driven in the model, never recorded: its command is taken as",
-        value=0.0,
+        what="driven in the model, never recorded: taken to stand still at",
+        value=position,
         unit="",
         consequence="fix the joint in the model where the robot held it",
     )
