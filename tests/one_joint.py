@@ -10,7 +10,13 @@ from gfm.sim.segment import Segment
 
 TIME_S = 0.01 * np.arange(40.0)
 SCALES = Scales(
-    torque_nm=1.0, excess_nm=0.1, velocity_rad_s=1.0, position_rad=1.0, peak_nm=3.0, inertia=0.1
+    torque_nm=1.0,
+    excess_nm=0.1,
+    velocity_rad_s=1.0,
+    position_rad=1.0,
+    peak_nm=3.0,
+    servo_nm=3.0,
+    inertia=0.1,
 )
 
 

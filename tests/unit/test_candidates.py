@@ -1,9 +1,12 @@
-"""Which orders of a cogging torque are looked for, on missing torques made of known waves."""
+"""What candidates are tried with: orders of a cogging torque, sizes of torques."""
 
+import mujoco
 import numpy as np
 import pytest
 
-from gfm.diagnosis.candidates import TorqueView, cogging_orders
+from gfm.core import CommandKind, Trajectory
+from gfm.diagnosis.candidates import TorqueView, cogging_orders, joint_scales, torque_views
+from gfm.diagnosis.cutting import make_problem
 
 TIME_S = np.arange(0.0, 12.0, 0.01)
 
@@ -40,3 +43,37 @@ def test_an_order_is_found_beside_a_spring_and_friction(order):
 def test_what_the_motion_does_not_cover_is_not_looked_for():
     seen = view(0.42, lambda q, _v: np.sin(8 * q))
     assert min(cogging_orders([seen], 0)) * 0.42 >= 0.75 * 2.0 * np.pi
+
+
+WEIGHT_NM = 9.81 * 0.5 * 2.0
+CARRIED = """
+<mujoco><worldbody><body gravcomp="1"><joint name="j" axis="0 1 0" actuatorgravcomp="{by_drive}"/>
+  <inertial pos="0.5 0 0" mass="2" diaginertia="0.1 0.1 0.1"/></body></worldbody>
+<actuator><motor name="j" joint="j"/></actuator></mujoco>
+"""
+
+
+@pytest.mark.parametrize("by_drive", ["true", "false"])
+def test_the_size_of_a_servo_leaves_out_what_its_gravity_compensation_gives(by_drive):
+    """An arm held level by its compensation, and turned to and fro a little by its servo."""
+    turned = 0.01 * np.sin(3.0 * TIME_S)
+    stamps = (1e9 * TIME_S).astype(np.int64)
+    nothing = np.zeros((len(TIME_S), 1))
+    recording = Trajectory(
+        name="one",
+        joint_names=("j",),
+        stamp_ns=stamps,
+        position=turned[:, None],
+        velocity=None,
+        effort=None,
+        command_kind=CommandKind.EFFORT,
+        command_stamp_ns=stamps,
+        command=nothing,
+    )
+    spec = mujoco.MjSpec.from_string(CARRIED.format(by_drive=by_drive))
+    problem = make_problem({CommandKind.EFFORT: spec}, [recording])
+    (scales,) = joint_scales(problem, torque_views(problem, [recording]))
+    servo_nm = (0.1 + 2.0 * 0.5**2) * 0.01 * 3.0**2
+    assert scales.servo_nm == pytest.approx(servo_nm, rel=0.05)
+    borne = WEIGHT_NM if by_drive == "true" else 0.0
+    assert scales.peak_nm == pytest.approx(borne + servo_nm, rel=0.05)

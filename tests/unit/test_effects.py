@@ -42,6 +42,7 @@ SCALES = Scales(
     velocity_rad_s=1.0,
     position_rad=0.7,
     peak_nm=5.0,
+    servo_nm=5.0,
     inertia=0.1,
     cogging_per_revolution=(12,),
     lowest_m=((0.2, 0.0, 0.0, -0.1),),

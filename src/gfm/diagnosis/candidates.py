@@ -90,13 +90,19 @@ class TorqueView:
     """One recording seen as torques: what drives the joints and what the model says is needed.
 
     All of shape (T, J); `missing` is needed minus drive: the generalized force that the model lacks
-    along the measured motion.
+    along the measured motion. Part of the drive is what the model's gravity compensation gives.
     """
 
     position: Array
     velocity: Array
     drive: Array
     missing: Array
+    compensation: Array | float = 0.0
+
+    @property
+    def needed(self) -> Array:
+        """What the motion takes."""
+        return self.missing + self.drive
 
     def motion(self, joint: int, other: int | None = None) -> Motion:
         """Returns one joint's motion, for laws in closed form."""
@@ -118,7 +124,8 @@ def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
     model, data = plant.model, mujoco.MjData(plant.model)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     command = _command_at(plant, recording)
-    needed, drive = np.empty_like(q), np.empty_like(q)
+    needed, drive, compensation = np.empty_like(q), np.empty_like(q), np.zeros_like(q)
+    compensated = model.jnt_actgravcomp[model.dof_jntid[plant.dof]] > 0
     for i in range(len(q)):
         data.qpos[plant.qpos], data.qvel[plant.dof], data.qacc[plant.dof] = q[i], v[i], a[i]
         data.ctrl[plant.actuator] = command[i]
@@ -126,9 +133,12 @@ def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
         mujoco.mj_fwdActuation(model, data)
         needed[i] = data.qfrc_inverse[plant.dof]
         drive[i] = data.qfrc_actuator[plant.dof]
+        compensation[i, compensated] = data.qfrc_gravcomp[plant.dof][compensated]
     if recording.effort is not None:
         drive = recording.effort
-    return TorqueView(position=q, velocity=v, drive=drive, missing=needed - drive)
+    return TorqueView(
+        position=q, velocity=v, drive=drive, missing=needed - drive, compensation=compensation
+    )
 
 
 def whole_segment(recording: Trajectory) -> Segment:
@@ -200,7 +210,10 @@ def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:
             excess_nm=max(_percentile([v.missing[:, j] for v in views], TYPICAL), 1e-6),
             velocity_rad_s=max(_rms([v.velocity[:, j] for v in views]), 1e-3),
             position_rad=max(0.5 * float(np.ptp(_joined(views, "position", j))), 1e-3),
-            peak_nm=max(_percentile([v.missing[:, j] + v.drive[:, j] for v in views], PEAK), 1e-6),
+            peak_nm=max(_percentile([v.needed[:, j] for v in views], PEAK), 1e-6),
+            servo_nm=max(
+                _percentile([(v.needed - v.compensation)[:, j] for v in views], PEAK), 1e-6
+            ),
             inertia=float(inertia[dof, dof]),
             cogging_per_revolution=cogging_orders(views, j),
             lowest_m=lowest_points(plant, views) if j == len(plant.dof) - 1 else (),

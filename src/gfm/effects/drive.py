@@ -138,7 +138,7 @@ class TorqueSaturation(Effect):
         # A fit finds a limit from above, where it cuts off too little: nothing below looks like it.
         # The motion takes less than the drive gives by what friction takes, and by smoothing.
         shares = (1.5, 1.25, 1.1, 1.0, 0.96, 0.9, 0.8, 0.7, 0.5)
-        return [[{"limit": share * scales.peak_nm}] for share in shares]
+        return [[{"limit": share * scales.servo_nm}] for share in shares]
 
     @override
     def combine(self, group: ProbeGroup, amplitudes: Sequence[float]) -> dict[str, float] | None:

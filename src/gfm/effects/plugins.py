@@ -19,7 +19,13 @@ _WAYS = ("apply", "retime", "lag_s", "extra_friction", "compensation")
 SIGNALS = ("velocity", "position", "drive")
 #: An ordinary joint, on which probes are tried.
 _USUAL = Scales(
-    torque_nm=1.0, excess_nm=0.1, velocity_rad_s=1.0, position_rad=1.0, peak_nm=3.0, inertia=0.1
+    torque_nm=1.0,
+    excess_nm=0.1,
+    velocity_rad_s=1.0,
+    position_rad=1.0,
+    peak_nm=3.0,
+    servo_nm=3.0,
+    inertia=0.1,
 )
 
 

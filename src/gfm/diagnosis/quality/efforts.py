@@ -55,7 +55,7 @@ def views_of(recording: Trajectory, plant: Plant) -> Views:
     """Returns what the model says of a recording's torques, whatever its efforts say."""
     alone = replace(recording, effort=None)
     view, before = torque_view(plant, alone), torque_view(plant, _with_later_commands(alone))
-    return Views(needed=view.missing + view.drive, drive=view.drive, drive_before=before.drive)
+    return Views(needed=view.needed, drive=view.drive, drive_before=before.drive)
 
 
 def _with_later_commands(recording: Trajectory) -> Trajectory:
