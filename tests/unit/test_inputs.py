@@ -81,6 +81,16 @@ def test_two_models_of_one_kind_are_refused():
         load_specs([path, path])
 
 
+def test_a_robot_that_floats_is_refused(tmp_path):
+    floating = PENDULUM.replace(
+        "<body><joint", '<body name="trunk"><freejoint/><geom size="0.1"/><body><joint', 1
+    ).replace("</worldbody>", "</body></worldbody>")
+    path = tmp_path / "dog.xml"
+    path.write_text(floating.format(actuators='<position name="b" joint="b" kp="1"/>'))
+    with pytest.raises(ConfigError, match=r"dog\.xml: trunk, which carries b, floats"):
+        load_specs([path])
+
+
 @pytest.mark.parametrize(
     ("actuators", "message"),
     [

@@ -26,6 +26,7 @@ from gfm.sim.drive_names import driven_joints
 TRAINING_SHARE = 0.7
 #: Commands so long before the cut are kept with the second part: a robot may act on them late, s.
 _COMMAND_MEMORY_S = 1.0
+_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 _FIXED = int(mujoco.mjtGain.mjGAIN_FIXED)
 _NO_BIAS, _AFFINE = int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)
 _SERVO_DYNAMICS = (
@@ -58,13 +59,16 @@ def load_nominal(paths: Sequence[Path]) -> NominalModel:
     """Returns the models in MJCF files, with the effects in the files beside them.
 
     Raises:
-        BadInputError: a file is missing or damaged, or its actuators take no one kind of command.
+        BadInputError: a file is missing or damaged, its actuators take no one kind of command, or
+            its robot floats.
         ConfigError: two files are of the same kind, or of different robots.
     """
     files: dict[CommandKind, ModelFile] = {}
     for path in paths:
         file = read_model(path)
-        kind = command_kind(file.spec.copy().compile(), str(path))
+        model = file.spec.copy().compile()
+        _check_base(model, path)
+        kind = command_kind(model, str(path))
         if kind in files:
             raise ConfigError(
                 f"{files[kind].path} and {path}: both have {kind} actuators; "
@@ -84,6 +88,18 @@ def load_nominal(paths: Sequence[Path]) -> NominalModel:
 def load_specs(paths: Sequence[Path]) -> dict[CommandKind, mujoco.MjSpec]:
     """Returns the MJCF of `load_nominal` alone, for what asks for no more than shape and limits."""
     return dict(load_nominal(paths).specs)
+
+
+def _check_base(model: mujoco.MjModel, path: Path) -> None:
+    """Refuses a robot that floats: recordings of its joints do not tell where its base is."""
+    for name in driven_joints(model):
+        root = model.body_rootid[model.jnt_bodyid[model.joint(name).id]]
+        free = model.body_jntadr[root] >= 0 and model.jnt_type[model.body_jntadr[root]] == _FREE
+        if free:
+            raise ConfigError(
+                f"model {path}: {model.body(root).name}, which carries {name}, floats freely; "
+                "expected a fixed base (take its free joint out where the robot stood or hung)"
+            )
 
 
 def command_kind(model: mujoco.MjModel, where: str) -> CommandKind:
