@@ -81,6 +81,16 @@ def test_two_models_of_one_kind_are_refused():
         load_specs([path, path])
 
 
+@pytest.mark.parametrize("damping", ['dampratio="1"', 'kv="0.7"'])
+def test_a_servo_keeps_its_damping_when_inertia_is_added(tmp_path, damping):
+    path = tmp_path / "arm.xml"
+    path.write_text(PENDULUM.format(actuators=f'<position name="b" joint="b" kp="5" {damping}/>'))
+    before = mujoco.MjModel.from_xml_path(str(path)).actuator_biasprm[0, 2]
+    (spec,) = load_specs([path]).values()
+    spec.joint("b").armature += 0.3
+    assert spec.compile().actuator_biasprm[0, 2] == before < 0.0
+
+
 def test_a_robot_that_floats_is_refused(tmp_path):
     floating = PENDULUM.replace(
         "<body><joint", '<body name="trunk"><freejoint/><geom size="0.1"/><body><joint', 1

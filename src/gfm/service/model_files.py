@@ -15,6 +15,7 @@ import mujoco
 from gfm.core import BadInputError, CommandKind, ConfigError
 from gfm.effects import EffectInstance
 from gfm.service.effects_file import read_effects
+from gfm.sim.drive import write_out_damping
 from gfm.sim.drive_names import name_after_joints
 
 #: What stands in place of `.xml`.
@@ -67,6 +68,7 @@ def read_model(path: Path) -> ModelFile:
         BadInputError: a file is missing or damaged, or the two do not belong together.
     """
     spec = _read_spec(path)
+    write_out_damping(spec)
     called = name_after_joints(spec)
     beside = effects_path(path)
     effects = read_effects(beside) if beside.is_file() else ()

@@ -41,6 +41,18 @@ def drive_law(model: mujoco.MjModel, layout: Layout) -> Array:
     return law
 
 
+def write_out_damping(spec: mujoco.MjSpec) -> None:
+    """Gives servos the damping, in numbers, that their file gives as a ratio to the critical one.
+
+    MuJoCo takes the ratio anew at every compilation: the servo would follow each inertia that is
+    added, as no robot's does.
+    """
+    model = spec.copy().compile()
+    for index, actuator in enumerate(spec.actuators):
+        if actuator.biastype == mujoco.mjtBias.mjBIAS_AFFINE and actuator.biasprm[2] > 0.0:
+            actuator.biasprm[2] = model.actuator_biasprm[index, 2]
+
+
 def _check_affine(model: mujoco.MjModel, index: int) -> None:
     fixed = model.actuator_gaintype[index] == int(mujoco.mjtGain.mjGAIN_FIXED)
     biases = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
