@@ -128,3 +128,23 @@ def test_a_joint_that_no_model_has_and_no_command_names_is_left_out_and_said_to_
     assert len(notes) == 1
     assert "finger" in notes[0]
     assert without_strangers(SPECS, [recording]) == ([recording], [])
+
+
+def test_a_gripper_on_a_tendon_that_no_command_names_is_left_out():
+    gripper = """<body><joint name="finger" type="slide"/><geom size="0.01" mass="0.1"/></body>"""
+    pulled = """<tendon><fixed name="grip"><joint joint="finger" coef="1"/></fixed></tendon>"""
+    text = CART_POLE.replace("</worldbody>", f"{gripper}</worldbody>{pulled}").replace(
+        "</actuator>", '<position name="grip" tendon="grip" kp="9"/></actuator>'
+    )
+    specs = {CommandKind.EFFORT: mujoco.MjSpec.from_string(text)}
+    recording = swung(0, 0.0)
+    with_gripper = replace(
+        recording,
+        joint_names=("finger", "cart", "pole"),
+        position=np.concatenate([recording.position[:, :1], recording.position], axis=1),
+        command=np.concatenate([0.0 * recording.command[:, :1], recording.command], axis=1),
+        metadata={UNCOMMANDED: "finger, pole"},
+    )
+    (told,), (note,) = without_strangers(specs, [with_gripper])
+    assert told.joint_names == ("cart", "pole")
+    assert "finger" in note

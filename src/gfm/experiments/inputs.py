@@ -21,6 +21,7 @@ from gfm.recording import read_recording
 from gfm.recording.schemas import COMMAND, JOINT_STATES
 from gfm.service.model_files import ModelFile, effects_path, read_model, shared_effects
 from gfm.sim.drive_names import driven_joints
+from gfm.sim.still import unrecorded
 
 #: Share of a single recording that effects are looked for in; the rest is held out.
 TRAINING_SHARE = 0.7
@@ -199,24 +200,33 @@ def check_together(
 def without_strangers(
     specs: Mapping[CommandKind, mujoco.MjSpec], recordings: Sequence[Trajectory]
 ) -> tuple[list[Trajectory], list[str]]:
-    """Returns recordings without joints that no model has and no command names, and a note on them.
+    """Returns recordings without joints that no command and no model tells of, and a note on them.
 
-    A gripper, say, that is measured with the arm and left out of its model.
+    A gripper, say, that is measured with the arm and left out of its model, or driven there by a
+    tendon.
     """
-    known = {joint.name for spec in specs.values() for joint in spec.joints}
     there = recordings[0].joint_names
-    strange = [
+    silent = [name for name in there if all(name in r.uncommanded for r in recordings)]
+    commanded = [name for name in there if name not in silent]
+    told = {
         name
-        for name in there
-        if name not in known and all(name in recording.uncommanded for recording in recordings)
-    ]
+        for spec in specs.values()
+        for name in {joint.name for joint in spec.joints} - _moved_otherwise(spec, commanded)
+    }
+    strange = [name for name in silent if name not in told]
     if not strange:
         return list(recordings), []
     names = tuple(name for name in there if name not in strange)
     note = (
-        f"Measured, but neither commanded nor in the model, and so left out: {', '.join(strange)}."
+        "Measured, but not commanded, and not in the model or driven there by something else: "
+        f"{', '.join(strange)}. Left out."
     )
     return [recording.with_joints(names) for recording in recordings], [note]
+
+
+def _moved_otherwise(spec: mujoco.MjSpec, commanded: Sequence[str]) -> set[str]:
+    """Returns the joints that a model drives, but by no drive of their own."""
+    return set(unrecorded(spec, commanded)) - {actuator.name for actuator in spec.actuators}
 
 
 def _check_names(path: Path, recording: Trajectory, what: str, there: Iterable[str]) -> None:
