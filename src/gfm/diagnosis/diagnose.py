@@ -189,6 +189,7 @@ def diagnose(
             *doubts(findings),
             *_notes(verdict, outside=bool(first.effects), less=any(e.takes_off for e in instances)),
             *_units(specs[recordings[0].command_kind], problem.joints),
+            *_stiffness(held),
         ),
         provenance=dict(provenance or {}),
     )
@@ -326,6 +327,16 @@ def _notes(verdict: Verdict, *, outside: bool, less: bool) -> tuple[str, ...]:
     if verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY_EXPLAINED):
         notes.append("What stays unexplained can be learned as a generalized force model.")
     return tuple(notes)
+
+
+def _stiffness(problem: Problem) -> tuple[str, ...]:
+    """Returns what to know of a model whose servos are too stiff for its time step."""
+    if not any(problem.is_implicit(kind) for kind in problem.specs):
+        return ()
+    return (
+        "The model's servos are very stiff for its light links (are rotors missing?): MuJoCo's "
+        "`discrete` integrator is used, in the corrected model, too.",
+    )
 
 
 def _units(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[str, ...]:
