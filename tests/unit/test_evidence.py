@@ -1,5 +1,7 @@
 """The pictures of effects, on a pendulum that SciPy integrates: nothing of it is MuJoCo's."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -110,6 +112,14 @@ def test_nothing_is_explained_by_names_that_are_not_credible():
     friction = [named("coulomb_friction", "a", torque=0.2)]
     assert verdict_on(summary(66.0, 4.2), friction) is Verdict.PARTLY_EXPLAINED
     assert verdict_on(summary(200.0, 2.4), friction) is Verdict.EXPLAINED
+
+
+def test_nothing_is_explained_by_names_none_of_which_is_claimed():
+    """A stop of cable, described by a spring and a cogging torque, each below one half."""
+    doubtful = replace(named("coulomb_friction", "a", torque=0.2), confidence=0.48)
+    sure = replace(doubtful, confidence=0.9)
+    assert verdict_on(summary(20.0, 1.2), [doubtful, doubtful]) is Verdict.PARTLY_EXPLAINED
+    assert verdict_on(summary(20.0, 1.2), [doubtful, sure]) is Verdict.EXPLAINED
 
 
 def test_one_effect_on_several_joints_is_one_phrase():

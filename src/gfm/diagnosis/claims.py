@@ -25,6 +25,8 @@ from gfm.effects import Effect, EffectInstance, Scope, effect_library
 CREDIBLE_RATIO, INEXACT_SHARE, EXACT_SHARE = 1.5, 3e-3, 1e-4
 #: More noise floors than this are left by something else than inexact laws.
 FAR_FROM_NOISE = 10.0
+#: Confidence beyond which a name is claimed.
+CLAIMED = 0.5
 #: Two candidates are equal when the runner-up leaves so little more of what the best explains.
 EQUAL, CLEAR = 0.01, 0.10
 #: How sure one may be, by the ratio of the runner-up's cost to that of a best that leaves noise.
@@ -38,11 +40,16 @@ def closed_share(error: ErrorSummary) -> float:
 
 
 def verdict_on(error: ErrorSummary, named: Sequence[NamedEffect]) -> Verdict:
-    """Returns the verdict where the data say enough, by the held-out error of everything."""
+    """Returns the verdict where the data say enough, by the held-out error of everything.
+
+    What is described to within the noise by names none of which is claimed is not explained.
+    """
     if not named:
         adequate = error.before <= ADEQUATE_RATIO * error.noise_floor
         return Verdict.NO_GAP if adequate else Verdict.UNEXPLAINED
-    if credible([error], may_leave=_inexact([effect_library()[one.effect] for one in named])):
+    may_leave = _inexact([effect_library()[one.effect] for one in named])
+    claimed = any(one.confidence > CLAIMED for one in named)
+    if claimed and credible([error], may_leave=may_leave):
         return Verdict.EXPLAINED
     return Verdict.PARTLY_EXPLAINED
 
