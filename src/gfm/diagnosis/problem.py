@@ -317,11 +317,15 @@ class Problem:
             simulated_s: For an arm of seven joints; fewer joints take less time to simulate.
             of_each: Segments of each recording that are taken in any case.
         """
-        simulated_s *= min(max(ARM_JOINTS / len(self.joints), 1.0), MOST_LONGER)
         by_recording = sorted(range(len(self.segments)), key=lambda i: self._turn(i))
+        return self.first(by_recording, simulated_s, of_each)
+
+    def first(self, order: Sequence[int], simulated_s: float, of_each: int = 0) -> list[int]:
+        """Returns the first segments, in an order, of about so much time in all: see `sample`."""
+        simulated_s *= min(max(ARM_JOINTS / len(self.joints), 1.0), MOST_LONGER)
         chosen, total_s = [], 0.0
         taken: Counter[int] = Counter()
-        for i in by_recording:
+        for i in order:
             here = self.segments[i]
             if total_s < simulated_s or taken[here.recording] < of_each:
                 chosen.append(i)
