@@ -5,19 +5,12 @@ import numpy as np
 from gfm.core import CommandKind
 from gfm.diagnosis.fitting import Fit
 from gfm.diagnosis.problem import Noise, Problem
-from gfm.effects import EffectInstance, Scales, effect_library
+from gfm.effects import EffectInstance, effect_library
+from gfm.effects.plugins import USUAL_SCALES
 from gfm.sim.segment import Segment
 
 TIME_S = 0.01 * np.arange(40.0)
-SCALES = Scales(
-    torque_nm=1.0,
-    excess_nm=0.1,
-    velocity_rad_s=1.0,
-    position_rad=1.0,
-    peak_nm=3.0,
-    servo_nm=3.0,
-    inertia=0.1,
-)
+SCALES = USUAL_SCALES
 
 
 def instance(name, **values):

@@ -111,16 +111,20 @@ def test_friction_of_a_joint_that_nothing_drives_is_named():
     assert [actuator.name for actuator in corrected.actuators] == ["cart"]
 
 
-def test_a_joint_that_no_model_has_and_no_command_names_is_left_out_and_said_to_be():
-    recording = swung(0, 0.0)
-    with_gripper = replace(
+def with_gripper(recording):
+    """Returns a recording in which a finger was measured, too."""
+    return replace(
         recording,
         joint_names=("finger", "cart", "pole"),
         position=np.concatenate([recording.position[:, :1], recording.position], axis=1),
         command=np.concatenate([0.0 * recording.command[:, :1], recording.command], axis=1),
         metadata={UNCOMMANDED: "finger, pole"},
     )
-    (told,), notes = without_strangers(SPECS, [with_gripper])
+
+
+def test_a_joint_that_no_model_has_and_no_command_names_is_left_out_and_said_to_be():
+    recording = swung(0, 0.0)
+    (told,), notes = without_strangers(SPECS, [with_gripper(recording)])
     assert told.joint_names == ("cart", "pole")
     np.testing.assert_array_equal(told.position, recording.position)
     np.testing.assert_array_equal(told.command, recording.command)
@@ -138,13 +142,6 @@ def test_a_gripper_on_a_tendon_that_no_command_names_is_left_out():
     )
     specs = {CommandKind.EFFORT: mujoco.MjSpec.from_string(text)}
     recording = swung(0, 0.0)
-    with_gripper = replace(
-        recording,
-        joint_names=("finger", "cart", "pole"),
-        position=np.concatenate([recording.position[:, :1], recording.position], axis=1),
-        command=np.concatenate([0.0 * recording.command[:, :1], recording.command], axis=1),
-        metadata={UNCOMMANDED: "finger, pole"},
-    )
-    (told,), (note,) = without_strangers(specs, [with_gripper])
+    (told,), (note,) = without_strangers(specs, [with_gripper(recording)])
     assert told.joint_names == ("cart", "pole")
     assert "finger" in note

@@ -18,7 +18,7 @@ _WAYS = ("apply", "retime", "lag_s", "extra_friction", "compensation")
 #: Over what a law may be drawn.
 SIGNALS = ("velocity", "position", "drive")
 #: An ordinary joint, on which probes are tried.
-_USUAL = Scales(
+USUAL_SCALES = Scales(
     torque_nm=1.0,
     excess_nm=0.1,
     velocity_rad_s=1.0,
@@ -134,7 +134,7 @@ def _probes(effect: Effect) -> Iterable[tuple[str, str]]:
     """Yields what is wrong with the amounts with which recordings are asked about an effect."""
     names = {one.name for one in effect.parameters}
     try:
-        groups = effect.probes(_USUAL)
+        groups = effect.probes(USUAL_SCALES)
     except Exception as exc:  # noqa: BLE001  # whatever somebody else's method raises
         yield f"its probes cannot be made ({exc!r})", "amounts for the given scales"
         return
