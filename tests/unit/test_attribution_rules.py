@@ -288,7 +288,7 @@ def test_close_calls_are_decided_by_the_torque_where_much_is_left():
         ranked = by_torque(fits, lambda f: shares[f.effects[-1].effect.name])
         return [f.effects[-1].effect.name for f in ranked]
 
-    assert order(1000.0, 1050.0, 1200.0) == ["armature", "torque_offset", "quadratic_drag"]
+    assert order(1000.0, 1150.0, 1300.0) == ["armature", "torque_offset", "quadratic_drag"]
     assert order(50.0, 52.0, 60.0) == ["torque_offset", "armature", "quadratic_drag"]
     assert by_torque([], lambda _: 0.0) == []
 

@@ -82,7 +82,7 @@ IN_TURN, TURN_LEAVES, RINGING_LEAVES = 4, 0.2, 0.9
 #: Times that several together are tried: what was worse than a single effect twice is not missing.
 MOST_AT_ONCE = 2
 #: Cost, as a multiple of the least, up to which fits that leave much are a close call.
-CLOSE_CALL = 1.1
+CLOSE_CALL = 1.2
 #: Rough fits that are fitted to the end: so many in front, if they are this close to the best.
 POLISHED, CLOSE = 2, 1.5
 
