@@ -15,7 +15,8 @@ from gfm.core import ConfigError, UnknownNameError
 from gfm.core.checks import Array
 
 Indices = NDArray[np.intp]
-_SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+#: Joints of one coordinate.
+SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +91,7 @@ def make_layout(model: mujoco.MjModel, joint_names: tuple[str, ...] = ()) -> Lay
         UnknownNameError: the model lacks one of the joints.
         ConfigError: it has more than one free body, or drives none of the joints.
     """
-    there = {model.joint(i).name: i for i in range(model.njnt) if model.jnt_type[i] in _SCALAR}
+    there = {model.joint(i).name: i for i in range(model.njnt) if model.jnt_type[i] in SCALAR}
     driven = {model.actuator(i).name for i in range(model.nactuator)}
     names = joint_names or tuple(n for n in there if n in driven or _owner(n, there) is None)
     for name in names:

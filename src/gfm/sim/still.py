@@ -7,9 +7,8 @@ from collections.abc import Iterable, Sequence
 import mujoco
 
 from gfm.effects.effect import MOTOR_SIDE
+from gfm.sim.layout import SCALAR
 
-_SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-_OF_JOINTS = (mujoco.mjtEq.mjEQ_JOINT,)
 _OF_BODIES = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 
 
@@ -25,7 +24,7 @@ def unrecorded(spec: mujoco.MjSpec, joints: Sequence[str]) -> dict[str, float]:
     Returns:
         rad or m, by joint.
     """
-    couplings = [*_in_tendons(spec).values(), *_in_equalities(spec).values()]
+    couplings = [*_in_tendons(spec), *_in_equalities(spec)]
     found = {name for name in _driven(spec) if name not in _with_motors(joints)}
     before = -1
     while len(found) > before:
@@ -46,14 +45,14 @@ def with_still_joints(spec: mujoco.MjSpec, names: Iterable[str]) -> mujoco.MjSpe
     names, still = set(names), spec.copy()
     if not names:
         return still
-    tendons = {name for name, wrapped in _in_tendons(still).items() if wrapped & names}
-    equalities = {name for name, coupled in _in_equalities(still).items() if coupled & names}
+    tendons = zip(still.tendons, _in_tendons(still), strict=True)
+    equalities = zip(still.equalities, _in_equalities(still), strict=True)
     gone = [
         *still.keys,
         *still.sensors,
         *(one for one in still.actuators if _joints_of(still, one) & names),
-        *(one for i, one in enumerate(still.equalities) if i in equalities),
-        *(one for i, one in enumerate(still.tendons) if i in tendons),
+        *(one for one, coupled in equalities if coupled & names),
+        *(one for one, wrapped in tendons if wrapped & names),
         *(one for one in still.joints if one.name in names),
     ]
     for one in gone:
@@ -71,30 +70,29 @@ def _driven(spec: mujoco.MjSpec) -> set[str]:
 
 
 def _joints_of(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> set[str]:
-    scalar = {joint.name for joint in spec.joints if joint.type in _SCALAR}
+    scalar = {joint.name for joint in spec.joints if joint.type in SCALAR}
     if actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON:
-        wrapped = zip(spec.tendons, _in_tendons(spec).values(), strict=True)
+        wrapped = zip(spec.tendons, _in_tendons(spec), strict=True)
         return next((w & scalar for one, w in wrapped if one.name == actuator.target), set())
     return {str(actuator.target)} & scalar
 
 
-def _in_tendons(spec: mujoco.MjSpec) -> dict[int, set[str]]:
-    """Returns the joints that every tendon wraps."""
+def _in_tendons(spec: mujoco.MjSpec) -> list[set[str]]:
+    """Returns the joints that each tendon wraps."""
     joint = mujoco.mjtWrap.mjWRAP_JOINT
-    return {
-        i: {str(wrap.target.name) for wrap in one.path if wrap.type == joint}
-        for i, one in enumerate(spec.tendons)
-    }
+    return [
+        {str(wrap.target.name) for wrap in one.path if wrap.type == joint} for one in spec.tendons
+    ]
 
 
-def _in_equalities(spec: mujoco.MjSpec) -> dict[int, set[str]]:
-    """Returns the joints that every equality constraint couples."""
-    return {i: _coupled(spec, one) for i, one in enumerate(spec.equalities)}
+def _in_equalities(spec: mujoco.MjSpec) -> list[set[str]]:
+    """Returns the joints that each equality constraint couples."""
+    return [_coupled(spec, one) for one in spec.equalities]
 
 
 def _coupled(spec: mujoco.MjSpec, equality: mujoco.MjsEquality) -> set[str]:
     named = [str(name) for name in (equality.name1, equality.name2) if name]
-    if equality.type in _OF_JOINTS:
+    if equality.type == mujoco.mjtEq.mjEQ_JOINT:
         return set(named)
     if equality.type in _OF_BODIES and equality.objtype == mujoco.mjtObj.mjOBJ_BODY:
         return {str(j.name) for name in named for j in spec.body(name).joints}

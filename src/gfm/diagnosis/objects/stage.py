@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from gfm.core.checks import Array
 from gfm.effects import EffectInstance
 from gfm.effects.objects import free_body
+from gfm.sim.layout import SCALAR
 from gfm.sim.plant import native_spec
 
 #: Inertia of every joint of the robot, kg m^2: forces of a hand's push move it by nanometres.
@@ -31,7 +32,6 @@ SOLVER_TOLERANCE = 1e-15
 LONGEST_STEP_S = 0.002
 #: Of contype and conaffinity, by which robot and object see each other.
 ROBOT_BIT = 1 << 30
-_SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,7 +94,7 @@ def make_stage(
     changed.option.timestep = min(changed.option.timestep, LONGEST_STEP_S)
     changed.option.tolerance = SOLVER_TOLERANCE
     model = changed.compile()
-    moving = [i for i in range(model.njnt) if model.jnt_type[i] in map(int, _SCALAR)]
+    moving = [i for i in range(model.njnt) if model.jnt_type[i] in SCALAR]
     free = int(np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))[0])
     qpos, qvel = int(model.jnt_qposadr[free]), int(model.jnt_dofadr[free])
     stage = Stage(
@@ -113,7 +113,7 @@ def _take_drives_away(spec: mujoco.MjSpec) -> None:
     for kind in (spec.keys, spec.sensors):
         for one in list(kind):
             spec.delete(one)
-    robot = [joint for joint in spec.joints if joint.type in _SCALAR]
+    robot = [joint for joint in spec.joints if joint.type in SCALAR]
     names = {joint.name for joint in robot}
     for drive in [a for a in spec.actuators if a.target in names]:
         spec.delete(drive)
