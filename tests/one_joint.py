@@ -6,11 +6,9 @@ from gfm.core import CommandKind
 from gfm.diagnosis.fitting import Fit
 from gfm.diagnosis.problem import Noise, Problem
 from gfm.effects import EffectInstance, effect_library
-from gfm.effects.plugins import USUAL_SCALES
 from gfm.sim.segment import Segment
 
 TIME_S = 0.01 * np.arange(40.0)
-SCALES = USUAL_SCALES
 
 
 def instance(name, **values):

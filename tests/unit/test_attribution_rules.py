@@ -27,8 +27,9 @@ from gfm.diagnosis.result import ErrorSummary
 from gfm.diagnosis.screening import Screened, screen, shortlist
 from gfm.diagnosis.signals import starts_at_rest
 from gfm.effects import effect_library
+from gfm.effects.plugins import USUAL_SCALES
 from gfm.sim.segment import Prediction
-from one_joint import SCALES, TIME_S, fitted, instance, problem
+from one_joint import TIME_S, fitted, instance, problem
 
 
 class Predicted(Problem):
@@ -323,7 +324,7 @@ class Sticking(Predicted):
     def residuals(self, candidates):
         missing, sideways = np.zeros((2, len(TIME_S)))
         missing[0], sideways[1] = 1.0, 1.0
-        rows = {0.0: missing, 0.5 * SCALES.excess_nm: 0.7 * missing + 0.9 * sideways}
+        rows = {0.0: missing, 0.5 * USUAL_SCALES.excess_nm: 0.7 * missing + 0.9 * sideways}
         torques = [sum(e.values["torque"] for e in effects) for effects in candidates]
         return np.stack([rows.get(torque, 0.2 * missing) for torque in torques])
 
@@ -333,7 +334,7 @@ def test_what_first_order_misjudges_is_screened_by_what_it_explains_where_it_is_
     sticking = Sticking(**{name: getattr(plain, name) for name in plain.__dataclass_fields__})
     base = nothing(sticking)
     (place,) = places(effect_library()["coulomb_friction"], ("joint",))
-    (found,) = screen(sticking, [place], [SCALES], base)
+    (found,) = screen(sticking, [place], [USUAL_SCALES], base)
     assert found.gain == pytest.approx(1.0 - 0.2**2)  # to first order, 0.3^2 / (0.3^2 + 0.9^2)
 
 

@@ -10,7 +10,8 @@ from gfm.diagnosis import lookalikes as lookalikes_module
 from gfm.diagnosis.candidates import TorqueView, places
 from gfm.diagnosis.lookalikes import exchanges, lookalikes
 from gfm.effects import effect_library
-from one_joint import SCALES, TIME_S, fitted, instance, problem
+from gfm.effects.plugins import USUAL_SCALES
+from one_joint import TIME_S, fitted, instance, problem
 
 
 def recorded(recordings):
@@ -121,19 +122,19 @@ def somewhere(*names):
 def test_a_spring_whose_rest_is_far_away_looks_like_a_constant_torque():
     spring = instance("joint_spring", stiffness=0.006, rest_angle=-13.0)
     candidates = somewhere("torque_offset", "viscous_friction", "armature")
-    (alike,) = lookalikes(spring, recorded(1), candidates, [SCALES], [view()])
+    (alike,) = lookalikes(spring, recorded(1), candidates, [USUAL_SCALES], [view()])
     assert alike.effect.name == "torque_offset"
     assert alike.values["torque"] == pytest.approx(-0.006 * 13.0, rel=0.01)
 
 
 def test_a_spring_that_rests_in_the_middle_looks_like_nothing_else():
     spring = instance("joint_spring", stiffness=0.006, rest_angle=0.0)
-    assert not lookalikes(spring, recorded(1), somewhere("torque_offset"), [SCALES], [view()])
+    assert not lookalikes(spring, recorded(1), somewhere("torque_offset"), [USUAL_SCALES], [view()])
 
 
 def test_what_is_no_torque_looks_like_nothing():
     delay = instance("command_delay", delay=0.01)
-    assert not lookalikes(delay, recorded(1), somewhere("torque_offset"), [SCALES], [view()])
+    assert not lookalikes(delay, recorded(1), somewhere("torque_offset"), [USUAL_SCALES], [view()])
 
 
 def test_an_effect_makes_way_for_a_lookalike_that_explains_more(monkeypatch):
@@ -146,9 +147,9 @@ def test_an_effect_makes_way_for_a_lookalike_that_explains_more(monkeypatch):
 
     monkeypatch.setattr(lookalikes_module, "fit", fit)
     found, offsets = fitted(12.0, spring, friction), somewhere("torque_offset")
-    (this,) = exchanges(recorded(1), found, offsets, [SCALES], [view()])
+    (this,) = exchanges(recorded(1), found, offsets, [USUAL_SCALES], [view()])
     assert [e.effect.name for e in this.fits[0].effects] == ["coulomb_friction", "torque_offset"]
     assert (this.before, this.accepted) == (12.0, this.fits[0])
     costs["torque_offset"] = 11.9
-    assert not exchanges(recorded(1), found, offsets, [SCALES], [view()])
-    assert not exchanges(recorded(1), fitted(12.0, spring), offsets, [SCALES], [view()])
+    assert not exchanges(recorded(1), found, offsets, [USUAL_SCALES], [view()])
+    assert not exchanges(recorded(1), fitted(12.0, spring), offsets, [USUAL_SCALES], [view()])

@@ -112,7 +112,7 @@ def doubtful_efforts(recording: Trajectory, views: Views) -> list[Finding]:
         return []
     found = []
     for j, name in enumerate(recording.joint_names):
-        needed, _ = _agreement(recording.effort[:, j], views, j)
+        needed = correlation(recording.effort[:, j], views.needed[:, j])
         if needed < OPPOSITE:
             found.append(
                 Finding(
