@@ -21,9 +21,9 @@ FOOTLINE = (
     "Fitted with the integrator and dry friction that holds, as set below; others add errors of "
     "their own."
 )
-STIFF = (
-    "Servos are too stiff here for other integrators. Amounts were fitted as on ever shorter time "
-    "steps: on one of T the model is T/2 late."
+DISCRETE = (
+    "Other integrators do not follow this model on its time step. Amounts were fitted as on ever "
+    "shorter steps: on one of T the model is T/2 late."
 )
 BEFORE = "As before:"
 
@@ -122,7 +122,7 @@ def _lines(
     implicit: bool,
 ) -> list[str]:
     """Returns what was added, and what stood beside the model before, a line for each effect."""
-    foot = [FOOTLINE, STIFF] if implicit else [FOOTLINE]
+    foot = [FOOTLINE, DISCRETE] if implicit else [FOOTLINE]
     added = [HEADLINE, *(_line(effect, beside) for effect in named), *foot] if named else []
     return [*added, *(f"{BEFORE} {_line(effect, before)}" for effect in before)]
 

@@ -189,7 +189,7 @@ def diagnose(
             *doubts(findings),
             *_notes(verdict, outside=bool(first.effects), less=any(e.takes_off for e in instances)),
             *_units(specs[recordings[0].command_kind], problem.joints),
-            *_stiffness(held),
+            *_integrator(held),
         ),
         provenance=dict(provenance or {}),
     )
@@ -329,13 +329,14 @@ def _notes(verdict: Verdict, *, outside: bool, less: bool) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _stiffness(problem: Problem) -> tuple[str, ...]:
-    """Returns what to know of a model whose servos are too stiff for its time step."""
+def _integrator(problem: Problem) -> tuple[str, ...]:
+    """Returns what to know of a model that the usual integrator does not follow on its step."""
     if not any(problem.is_implicit(kind) for kind in problem.specs):
         return ()
     return (
-        "The model's servos are very stiff for its light links (are rotors missing?): MuJoCo's "
-        "`discrete` integrator is used, in the corrected model, too.",
+        "MuJoCo's Runge-Kutta integrator does not follow the model on its time step (very stiff "
+        "servos on light links do that: are rotors missing?): its `discrete` integrator is used, "
+        "in the corrected model, too.",
     )
 
 

@@ -77,8 +77,8 @@ class Stepping:
     Attributes:
         step_s: Time step, s.
         implicit: Whether by MuJoCo's `discrete` integrator, once on such steps and once on half of
-            them, as if going on to ever shorter ones (Richardson extrapolation), where a servo is
-            too stiff for the model's integrator.
+            them, as if going on to ever shorter ones (Richardson extrapolation), where Runge-Kutta
+            does not follow the model on such a step.
     """
 
     step_s: float
