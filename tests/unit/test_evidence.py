@@ -128,6 +128,8 @@ def test_one_effect_on_several_joints_is_one_phrase():
         "coulomb friction on a, b (torque 0.2 to 0.35 N m)",
         "torque offset on b (torque 0.1 N m)",
     ]
+    alike = [named("torque_offset", "a", torque=0.1), named("torque_offset", "b", torque=0.10001)]
+    assert effects_in_words(alike) == ["torque offset on a, b (torque 0.1 N m)"]
 
 
 def test_what_the_model_has_too_much_of_is_said_apart():

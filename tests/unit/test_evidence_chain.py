@@ -246,6 +246,17 @@ def test_names_that_explain_as_much_are_put_beside_the_one_that_was_chosen():
     assert told.alternatives[1].lost == pytest.approx(0.1 / 98.0)
 
 
+def test_what_leaves_more_than_noise_is_no_equal_of_what_leaves_noise():
+    """However much it explains: here 99.2 %."""
+    lag, delay = effect("actuator_lag", time_constant=0.03), effect("command_delay", delay=0.03)
+    for best, alternatives in ((1.1, []), (8.0, ["command_delay"])):
+        found = found_in((5380.0, [fitted(lag, best), fitted(delay, 45.0)], True))
+        (told,) = confusable_sets(found, [lag])
+        assert [a.effect for a in told.alternatives] == alternatives
+        (suspect,) = suspects_of(found, (lag,))
+        assert suspect.reason.startswith("equal to") is bool(alternatives)
+
+
 def test_what_was_found_together_was_weighed_against_nothing_alone():
     offset = effect("torque_offset", torque=0.2)
     viscous = effect("viscous_friction", coefficient=0.1)

@@ -52,6 +52,8 @@ INEXACT = 0.001
 #: integrators alone differ by as much. An effect must explain at least as much more than noise.
 ADEQUATE_RATIO = 1.25
 LEAST_SEEN = ADEQUATE_RATIO**2 - 1.0
+#: Cost of a rival, as a multiple of that of a best that leaves noise, from which on it is wrong.
+RULED_OUT = 1.5
 #: Rounds that are played at most.
 MOST_ROUNDS = 6
 #: Share of the best gain on its joint from which an effect found on another joint is
@@ -79,6 +81,9 @@ MUCH, HOPELESS, FAR_LESS = 100.0, 0.5, 0.5
 #: Times that states and amounts are looked for in turn at most, and the share of what was left that
 #: one turn may leave for another: more comes from laws that are missing than from states.
 IN_TURN, TURN_LEAVES, RINGING_LEAVES = 4, 0.2, 0.9
+#: Kinds of effects that are tried on every joint at once, and the sum of their gains from which on
+#: that is done, as a share of what an effect of the whole robot explains.
+MOST_KINDS, AS_MUCH = 2, 0.8
 #: Times that several together are tried: what was worse than a single effect twice is not missing.
 MOST_AT_ONCE = 2
 #: Cost, as a multiple of the least, up to which fits that leave much are a close call.
@@ -321,6 +326,47 @@ def _better(problem: Problem, this: Round, before: Fit, other: Fit) -> Round:
     return replace(this, fits=(other, *this.fits), accepted=other, together=more)
 
 
+def on_every_joint(
+    problem: Problem,
+    this: Round,
+    before: Fit,
+    nominal: float,
+    report: Callable[[str], None] = lambda _: None,
+) -> Fit | None:
+    """Returns a fit of one kind of effect on each joint, beside an effect of the whole robot.
+
+    On one joint it never explains as much. None where a round found nothing of the kind, where what
+    it found leaves nothing, or where no kind promises as much.
+    """
+    if this.accepted is None:
+        return None
+    whole = this.accepted.effects[-1]
+    if whole.effect.scope is Scope.JOINT or is_enough(problem, this.accepted, nominal):
+        return None
+    explained = 1.0 - this.accepted.cost / this.before
+    fits = []
+    for kind in _kinds(this.screened)[:MOST_KINDS]:
+        if sum(c.gain for c in kind) > AS_MUCH * explained:
+            name = kind[0].instance.effect.name.replace("_", " ")
+            report(f"fitting {name} on {len(kind)} joints")
+            everywhere = (c.instance for c in kind)
+            fits.append(fit(problem, (*before.effects, *everywhere), tolerance=ROUGH))
+    return min(fits, key=lambda f: f.cost, default=None)
+
+
+def _kinds(screened: Sequence[Screened]) -> list[list[Screened]]:
+    """Returns the candidates of one joint by kind, each once, the kind of most gain first."""
+    best: dict[object, Screened] = {}
+    for c in screened:  # best first, and several starts of one candidate
+        if c.instance.effect.scope is Scope.JOINT and not c.instance.effect.costly:
+            best.setdefault(c.instance.key, c)
+    kinds: dict[str, list[Screened]] = {}
+    for c in best.values():
+        kinds.setdefault(c.instance.effect.name, []).append(c)
+    several = [kind for kind in kinds.values() if len(kind) > 1]
+    return sorted(several, key=lambda kind: -sum(c.gain for c in kind))
+
+
 def _best(this: Round, before: Fit) -> Fit:
     return before if this.accepted is None else this.accepted
 
@@ -534,8 +580,14 @@ def play_round(
             break
     screened.sort(key=lambda s: -s.gain)
     fits = _best_first(problem, fits, start, nominal, report, torque_share)
-    accepted = fits[0] if fits else None
-    return Round(before=start.cost, screened=tuple(screened), fits=tuple(fits), accepted=accepted)
+    this = Round(
+        before=start.cost,
+        screened=tuple(screened),
+        fits=tuple(fits),
+        accepted=fits[0] if fits else None,
+    )
+    everywhere = on_every_joint(part, this, start, nominal, report)
+    return this if everywhere is None else _better(problem, this, start, everywhere)
 
 
 def polished(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
@@ -641,6 +693,14 @@ def price(fitted: Fit) -> float:
     A number of periods counts, too: the best of many was looked for.
     """
     return LEAST_GAIN * len(fitted.effects[-1].effect.parameters)
+
+
+def ruled_out(rival: Fit, best: Fit) -> bool:
+    """Returns whether a rival leaves clearly more than a best that leaves hardly more than noise.
+
+    Then it is wrong, however much of what was missing it explains.
+    """
+    return best.cost <= ADEQUATE_RATIO**2 and rival.cost >= RULED_OUT * best.cost
 
 
 def worth_it(problem: Problem, fitted: Fit, start: Fit) -> bool:

@@ -10,7 +10,14 @@ from collections.abc import Collection, Mapping, Sequence
 import mujoco
 import numpy as np
 
-from gfm.diagnosis.attribution import ADEQUATE_RATIO, Attribution, Round, price
+from gfm.diagnosis.attribution import (
+    ADEQUATE_RATIO,
+    RULED_OUT,
+    Attribution,
+    Round,
+    price,
+    ruled_out,
+)
 from gfm.diagnosis.fitting import Fit, free_parameters
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.naming import describe, twins
@@ -30,7 +37,7 @@ CLAIMED = 0.5
 #: Two candidates are equal when the runner-up leaves so little more of what the best explains.
 EQUAL, CLEAR = 0.01, 0.10
 #: How sure one may be, by the ratio of the runner-up's cost to that of a best that leaves noise.
-WORSE = ((1.0, 1.02, 1.1, 1.5), (0.5, 0.6, 0.9, 0.99))
+WORSE = ((1.0, 1.02, 1.1, RULED_OUT), (0.5, 0.6, 0.9, 0.99))
 
 
 def closed_share(error: ErrorSummary) -> float:
@@ -260,6 +267,6 @@ def _reason(fitted: Fit, this: Round) -> str:
             f"explains {share:.1f} % of the squared residual, {rival} only {best:.1f} %: that "
             "holds on other recordings, or explains more of the missing torque"
         )
-    if gap < EQUAL:
+    if gap < EQUAL and not ruled_out(fitted, winner):
         return f"equal to {rival}: both explain {share:.1f} % of the squared residual"
     return f"explains {share:.1f} % of the squared residual; {rival} {explains} {best:.1f} %"

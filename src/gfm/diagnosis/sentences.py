@@ -65,9 +65,8 @@ def _of_kind(alike: Sequence[NamedEffect]) -> str:
     for name, parameter in first.parameters.items():
         values = [effect.parameters[name].value for effect in alike]
         unit = "" if parameter.unit == "1" else parameter.unit
-        ranges.append(
-            f"{name.replace('_', ' ')} {min(values):.3g} to {max(values):.3g} {unit}".rstrip()
-        )
+        amounts = " to ".join(dict.fromkeys(f"{v:.3g}" for v in (min(values), max(values))))
+        ranges.append(f"{name.replace('_', ' ')} {amounts} {unit}".rstrip())
     return f"{first.effect.replace('_', ' ')} on {joints} ({_first_of(ranges)})"
 
 

@@ -1,7 +1,8 @@
 """What else explains as much: the names that the data cannot rule out, by named effect.
 
 Two names are equal where the runner-up leaves hardly more of what the best one explains, and close
-where it leaves little more. Which motion would tell them apart is what shows either of them.
+where it leaves little more; neither, where the best leaves noise and the other clearly more. Which
+motion would tell them apart is what shows either of them.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gfm.diagnosis.attribution import Attribution, Round, price
+from gfm.diagnosis.attribution import Attribution, Round, price, ruled_out
 from gfm.diagnosis.fitting import LEAST_GAIN, Fit
 from gfm.diagnosis.naming import twins
 from gfm.effects import EffectInstance
@@ -95,6 +96,7 @@ def _alternatives(
             for f in this.fits[1:]
             if (lost := _lost(f, best, this.before)) < CLOSE
             and f.effects[-1].key not in names | taken
+            and not ruled_out(f, best)
         ]
     return tuple(sorted(found, key=lambda one: one.lost))
 
