@@ -1,5 +1,7 @@
 """What candidates are tried with: orders of a cogging torque, sizes of torques."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -26,6 +28,22 @@ def view(span, torque):
     )
 
 
+def recorded(position, effort=None):
+    """Returns a recording of a joint that was told to do nothing."""
+    stamps = (1e9 * TIME_S).astype(np.int64)
+    return Trajectory(
+        name="one",
+        joint_names=("j",),
+        stamp_ns=stamps,
+        position=position,
+        velocity=None,
+        effort=effort,
+        command_kind=CommandKind.EFFORT,
+        command_stamp_ns=stamps,
+        command=np.zeros((len(TIME_S), 1)),
+    )
+
+
 def test_an_order_is_found_from_less_than_a_period():
     """12 waves per turn over 0.42 rad: one crest, one trough."""
     seen = view(0.42, lambda q, _v: 1.9 * np.sin(12 * q - 1.0))
@@ -45,6 +63,19 @@ def test_what_the_motion_does_not_cover_is_not_looked_for():
     assert min(cogging_orders([seen], 0)) * 0.42 >= 0.75 * 2.0 * np.pi
 
 
+def test_the_size_of_a_servo_is_what_was_measured_of_it():
+    """A motion that takes ten times as much: the joint fell onto its stop."""
+    fallen = view(1.0, lambda _q, v: 50.0 * np.sign(v))
+    spec = mujoco.MjSpec.from_string(CARRIED.format(by_drive="false"))
+    held = recorded(fallen.position, effort=np.full_like(fallen.drive, 5.0))
+    problem = make_problem({CommandKind.EFFORT: spec}, [held])
+    for measured, size in ((True, 5.0), (False, 50.0)):
+        seen = replace(fallen, drive=held.effort, missing=fallen.missing - 5.0, measured=measured)
+        (scales,) = joint_scales(problem, [seen])
+        assert scales.servo_nm == pytest.approx(size, rel=0.01)
+        assert scales.peak_nm == pytest.approx(50.0, rel=0.01)
+
+
 WEIGHT_NM = 9.81 * 0.5 * 2.0
 CARRIED = """
 <mujoco><worldbody><body gravcomp="1"><joint name="j" axis="0 1 0" actuatorgravcomp="{by_drive}"/>
@@ -56,20 +87,7 @@ CARRIED = """
 @pytest.mark.parametrize("by_drive", ["true", "false"])
 def test_the_size_of_a_servo_leaves_out_what_its_gravity_compensation_gives(by_drive):
     """An arm held level by its compensation, and turned to and fro a little by its servo."""
-    turned = 0.01 * np.sin(3.0 * TIME_S)
-    stamps = (1e9 * TIME_S).astype(np.int64)
-    nothing = np.zeros((len(TIME_S), 1))
-    recording = Trajectory(
-        name="one",
-        joint_names=("j",),
-        stamp_ns=stamps,
-        position=turned[:, None],
-        velocity=None,
-        effort=None,
-        command_kind=CommandKind.EFFORT,
-        command_stamp_ns=stamps,
-        command=nothing,
-    )
+    recording = recorded(0.01 * np.sin(3.0 * TIME_S)[:, None])
     spec = mujoco.MjSpec.from_string(CARRIED.format(by_drive=by_drive))
     problem = make_problem({CommandKind.EFFORT: spec}, [recording])
     (scales,) = joint_scales(problem, torque_views(problem, [recording]))

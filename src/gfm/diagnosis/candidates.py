@@ -91,6 +91,7 @@ class TorqueView:
 
     All of shape (T, J); `missing` is needed minus drive: the generalized force that the model lacks
     along the measured motion. Part of the drive is what the model's gravity compensation gives.
+    Where the drive was not `measured`, it is what the model's own servo would do.
     """
 
     position: Array
@@ -98,11 +99,17 @@ class TorqueView:
     drive: Array
     missing: Array
     compensation: Array | float = 0.0
+    measured: bool = False
 
     @property
     def needed(self) -> Array:
         """What the motion takes."""
         return self.missing + self.drive
+
+    @property
+    def served(self) -> Array:
+        """What the servo gives beside a gravity compensation, by the motion if not measured."""
+        return (self.drive if self.measured else self.needed) - self.compensation
 
     def motion(self, joint: int, other: int | None = None) -> Motion:
         """Returns one joint's motion, for laws in closed form."""
@@ -117,8 +124,7 @@ class TorqueView:
 def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
     """Returns a recording seen as torques, by the model's continuous inverse dynamics.
 
-    The drive is the measured effort, or what the model's own servo would do where none was
-    measured.
+    The drive is the measured effort, where there is one.
     """
     q, v, a = smooth_states(recording.time_s, recording.position)
     model, data = plant.model, mujoco.MjData(plant.model)
@@ -137,7 +143,12 @@ def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
     if recording.effort is not None:
         drive = recording.effort
     return TorqueView(
-        position=q, velocity=v, drive=drive, missing=needed - drive, compensation=compensation
+        position=q,
+        velocity=v,
+        drive=drive,
+        missing=needed - drive,
+        compensation=compensation,
+        measured=recording.effort is not None,
     )
 
 
@@ -211,9 +222,7 @@ def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:
             velocity_rad_s=max(_rms([v.velocity[:, j] for v in views]), 1e-3),
             position_rad=max(0.5 * float(np.ptp(_joined(views, "position", j))), 1e-3),
             peak_nm=max(_percentile([v.needed[:, j] for v in views], PEAK), 1e-6),
-            servo_nm=max(
-                _percentile([(v.needed - v.compensation)[:, j] for v in views], PEAK), 1e-6
-            ),
+            servo_nm=max(_percentile([v.served[:, j] for v in views], PEAK), 1e-6),
             inertia=float(inertia[dof, dof]),
             cogging_per_revolution=cogging_orders(views, j),
             lowest_m=lowest_points(plant, views) if j == len(plant.dof) - 1 else (),

@@ -70,7 +70,7 @@ class Scales:
         position_rad: Half the range covered.
         peak_nm: Largest torque that the motion takes, by inverse dynamics: a servo model without
             its limit would ask for far more.
-        servo_nm: The same without what a gravity compensation gives.
+        servo_nm: The same without what a gravity compensation gives, as measured where it was.
         inertia: Of the joint with everything behind it, kg m^2.
         cogging_per_revolution: Orders that stand out in the unexplained torque over the angle.
         lowest_m: Of the last joint: points of its link, in the link's frame, and how low each came
