@@ -38,7 +38,7 @@ from gfm.diagnosis.fitting import (
 )
 from gfm.diagnosis.naming import describe, twins
 from gfm.diagnosis.problem import Problem, ringing_springs, settled
-from gfm.diagnosis.screening import Screened, screen, shortlist, suspected
+from gfm.diagnosis.screening import Screened, is_whole, screen, shortlist, suspected
 from gfm.diagnosis.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance, Scales, Scope
 
@@ -339,7 +339,7 @@ def on_every_joint(
     round found nothing of the whole robot, where what it found leaves nothing on most joints, or
     where no kind promises as much.
     """
-    if this.accepted is None or this.accepted.effects[-1].effect.scope is Scope.JOINT:
+    if this.accepted is None or not is_whole(this.accepted.effects[-1].effect):
         return None
     if np.median(problem.joint_costs(this.accepted.residual)) <= ALSO_FROM:
         return None

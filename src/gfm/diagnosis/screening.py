@@ -201,7 +201,7 @@ def shortlist(screened: Sequence[Screened]) -> list[Screened]:
     whole: list[Screened] = []
     for candidate in screened:
         starts = [c.instance.key for c in whole].count(candidate.instance.key)
-        if _whole(candidate) and candidate.gain > WHOLE_GAIN and starts < STARTS:
+        if is_whole(candidate.instance.effect) and candidate.gain > WHOLE_GAIN and starts < STARTS:
             whole.append(candidate)
     chosen: list[Screened] = []
     for candidate in screened:
@@ -216,5 +216,6 @@ def shortlist(screened: Sequence[Screened]) -> list[Screened]:
     return sorted([*whole, *chosen], key=lambda c: -c.gain)
 
 
-def _whole(candidate: Screened) -> bool:
-    return candidate.instance.effect.scope in (Scope.ROBOT, Scope.LAST, Scope.OBJECT)
+def is_whole(effect: Effect) -> bool:
+    """Returns whether an effect is of the whole robot, not of one joint or two."""
+    return effect.scope in (Scope.ROBOT, Scope.LAST, Scope.OBJECT)
