@@ -48,7 +48,7 @@ def turned(told, row, lag_s, friction):
     return np.array(angles)
 
 
-def recorded(seed, *, lag_s=(0.0, 0.0), delay_s=0.0, friction=(0.0, 0.0), duration_s=8.0):
+def recorded(seed, *, lag_s=(0.0, 0.0), delay_s=0.0, friction=(0.0, 0.0), duration_s=5.0):
     rng = np.random.default_rng(seed)
     time_s = np.arange(0.0, duration_s, PERIOD_S)
     waves = np.sin(
@@ -100,3 +100,17 @@ def test_a_delay_beside_friction_is_not_taken_for_lags():
     }
     delay = next(one for one in found.effects if one.effect == "command_delay")
     assert delay.parameters["delay"].value == pytest.approx(0.024, rel=0.01)
+
+
+def test_a_delay_beside_friction_on_every_joint_is_not_taken_for_lags():
+    friction = (0.4, 0.3)
+    found = found_in(delay_s=0.024, friction=friction)
+    named = {(one.effect, one.joints): one for one in found.effects}
+    assert set(named) == {
+        ("command_delay", JOINTS),
+        ("viscous_friction", ("a",)),
+        ("viscous_friction", ("b",)),
+    }
+    for joint, truth in zip(JOINTS, friction, strict=True):
+        told = named["viscous_friction", (joint,)].parameters["coefficient"]
+        assert told.value == pytest.approx(truth, rel=0.03)

@@ -368,10 +368,14 @@ def _fit_kind(
 
 
 def _kinds(screened: Sequence[Screened]) -> list[list[Screened]]:
-    """Returns the candidates of one joint by kind, each once, the kind of most gain first."""
+    """Returns the candidates of one joint by kind, each once, the kind of most gain first.
+
+    Without what takes long to simulate, and several times as long on several joints.
+    """
     best: dict[object, Screened] = {}
     for c in screened:  # best first, and several starts of one candidate
-        if c.instance.effect.scope is Scope.JOINT and not c.instance.effect.costly:
+        effect = c.instance.effect
+        if effect.scope is Scope.JOINT and not (effect.costly or effect.separates_motor):
             best.setdefault(c.instance.key, c)
     kinds: dict[str, list[Screened]] = {}
     for c in best.values():
