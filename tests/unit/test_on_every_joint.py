@@ -1,6 +1,6 @@
 """What acts on every joint, each by itself, against a delay that all of them share.
 
-Two discs behind servos, no gravity: linear, so that exact steps follow from a matrix exponential.
+Discs behind servos, no gravity: linear, so that exact steps follow from a matrix exponential.
 """
 
 from __future__ import annotations
@@ -11,10 +11,16 @@ import pytest
 from scipy.linalg import expm
 
 from gfm.core import CommandKind, Trajectory
+from gfm.diagnosis.attribution import sisters_instead
+from gfm.diagnosis.candidates import Place
+from gfm.diagnosis.cutting import make_problem
 from gfm.diagnosis.diagnose import diagnose
+from gfm.diagnosis.fitting import fit
 from gfm.diagnosis.result import Verdict
+from gfm.effects import EffectInstance, find_effect
 
-JOINTS, KP, KV, INERTIA = ("a", "b"), (20.0, 12.0), (1.0, 0.8), (0.03, 0.02)
+JOINTS = ("a", "b")
+ROWS = [("a", 20.0, 1.0, 0.03), ("b", 12.0, 0.8, 0.02), ("c", 15.0, 1.0, 0.03)]
 NOISE, STEP_S, EVERY, PERIOD_S = 2e-4, 0.002, 5, 0.01
 DISC = """
 <body>
@@ -23,18 +29,19 @@ DISC = """
 </body>
 """
 SERVO = '<position name="{0}" joint="{0}" kp="{1}" kv="{2}"/>'
-ROWS = list(zip(JOINTS, KP, KV, INERTIA, strict=True))
-SPECS = {
-    CommandKind.POSITION: mujoco.MjSpec.from_string(
-        f"<mujoco><worldbody>{''.join(DISC.format(*row) for row in ROWS)}</worldbody>"
-        f"<actuator>{''.join(SERVO.format(*row) for row in ROWS)}</actuator></mujoco>"
-    )
-}
 
 
-def turned(told, row, lag_s, friction):
+def specs(count):
+    bodies = "".join(DISC.format(*row) for row in ROWS[:count])
+    servos = "".join(SERVO.format(*row) for row in ROWS[:count])
+    xml = f"<mujoco><worldbody>{bodies}</worldbody><actuator>{servos}</actuator></mujoco>"
+    return {CommandKind.POSITION: mujoco.MjSpec.from_string(xml)}
+
+
+def turned(told, row, lag_s, friction, gain):
     """Returns the angles of one disc at every `STEP_S`, shape (T,): state (q, v, lagged, told)."""
     _, kp, kv, inertia = row
+    kp, kv = gain * kp, gain * kv
     system = np.zeros((4, 4))
     system[0, 1] = 1.0
     system[1, :2] = -kp / inertia, -(kv + friction) / inertia
@@ -48,22 +55,25 @@ def turned(told, row, lag_s, friction):
     return np.array(angles)
 
 
-def recorded(seed, *, lag_s=(0.0, 0.0), delay_s=0.0, friction=(0.0, 0.0), duration_s=5.0):
+def recorded(
+    seed, *, lag_s=(0.0,) * 3, delay_s=0.0, friction=(0.0,) * 3, gain=(1.0,) * 2, duration_s=5.0
+):
+    """Returns a recording of as many discs as there are gains."""
     rng = np.random.default_rng(seed)
+    count = len(gain)
     time_s = np.arange(0.0, duration_s, PERIOD_S)
-    waves = np.sin(
-        time_s[:, None, None] * rng.uniform(1.0, 9.0, (3, 2)) + rng.uniform(0, 6, (3, 2))
-    )
-    commands = 0.2 * np.minimum(time_s, 1.0)[:, None] * waves.sum(axis=1)
+    speeds, phases = rng.uniform(1.0, 9.0, (3, count)), rng.uniform(0.0, 6.0, (3, count))
+    waves = np.sin(time_s[:, None, None] * speeds + phases).sum(axis=1)
+    commands = 0.2 * np.minimum(time_s, 1.0)[:, None] * waves
     told = np.repeat(commands, EVERY, axis=0)
     late = round(delay_s / STEP_S)
-    told = np.concatenate([np.zeros((late, 2)), told[: len(told) - late]])
-    angles = np.stack([turned(told[:, j], ROWS[j], lag_s[j], friction[j]) for j in range(2)], 1)
-    angles = angles[::EVERY]
+    told = np.concatenate([np.zeros((late, count)), told[: len(told) - late]])
+    rows = zip(ROWS, lag_s, friction, gain, strict=False)
+    angles = np.stack([turned(told[:, j], *row) for j, row in enumerate(rows)], axis=1)[::EVERY]
     stamps = np.arange(len(angles)) * round(1e9 * PERIOD_S)
     return Trajectory(
         name=f"run{seed}",
-        joint_names=JOINTS,
+        joint_names=tuple(row[0] for row in ROWS[:count]),
         stamp_ns=stamps,
         position=angles + NOISE * rng.standard_normal(angles.shape),
         velocity=None,
@@ -76,7 +86,7 @@ def recorded(seed, *, lag_s=(0.0, 0.0), delay_s=0.0, friction=(0.0, 0.0), durati
 
 def found_in(**effects):
     runs = [recorded(seed, **effects) for seed in range(3)]
-    return diagnose(SPECS, runs[:2], runs[2:])
+    return diagnose(specs(2), runs[:2], runs[2:])
 
 
 def test_lags_on_every_joint_are_not_taken_for_a_delay():
@@ -114,3 +124,24 @@ def test_a_delay_beside_friction_on_every_joint_is_not_taken_for_lags():
     for joint, truth in zip(JOINTS, friction, strict=True):
         told = named["viscous_friction", (joint,)].parameters["coefficient"]
         assert told.value == pytest.approx(truth, rel=0.03)
+
+
+@pytest.mark.parametrize(("delay_s", "on_c", "better"), [(0.0, 0.8, True), (0.02, 1.0, False)])
+def test_a_delay_makes_way_for_what_all_joints_have_where_that_explains_more(delay_s, on_c, better):
+    """Found so far: a delay and two weak servos. The third one is weak, too, or it is right."""
+    weak = find_effect("actuator_gain")
+    run = recorded(0, delay_s=delay_s, gain=(0.7, 0.75, on_c))
+    problem = make_problem(specs(3), [run])
+    delay = EffectInstance(
+        effect=find_effect("command_delay"), joints=run.joint_names, values={"delay": 0.01}
+    )
+    begun = [EffectInstance(effect=weak, joints=(j,), values={"scale": 0.9}) for j in JOINTS]
+    found = fit(problem, (delay, *begun))
+    places = [Place(effect=weak, joints=(name,)) for name in run.joint_names]
+    now = sisters_instead(problem, found, places)
+    if not better:
+        assert now is found
+        return
+    assert [e.key for e in now.effects] == [place.key for place in places]
+    scales = [e.values["scale"] for e in now.effects]
+    assert scales == pytest.approx([0.7, 0.75, on_c], rel=0.01)

@@ -229,6 +229,7 @@ def attribute(
         if not is_enough(problem, accepted, nominal):
             accepted = spread(problem, this.screened, accepted, report)
     if len(accepted.effects) > 1:
+        accepted = sisters_instead(problem, accepted, candidates, report)
         report("looking for what became superfluous")
         spared = not_judged(problem, accepted, nominal, rounds)
         accepted = without_superfluous(problem, accepted, spared, at_first)
@@ -449,6 +450,61 @@ def spread(
             return fit(problem, both.effects)
         sisters = earned
     return accepted
+
+
+def sisters_instead(
+    problem: Problem,
+    accepted: Fit,
+    candidates: Sequence[Place],
+    report: Callable[[str], None] = lambda _: None,
+) -> Fit:
+    """Returns the fit with effects on all joints instead of one of the whole robot, if that is it.
+
+    Where every servo is too weak, a payload that was found first makes up for most of them, and
+    leaves too little on the others. So what was found on several joints is put on the rest of them
+    in its place, with as many parameters at most. It has to leave less.
+    """
+    for whole in [e for e in accepted.effects if is_whole(e.effect)]:
+        others = [e for e in accepted.effects if e is not whole]
+        for sisters in _sisters(others, candidates):
+            if len(sisters) > len(whole.effect.parameters):
+                continue
+            report(f"fitting {describe(sisters[0])} and its like instead of {describe(whole)}")
+            instead = fit(problem, (*others, *sisters))
+            if instead.cost < (1.0 - LEAST_GAIN) * accepted.cost:
+                return instead
+    return accepted
+
+
+def _sisters(
+    effects: Sequence[EffectInstance], candidates: Sequence[Place]
+) -> list[list[EffectInstance]]:
+    """Returns what has one parameter and is there on several joints, on each of the others.
+
+    As much of it as on those.
+    """
+    kinds: dict[str, list[EffectInstance]] = {}
+    for e in effects:
+        if e.effect.scope is Scope.JOINT and len(e.effect.parameters) == 1:
+            kinds.setdefault(e.effect.name, []).append(e)
+    sisters = []
+    for alike in (kind for kind in kinds.values() if len(kind) > 1):
+        there = {e.key for e in alike}
+        (amount,) = (parameter.name for parameter in alike[0].effect.parameters)
+        typical = float(np.median([e.values[amount] for e in alike]))
+        sisters.append(
+            [
+                EffectInstance(
+                    effect=place.effect,
+                    joints=place.joints,
+                    values={amount: typical},
+                    least=place.least,
+                )
+                for place in candidates
+                if place.effect.name == alike[0].effect.name and place.key not in there
+            ]
+        )
+    return [one for one in sisters if one]
 
 
 def _best_gain_on(joint: str, screened: Sequence[Screened]) -> float:
