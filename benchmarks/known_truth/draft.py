@@ -97,6 +97,8 @@ class Draft:
             return self.found[0].joints
         unseen = effect == "encoder_offset" and self.robot.upright
         able = [joint for joint in self.joints if joint > 0 or not unseen]
+        if self.plan.category == "everywhere":
+            return (able[number],)
         one = able[(turn + number) % len(able)]
         if effect == "coupled_friction":
             one = min(one, count - 2)

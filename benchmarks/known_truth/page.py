@@ -23,7 +23,7 @@ def summary(scores: Sequence[Score]) -> str:
     """Returns the numbers of the whole suite, beside what is asked for."""
     kind = {
         c: [s for s in scores if s.category == c]
-        for c in ("single", "pair", "none", "outside", "poor", "beside")
+        for c in ("single", "pair", "none", "outside", "poor", "beside", "everywhere")
     }
     effects = [*kind["single"], *kind["pair"]]
     errors = [e for s in effects for e in s.errors]
@@ -63,6 +63,16 @@ def summary(scores: Sequence[Score]) -> str:
             "one effect beside one outside: a wrong name with confidence",
             "",
             share(kind["beside"], lambda s: s.claimed),
+        ),
+        (
+            "one effect on every joint: named on all of them",
+            "",
+            share(kind["everywhere"], lambda s: s.complete),
+        ),
+        (
+            "one effect on every joint: a wrong name with confidence",
+            "",
+            share(kind["everywhere"], lambda s: s.claimed),
         ),
         ("parameters: median relative error", "5 %", _percent(errors)),
         ("95 % intervals that hold the truth", "90 to 99 %", _share_of(covered)),

@@ -34,7 +34,8 @@ class Plan:
     Attributes:
         name: Of the case.
         setup: The robot.
-        category: single, pair, none, outside, poor or beside (a known effect and one outside).
+        category: single, pair, none, outside, poor, beside (a known effect and one outside) or
+            everywhere (the same effect on every joint, in other amounts).
         effects: What is hidden.
         same_joint: Whether two effects share a joint.
         excitation: rich, still (the joint hardly moves), slow or short.
@@ -172,6 +173,15 @@ _BESIDE: tuple[tuple[str, str], ...] = (
 )
 _BESIDE_EACH = 4
 
+#: What a model may lack on every joint at once.
+_EVERYWHERE = (
+    "actuator_lag",
+    "viscous_friction",
+    "actuator_gain",
+    "coulomb_friction",
+    "armature",
+)
+
 
 def plans(seed: int = 0) -> list[Plan]:
     """Returns all cases, one and two joints first; each has a seed of its own."""
@@ -198,7 +208,7 @@ def _singles(setup: Setup) -> list[Plan]:
 
 
 def _others(setup: Setup, number: int) -> list[Plan]:
-    """Returns cases with two effects, none, unknown ones, and with poor excitation."""
+    """Returns cases with other than one effect, or with poor excitation."""
     joints = len(setup.robot.joints)
     fitting = [pair for pair in PAIRS if joints > 1 or pair[2]]
     pairs = [fitting[(number * 3 + i) % len(fitting)] for i in range(3)]
@@ -208,6 +218,8 @@ def _others(setup: Setup, number: int) -> list[Plan]:
     # What nothing explains is searched for long: on seven joints for too long.
     few = setup.name not in SPATIAL_SETUPS
     beside = _BESIDE[_BESIDE_EACH * number :][:_BESIDE_EACH] if few else ()
+    all_joints = [_EVERYWHERE[(number * 2 + i) % len(_EVERYWHERE)] for i in range(2)]
+    everywhere = all_joints if joints > 1 else ()
 
     def plan(label: str, category: str, effects: tuple[str, ...], **more: object) -> Plan:
         name = f"{setup.name}-{label}"
@@ -220,4 +232,5 @@ def _others(setup: Setup, number: int) -> list[Plan]:
         *(plan(f"outside-{one}", "outside", (one,)) for one in unknown),
         *(plan(f"poor-{e}-{how}", "poor", (e,), excitation=how) for e, how in poor),
         *(plan(f"beside-{a}+{b}", "beside", (a, b)) for a, b in beside),
+        *(plan(f"everywhere-{e}", "everywhere", joints * (e,)) for e in everywhere),
     ]

@@ -24,7 +24,7 @@ class Score:
     Attributes:
         name: Of the case.
         setup: Robot and kind of commands.
-        category: single, pair, none, outside, poor or beside (see Plan).
+        category: single, pair, none, outside, poor, beside or everywhere (see Plan).
         hidden: What there is, in words.
         named: What was named, in words, strongest first.
         verdict: In one word.
