@@ -186,6 +186,18 @@ def quick(name: str) -> Plan:
     return replace(plan, excitation="short")
 
 
+def test_what_every_joint_has_is_hidden_once_on_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(generation, "_TRIED_S", 0.5)
+    monkeypatch.setattr(generation, "simulate", partial(simulate, settling_s=0.1))
+    plan = next(p for p in plans() if p.name.startswith("planar_effort-everywhere"))
+    generation.generate([replace(plan, excitation="short")], tmp_path)
+    truth = json.loads((tmp_path / "truth" / f"{plan.name}.json").read_text())
+    assert {one["effect"] for one in truth["effects"]} == {plan.effects[0]}
+    assert sorted(one["joints"] for one in truth["effects"]) == [["elbow"], ["shoulder"]]
+
+
 def test_a_case_is_what_a_user_would_have(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(generation, "_TRIED_S", 0.5)
     monkeypatch.setattr(generation, "simulate", partial(simulate, settling_s=0.1))
