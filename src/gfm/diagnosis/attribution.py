@@ -481,11 +481,12 @@ def _sisters(
 ) -> list[list[EffectInstance]]:
     """Returns what has one parameter and is there on several joints, on each of the others.
 
-    As much of it as on those.
+    As much of it as on those. Without motors apart from their links, which take long to simulate.
     """
     kinds: dict[str, list[EffectInstance]] = {}
     for e in effects:
-        if e.effect.scope is Scope.JOINT and len(e.effect.parameters) == 1:
+        apart = e.effect.separates_motor
+        if e.effect.scope is Scope.JOINT and len(e.effect.parameters) == 1 and not apart:
             kinds.setdefault(e.effect.name, []).append(e)
     sisters = []
     for alike in (kind for kind in kinds.values() if len(kind) > 1):
