@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from gfm.diagnosis import attribution, fitting
+from gfm.diagnosis.adequate import ADEQUATE, is_enough
 from gfm.diagnosis.attribution import (
-    ADEQUATE,
     Attribution,
     InStretches,
     Round,
     attribute,
     by_torque,
-    is_enough,
     not_judged,
     price,
     worth_it,

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.attribution import ADEQUATE, INEXACT, Attribution, Round, enough
+from gfm.diagnosis.adequate import ADEQUATE, INEXACT, enough
+from gfm.diagnosis.attribution import Attribution, Round
 from gfm.diagnosis.chain import evidence_chain
 from gfm.diagnosis.chain.adequacy import slow_share
 from gfm.diagnosis.chain.confusable import confusable_sets

@@ -165,10 +165,8 @@ def test_there_are_enough_cases_of_every_kind() -> None:
     assert len(cases) >= 100
     assert len({p.name for p in cases}) == len({p.seed for p in cases}) == len(cases)
     count = Counter(p.category for p in cases)
-    assert (
-        min(count[c] for c in ("single", "pair", "none", "outside", "poor", "beside", "everywhere"))
-        >= 10
-    )
+    kinds = ("single", "pair", "none", "outside", "poor", "beside", "everywhere")
+    assert min(count[kind] for kind in kinds) >= 10
     assert {p.effects[0] for p in cases if p.category == "single"} == set(VOCABULARY)
     assert {p.effects[0] for p in cases if p.category == "outside"} == {*STRANGE, SLIPPING}
     assert {e for p in cases for e in p.effects} <= set(DRAWS)

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gfm.core.checks import Array
+from gfm.diagnosis.adequate import ADEQUATE_RATIO, INEXACT, LEAST_SEEN, is_enough
 from gfm.diagnosis.candidates import Place
 from gfm.diagnosis.cross_validation import holds_elsewhere
 from gfm.diagnosis.fitting import (
@@ -26,42 +27,31 @@ from gfm.diagnosis.fitting import (
     LEAST_GAIN,
     ROUGH,
     Fit,
-    amounts,
     at_bound,
     derivatives,
     each_left_out,
     fit,
-    free_parameters,
     mean_square,
     nothing,
     orthonormal,
 )
 from gfm.diagnosis.naming import describe, twins
 from gfm.diagnosis.problem import Problem, ringing_springs, settled
-from gfm.diagnosis.screening import Screened, is_whole, screen, shortlist, suspected
+from gfm.diagnosis.screening import Screened, screen, shortlist, suspected
+from gfm.diagnosis.sisters import (
+    ALSO_GAIN,
+    FAR_LESS,
+    on_every_joint,
+    sisters_instead,
+    spread,
+)
 from gfm.diagnosis.time_steps import with_suitable_steps
-from gfm.effects import EffectInstance, Scales, Scope
+from gfm.effects import EffectInstance, Scales
 
 #: Share of the best gain from which a candidate is a rival of the best.
 RIVAL = 0.33
-#: Mean squared residual, in units of the noise, at which nothing is left to explain.
-ADEQUATE = 1.15
-#: Share of the nominal model's misfit that is left to the inexactness of abrupt laws.
-INEXACT = 0.001
-#: RMSE of a joint, in units of its noise, up to which a model is adequate there: time steps and
-#: integrators alone differ by as much. An effect must explain at least as much more than noise.
-ADEQUATE_RATIO = 1.25
-LEAST_SEEN = ADEQUATE_RATIO**2 - 1.0
-#: Cost of a rival, as a multiple of that of a best that leaves noise, from which on it is wrong.
-RULED_OUT = 1.5
 #: Rounds that are played at most.
 MOST_ROUNDS = 6
-#: Share of the best gain on its joint from which an effect found on another joint is
-#: looked for on this one, too.
-LIKELY = 0.3
-#: Mean squared residual of a joint, in units of the noise, from which on that is done, and the
-#: share of it that must be explained there.
-ALSO_FROM, ALSO_GAIN = 2.0, 0.2
 #: Cost without an effect, to first order, in units of what is allowed, beyond which its being
 #: superfluous is not looked into.
 HARDLY = 1.5
@@ -76,14 +66,11 @@ MOST_TESTED = 3
 #: without it.
 SUBSTANTIAL = 0.2
 #: Mean squared residual, in units of the noise, that is much, and the share of it from which on the
-#: best single effect explains little; share of that to which several together must come.
-MUCH, HOPELESS, FAR_LESS = 100.0, 0.5, 0.5
+#: best single effect explains little.
+MUCH, HOPELESS = 100.0, 0.5
 #: Times that states and amounts are looked for in turn at most, and the share of what was left that
 #: one turn may leave for another: more comes from laws that are missing than from states.
 IN_TURN, TURN_LEAVES, RINGING_LEAVES = 4, 0.2, 0.9
-#: Kinds of effects that are tried on every joint at once, and the sum of their gains from which on
-#: that is done, as a share of what an effect of the whole robot explains.
-MOST_KINDS, AS_MUCH = 2, 0.8
 #: Times that several together are tried: what was worse than a single effect twice is not missing.
 MOST_AT_ONCE = 2
 #: Cost, as a multiple of the least, up to which fits that leave much are a close call.
@@ -267,24 +254,6 @@ def settled_fit(
     return problem, found
 
 
-def enough(nominal: float, effects: Sequence[EffectInstance]) -> float:
-    """Returns the cost at which nothing is left to explain beside `effects`.
-
-    Laws with a kink are not quite exact: of a large misfit they leave more than noise.
-    """
-    inexact = INEXACT if any(e.effect.abrupt for e in effects) else 0.0
-    return max(ADEQUATE, 1.0 + inexact * (nominal - 1.0))
-
-
-def is_enough(problem: Problem, fitted: Fit, nominal: float = 1.0) -> bool:
-    """Returns whether nothing is left to explain beside what was fitted.
-
-    A joint that is quieter than its noise counts as noise: it would hide what another one misses.
-    """
-    left = np.mean(np.maximum(problem.joint_costs(fitted.residual), 1.0))
-    return bool(left <= enough(nominal, fitted.effects))
-
-
 def of_stretches(rounds: Sequence[Round]) -> list[tuple[object, ...]]:
     """Returns the keys of what was found by stretches in which it acts: nothing else judges it."""
     return [this.new[0].key for this in rounds if this.stretches]
@@ -327,64 +296,6 @@ def _better(problem: Problem, this: Round, before: Fit, other: Fit) -> Round:
     return replace(this, fits=(other, *this.fits), accepted=other, together=more)
 
 
-def on_every_joint(
-    problem: Problem,
-    this: Round,
-    before: Fit,
-    nominal: float,
-    report: Callable[[str], None] = lambda _: None,
-) -> Fit | None:
-    """Returns a fit of one kind of effect on each joint, instead of one of the whole robot.
-
-    Or beside it, where that leaves far less. On one joint it never explains as much. None where a
-    round found nothing of the whole robot, where what it found leaves nothing on most joints, or
-    where no kind promises as much.
-    """
-    if this.accepted is None or not is_whole(this.accepted.effects[-1].effect):
-        return None
-    if np.median(problem.joint_costs(this.accepted.residual)) <= ALSO_FROM:
-        return None
-    explained = 1.0 - this.accepted.cost / this.before
-    kinds = [
-        [c.instance for c in kind]
-        for kind in _kinds(this.screened)[:MOST_KINDS]
-        if sum(c.gain for c in kind) > AS_MUCH * explained
-    ]
-    best: Fit | None = None
-    for base in (before, this.accepted):
-        fits = [_fit_kind(problem, base, kind, report) for kind in kinds]
-        least = min(fits, key=lambda f: f.cost, default=None)
-        if least is not None and (best is None or least.cost < FAR_LESS * best.cost):
-            best = least
-        if best is None or is_enough(problem, best, nominal):
-            break
-    return best
-
-
-def _fit_kind(
-    problem: Problem, base: Fit, kind: Sequence[EffectInstance], report: Callable[[str], None]
-) -> Fit:
-    report(f"fitting {kind[0].effect.name.replace('_', ' ')} on {len(kind)} joints")
-    return fit(problem, (*base.effects, *kind), tolerance=ROUGH)
-
-
-def _kinds(screened: Sequence[Screened]) -> list[list[Screened]]:
-    """Returns the candidates of one joint by kind, each once, the kind of most gain first.
-
-    Without what takes long to simulate, and several times as long on several joints.
-    """
-    best: dict[object, Screened] = {}
-    for c in screened:  # best first, and several starts of one candidate
-        effect = c.instance.effect
-        if effect.scope is Scope.JOINT and not (effect.costly or effect.separates_motor):
-            best.setdefault(c.instance.key, c)
-    kinds: dict[str, list[Screened]] = {}
-    for c in best.values():
-        kinds.setdefault(c.instance.effect.name, []).append(c)
-    several = [kind for kind in kinds.values() if len(kind) > 1]
-    return sorted(several, key=lambda kind: -sum(c.gain for c in kind))
-
-
 def _best(this: Round, before: Fit) -> Fit:
     return before if this.accepted is None else this.accepted
 
@@ -415,114 +326,6 @@ def with_level(
     if best.cost < (1.0 - LEAST_GAIN * parameters) * alone.cost:
         return fit(problem, best.effects)
     return accepted
-
-
-def spread(
-    problem: Problem,
-    screened: Sequence[Screened],
-    accepted: Fit,
-    report: Callable[[str], None] = lambda _: None,
-) -> Fit:
-    """Returns the fit with its newest effect also on the other joints on which it explains enough.
-
-    Enough is a share of what is left on the joint itself: its misfit may be small beside others'.
-    """
-    newest = accepted.effects[-1]
-    left = problem.joint_costs(accepted.residual)
-    best: dict[object, EffectInstance] = {}
-    for c in screened:  # best first, and several starts of one candidate
-        if (
-            c.instance.effect.scope is Scope.JOINT
-            and c.instance.effect.name == newest.effect.name
-            and c.instance.key not in {e.key for e in accepted.effects}
-            and left[problem.joints.index(c.instance.joints[0])] > ALSO_FROM
-            and c.gain > LIKELY * _best_gain_on(c.instance.joints[0], screened)
-        ):
-            best.setdefault(c.instance.key, c.instance)
-    sisters = list(best.values())
-    while sisters:
-        report(f"fitting {newest.effect.name.replace('_', ' ')} on {len(sisters)} more joints")
-        part = problem.subset(problem.sample(FITTING_S))
-        both = fit(part, (*accepted.effects, *sisters), tolerance=ROUGH)
-        found = both.effects[len(accepted.effects) :]
-        earned = [e for e in found if not at_bound(e) and _earns(part, both, e)]
-        if len(earned) == len(sisters):
-            return fit(problem, both.effects)
-        sisters = earned
-    return accepted
-
-
-def sisters_instead(
-    problem: Problem,
-    accepted: Fit,
-    candidates: Sequence[Place],
-    report: Callable[[str], None] = lambda _: None,
-) -> Fit:
-    """Returns the fit with effects on all joints instead of one of the whole robot, if that is it.
-
-    Where every servo is too weak, a payload that was found first makes up for most of them, and
-    leaves too little on the others. So what was found on several joints is put on the rest of them
-    in its place, with as many parameters at most. It has to leave less.
-    """
-    for whole in [e for e in accepted.effects if is_whole(e.effect)]:
-        others = [e for e in accepted.effects if e is not whole]
-        for sisters in _sisters(others, candidates):
-            if len(sisters) > len(whole.effect.parameters):
-                continue
-            report(f"fitting {describe(sisters[0])} and its like instead of {describe(whole)}")
-            instead = fit(problem, (*others, *sisters))
-            if instead.cost < (1.0 - LEAST_GAIN) * accepted.cost:
-                return instead
-    return accepted
-
-
-def _sisters(
-    effects: Sequence[EffectInstance], candidates: Sequence[Place]
-) -> list[list[EffectInstance]]:
-    """Returns what has one parameter and is there on several joints, on each of the others.
-
-    As much of it as on those. Without motors apart from their links, which take long to simulate.
-    """
-    kinds: dict[str, list[EffectInstance]] = {}
-    for e in effects:
-        apart = e.effect.separates_motor
-        if e.effect.scope is Scope.JOINT and len(e.effect.parameters) == 1 and not apart:
-            kinds.setdefault(e.effect.name, []).append(e)
-    sisters = []
-    for alike in (kind for kind in kinds.values() if len(kind) > 1):
-        there = {e.key for e in alike}
-        (amount,) = (parameter.name for parameter in alike[0].effect.parameters)
-        typical = float(np.median([e.values[amount] for e in alike]))
-        sisters.append(
-            [
-                EffectInstance(
-                    effect=place.effect,
-                    joints=place.joints,
-                    values={amount: typical},
-                    least=place.least,
-                )
-                for place in candidates
-                if place.effect.name == alike[0].effect.name and place.key not in there
-            ]
-        )
-    return [one for one in sisters if one]
-
-
-def _best_gain_on(joint: str, screened: Sequence[Screened]) -> float:
-    return max(c.gain for c in screened if c.instance.joints == (joint,))
-
-
-def _earns(problem: Problem, fitted: Fit, instance: EffectInstance) -> bool:
-    """Returns whether an effect explains enough, to first order, of what is left on its joint."""
-    index = fitted.effects.index(instance)
-    own = np.array([i == index for i, _ in free_parameters(fitted.effects)])
-    others = orthonormal(fitted.jacobian[:, ~own])
-    change = fitted.jacobian[:, own] @ amounts([instance])
-    change -= others @ (others.T @ change)
-    joint = problem.joints.index(instance.joints[0])
-    gained = problem.joint_costs(change)[joint]
-    left = problem.joint_costs(fitted.residual)[joint]
-    return bool(gained > ALSO_GAIN * (gained + left))
 
 
 def without_superfluous(
@@ -660,7 +463,9 @@ def play_round(
         fits=tuple(fits),
         accepted=fits[0] if fits else None,
     )
-    everywhere = on_every_joint(part, this, start, nominal, report)
+    if this.accepted is None:
+        return this
+    everywhere = on_every_joint(part, this.screened, this.accepted, start, nominal, report)
     return this if everywhere is None else _better(problem, this, start, everywhere)
 
 
@@ -767,14 +572,6 @@ def price(fitted: Fit) -> float:
     A number of periods counts, too: the best of many was looked for.
     """
     return LEAST_GAIN * len(fitted.effects[-1].effect.parameters)
-
-
-def ruled_out(rival: Fit, best: Fit) -> bool:
-    """Returns whether a rival leaves clearly more than a best that leaves hardly more than noise.
-
-    Then it is wrong, however much of what was missing it explains.
-    """
-    return best.cost <= ADEQUATE_RATIO**2 and rival.cost >= RULED_OUT * best.cost
 
 
 def worth_it(problem: Problem, fitted: Fit, start: Fit) -> bool:

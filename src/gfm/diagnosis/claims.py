@@ -10,14 +10,8 @@ from collections.abc import Collection, Mapping, Sequence
 import mujoco
 import numpy as np
 
-from gfm.diagnosis.attribution import (
-    ADEQUATE_RATIO,
-    RULED_OUT,
-    Attribution,
-    Round,
-    price,
-    ruled_out,
-)
+from gfm.diagnosis.adequate import ADEQUATE_RATIO, RULED_OUT, ruled_out
+from gfm.diagnosis.attribution import Attribution, Round, price
 from gfm.diagnosis.fitting import Fit, free_parameters
 from gfm.diagnosis.intervals import half_widths
 from gfm.diagnosis.naming import describe, twins

@@ -9,16 +9,8 @@ from functools import partial, reduce
 import numpy as np
 
 from gfm.core import Trajectory
-from gfm.diagnosis.attribution import (
-    ADEQUATE_RATIO,
-    Attribution,
-    Round,
-    attribute,
-    enough,
-    is_enough,
-    of_stretches,
-    settled_fit,
-)
+from gfm.diagnosis.adequate import ADEQUATE_RATIO, enough, is_enough
+from gfm.diagnosis.attribution import Attribution, Round, attribute, of_stretches, settled_fit
 from gfm.diagnosis.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.chain.domains import torque_share
 from gfm.diagnosis.chain.torques import torque_domain

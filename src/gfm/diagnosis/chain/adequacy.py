@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.attribution import ADEQUATE_RATIO
+from gfm.diagnosis.adequate import ADEQUATE_RATIO
 from gfm.diagnosis.chain.torques import Signals
 from gfm.diagnosis.quality.finding import correlation
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gfm.diagnosis.attribution import Attribution, Round, price, ruled_out
+from gfm.diagnosis.adequate import ruled_out
+from gfm.diagnosis.attribution import Attribution, Round, price
 from gfm.diagnosis.fitting import LEAST_GAIN, Fit
 from gfm.diagnosis.naming import twins
 from gfm.effects import EffectInstance
