@@ -11,7 +11,7 @@ from gfm.core import CommandKind
 from gfm.diagnosis import attribution
 from gfm.diagnosis.attribution import polished, settled_fit
 from gfm.diagnosis.fitting import fit
-from gfm.diagnosis.problem import Noise, Problem, settled
+from gfm.diagnosis.problem import Noise, Problem, settled, unsettled
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.segment import Segment
 
@@ -98,12 +98,30 @@ def viscous(coefficient):
 
 def test_states_and_amounts_are_found_in_turn(monkeypatch):
     problem = suited_to_none(friction=0.3)
+    monkeypatch.setattr(attribution, "MUCH", np.inf)  # never from the states as measured
     monkeypatch.setattr(attribution, "IN_TURN", 1)
     assert settled_fit(problem, (viscous(0.01),))[1].cost > 5.0
     monkeypatch.setattr(attribution, "IN_TURN", 4)
     _, found = settled_fit(problem, (viscous(0.01),))
     assert found.cost < 0.1
     assert found.effects[0].values["coefficient"] == pytest.approx(0.3, rel=0.01)
+
+
+def test_states_as_measured_are_kept_beside_those_that_suit_a_model():
+    measured = falling(CommandKind.EFFORT, error=0.0)
+    slowed = replace(measured.segments[0], position=fallen(0.1, 0.0, 0.3))
+    bent = settled(settled(replace(measured, segments=(slowed,)), ()), (viscous(0.1),))
+    assert bent.segments[0].initial_velocity[0] < -0.01
+    assert unsettled(bent, (viscous(0.3),)).segments[0] is slowed
+
+
+def test_states_that_suited_a_wrong_model_are_given_up_where_they_hold_a_fit(monkeypatch):
+    """One turn leaves much from there; from the states as measured it comes to the truth."""
+    monkeypatch.setattr(attribution, "IN_TURN", 1)
+    there, found = settled_fit(suited_to_none(friction=0.3), (viscous(0.01),))
+    assert found.cost < 0.1
+    assert found.effects[0].values["coefficient"] == pytest.approx(0.3, rel=0.01)
+    assert there.segments[0].measured is None
 
 
 def test_rivals_are_compared_from_initial_states_of_their_own():

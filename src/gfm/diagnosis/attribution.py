@@ -36,7 +36,7 @@ from gfm.diagnosis.fitting import (
     orthonormal,
 )
 from gfm.diagnosis.naming import describe, twins
-from gfm.diagnosis.problem import Problem, ringing_springs, settled
+from gfm.diagnosis.problem import Problem, ringing_springs, settled, unsettled
 from gfm.diagnosis.screening import Screened, screen, shortlist, suspected
 from gfm.diagnosis.sisters import (
     ALSO_GAIN,
@@ -234,7 +234,8 @@ def settled_fit(
     """Returns the problem with initial states that suit `effects`, and their fit to it.
 
     States and amounts are looked for in turn as long as that leaves far less each time; or less,
-    where something rings: a little in its stiffness is much in how it began.
+    where something rings: a little in its stiffness is much in how it began. Where much is left,
+    the states that suited what was found before may be the reason: those measured are tried, too.
 
     Args:
         problem: What is to be explained.
@@ -242,6 +243,25 @@ def settled_fit(
         nominal: Cost of the model without any.
     """
     problem = with_suitable_steps(problem, effects)
+    there, found = _in_turn(problem, effects, nominal)
+    if found.cost <= MUCH or all(s.measured is None for s in there.segments):
+        return there, found
+    begun = unsettled(there, found.effects)
+    again = fit(begun, found.effects)
+    if _unbounded(begun, again) > FAR_LESS * _unbounded(there, found):
+        return there, found
+    return _in_turn(begun, again.effects, nominal)
+
+
+def _unbounded(problem: Problem, fitted: Fit) -> float:
+    """Returns the cost of a fit if what is outlying counts in full."""
+    return mean_square(replace(problem, outlying_from=None).residuals([fitted.effects])[0])
+
+
+def _in_turn(
+    problem: Problem, effects: Sequence[EffectInstance], nominal: float
+) -> tuple[Problem, Fit]:
+    """Returns initial states and amounts, each looked for anew where the other was found."""
     before = mean_square(problem.residuals([effects])[0])
     for _ in range(IN_TURN):
         problem = settled(problem, effects).robust(effects)

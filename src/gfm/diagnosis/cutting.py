@@ -262,6 +262,7 @@ def between(
             continue
         here = slice(start, end)
         resting = starts_at_rest(time_s[here], recording.position[here], noise.position)
+        commanded_s, command = _commands(recording, float(time_s[start]), float(time_s[end - 1]))
         segments.append(
             Segment(
                 time_s=time_s[here] - time_s[start],
@@ -270,7 +271,8 @@ def between(
                 effort_noise=effort_noise,
                 same_stamp_s=together_s,
                 kind=recording.command_kind,
-                **_commands(recording, float(time_s[start]), float(time_s[end - 1])),
+                command_time_s=commanded_s,
+                command=command,
                 initial_position=position[start],
                 initial_velocity=np.where(resting, 0.0, velocity[start]),
                 servo_gain=gain,
@@ -281,12 +283,12 @@ def between(
     return segments
 
 
-def _commands(recording: Trajectory, start_s: float, end_s: float) -> dict[str, Array]:
-    """Returns the commands in force between two times, and those shortly before for delays."""
+def _commands(recording: Trajectory, start_s: float, end_s: float) -> tuple[Array, Array]:
+    """Returns the commands in force between two times, and those shortly before for delays.
+
+    First when each took effect, from the first time on, s, shape (C,), then what, shape (C, J).
+    """
     time_s = recording.command_time_s
     first = max(int(np.searchsorted(time_s, start_s - HISTORY_S, side="right")) - 1, 0)
     last = max(int(np.searchsorted(time_s, end_s, side="right")), first + 1)
-    return {
-        "command_time_s": time_s[first:last] - start_s,
-        "command": recording.command[first:last],
-    }
+    return time_s[first:last] - start_s, recording.command[first:last]

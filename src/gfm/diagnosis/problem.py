@@ -372,6 +372,15 @@ def settled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
     return replace(problem, segments=tuple(segments), state_basis=tuple(bases))
 
 
+def unsettled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
+    """Returns the problem with initial states as measured, and what they explain under `effects`.
+
+    What suited a model that was wrong holds the next one there: it is bent to begin as that did.
+    """
+    segments = tuple(segment.measured or segment for segment in problem.segments)
+    return with_state_basis(replace(problem, segments=segments), effects).robust(effects)
+
+
 def _led(segment: Segment) -> bool:
     """Returns whether servos keep the joints on track."""
     return segment.kind is not CommandKind.EFFORT and bool((segment.servo_gain > 0.0).all())
@@ -568,6 +577,7 @@ def _moved(segment: Segment, change: Array) -> Segment:
         initial_position=segment.initial_position + change[0],
         initial_velocity=segment.initial_velocity + change[1],
         initial_motor=motor,
+        measured=segment.measured or segment,
     )
 
 

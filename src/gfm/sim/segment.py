@@ -32,6 +32,7 @@ class Segment:
             much faster than their links they are, rad/s, shape (2, J); None for not at all.
         object_pose: Where a free object is at first, m and quaternion w x y z, shape (7,); None
             where that is not known.
+        measured: The same as it was measured to begin, where its initial state was fitted.
     """
 
     time_s: Array
@@ -48,6 +49,7 @@ class Segment:
     same_stamp_s: float = 0.0
     initial_motor: Array | None = None
     object_pose: Array | None = None
+    measured: Segment | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
