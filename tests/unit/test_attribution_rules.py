@@ -170,6 +170,26 @@ def test_what_takes_less_than_its_noise_off_a_joint_is_not_claimed():
     assert named_effects(blocks, found, both.effects, overall, louder)[1].confidence == 0.99
 
 
+@pytest.mark.parametrize(("laws", "sure"), [(2, True), (3, False)])
+def test_a_third_law_on_a_joint_is_claimed_only_where_noise_is_left(laws, sure):
+    effects = (
+        instance("coulomb_friction", torque=0.1),
+        instance("joint_spring", stiffness=0.1, rest_angle=0.0),
+        instance("encoder_offset", offset=0.1),
+    )[:laws]
+    fits = [fitted(10.0**-i, *effects[: i + 1]) for i in range(laws)]
+    found = Attribution(
+        nominal_cost=10.0,
+        fit=replace(fits[-1], jacobian=np.eye(len(TIME_S), 4)[:, : laws + (laws > 1)]),
+        rounds=tuple(
+            Round(before=10.0 * one.cost, screened=(), fits=(one,), accepted=one) for one in fits
+        ),
+    )
+    error = ErrorSummary(before=80.0, after=4.2, noise_floor=1.0)
+    names = named_effects([slice(0, 20), slice(20, 40)], found, effects, error, {"joint": error})
+    assert all((one.confidence > 0.5) is sure for one in names)
+
+
 @pytest.mark.parametrize(("damping", "sure"), [(0.4, True), (30.0, False)])
 def test_what_changes_slightly_what_a_model_says_of_a_joint_is_not_claimed(damping, sure):
     one = fitted(1.0, instance("viscous_friction", coefficient=0.5))

@@ -122,6 +122,17 @@ def test_nothing_is_explained_by_names_none_of_which_is_claimed():
     assert verdict_on(summary(20.0, 1.2), [doubtful, sure]) is Verdict.EXPLAINED
 
 
+def test_nothing_is_explained_by_many_names_on_one_joint_that_leave_more_than_noise():
+    """A spring that hardens, described by a softer one, a cogging torque and an offset."""
+    two = [named("coulomb_friction", "a", torque=0.09), named("joint_spring", "a", stiffness=0.13)]
+    third = named("cogging_torque", "a", amplitude=0.05)
+    assert verdict_on(summary(80.0, 4.2), two) is Verdict.EXPLAINED
+    assert verdict_on(summary(80.0, 4.2), [*two, third]) is Verdict.PARTLY_EXPLAINED
+    assert verdict_on(summary(80.0, 1.4), [*two, third]) is Verdict.EXPLAINED
+    elsewhere = replace(third, joints=("b",))
+    assert verdict_on(summary(80.0, 4.2), [*two, elsewhere]) is Verdict.EXPLAINED
+
+
 def test_one_effect_on_several_joints_is_one_phrase():
     both = [named("coulomb_friction", "a", torque=0.2), named("coulomb_friction", "b", torque=0.35)]
     assert effects_in_words([*both, named("torque_offset", "b", torque=0.1)]) == [

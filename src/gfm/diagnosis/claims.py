@@ -5,6 +5,7 @@ Nothing is claimed on the recordings that effects were fitted to: errors are of 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 
 import mujoco
@@ -26,6 +27,9 @@ from gfm.effects import Effect, EffectInstance, Scope, effect_library
 CREDIBLE_RATIO, INEXACT_SHARE, EXACT_SHARE = 1.5, 3e-3, 1e-4
 #: More noise floors than this are left by something else than inexact laws.
 FAR_FROM_NOISE = 10.0
+#: Where one joint has more laws of its own than this, they must leave noise: a few of them together
+#: come close to whatever has no name.
+MOST_ON_A_JOINT = 2
 #: Confidence beyond which a name is claimed.
 CLAIMED = 0.5
 #: Two candidates are equal when the runner-up leaves so little more of what the best explains.
@@ -48,7 +52,8 @@ def verdict_on(error: ErrorSummary, named: Sequence[NamedEffect]) -> Verdict:
     if not named:
         adequate = error.before <= ADEQUATE_RATIO * error.noise_floor
         return Verdict.NO_GAP if adequate else Verdict.UNEXPLAINED
-    may_leave = _inexact([effect_library()[one.effect] for one in named])
+    laws = [(effect_library()[one.effect], one.joints) for one in named]
+    may_leave = 0.0 if _crowded(laws) else _inexact(laws)
     claimed = any(one.confidence > CLAIMED for one in named)
     if claimed and credible([error], may_leave=may_leave):
         return Verdict.EXPLAINED
@@ -87,12 +92,14 @@ def named_effects(
     values = np.array([instances[i].values[name] for i, name in free])
     widths = half_widths(values, fitted.jacobian, fitted.residual, blocks)
     by_place = dict(zip(free, widths, strict=True))
-    may_leave = _inexact([instance.effect for instance in instances])
+    laws = [(instance.effect, instance.joints) for instance in instances]
+    inexact, crowded = _inexact(laws), _crowded(laws)
     named = []
     for i, instance in enumerate(instances):
         parameters = {}
         here = [error, *_where_it_acts(instance, by_joint or {})]
         adequate = credible(here)
+        may_leave = 0.0 if crowded & {*instance.joints} else inexact
         sure = credible(here, may_leave=may_leave) and _seen(here[1:] or here)
         for p in instance.effect.parameters:
             value, width = instance.values[p.name], float(by_place.get((i, p.name), np.inf))
@@ -145,9 +152,15 @@ def credible(errors: Sequence[ErrorSummary], *, may_leave: float = 0.0) -> bool:
     )
 
 
-def _inexact(laws: Sequence[Effect]) -> float:
+def _inexact(laws: Sequence[tuple[Effect, tuple[str, ...]]]) -> float:
     """Returns the share of a gap that laws may leave by not being quite exact."""
-    return INEXACT_SHARE if any(law.abrupt for law in laws) else EXACT_SHARE
+    return INEXACT_SHARE if any(law.abrupt for law, _ in laws) else EXACT_SHARE
+
+
+def _crowded(laws: Sequence[tuple[Effect, tuple[str, ...]]]) -> set[str]:
+    """Returns the joints that have more laws of their own than describe one thing or two."""
+    own = Counter(joints for law, joints in laws if law.scope is Scope.JOINT)
+    return {joint for (joint,), count in own.items() if count > MOST_ON_A_JOINT}
 
 
 def _seen(errors: Sequence[ErrorSummary]) -> bool:
