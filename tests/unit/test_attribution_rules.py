@@ -19,7 +19,7 @@ from gfm.diagnosis.attribution import (
     worth_it,
 )
 from gfm.diagnosis.candidates import places
-from gfm.diagnosis.claims import clearness, named_effects
+from gfm.diagnosis.claims import WRONG_ALIKE, clearness, named_effects
 from gfm.diagnosis.fitting import Fit, acting, along_valley, at_bound, nothing
 from gfm.diagnosis.problem import Problem, with_state_basis
 from gfm.diagnosis.result import ErrorSummary
@@ -168,6 +168,22 @@ def test_what_takes_less_than_its_noise_off_a_joint_is_not_claimed():
     assert unsure.confidence < 0.5
     louder = by_joint | {"other": replace(by_joint["other"], before=1.6)}
     assert named_effects(blocks, found, both.effects, overall, louder)[1].confidence == 0.99
+
+
+def test_the_spread_of_a_model_that_stays_wrong_is_wider_than_an_interval():
+    one = fitted(1.0, instance("coulomb_friction", torque=0.5))
+    one = replace(one, jacobian=np.ones((len(TIME_S), 1)))
+    this = Round(before=9.0, screened=(), fits=(one,), accepted=one)
+    found, blocks = Attribution(nominal_cost=9.0, fit=one, rounds=(this,)), [slice(0, len(TIME_S))]
+    right, wrong = (
+        named_effects(
+            blocks, found, one.effects, ErrorSummary(before=20.0, after=left, noise_floor=1.0)
+        )[0].parameters["torque"]
+        for left in (1.1, 5.0)
+    )
+    assert right.spread is None
+    assert wrong.ci95 is None
+    assert wrong.spread == pytest.approx(WRONG_ALIKE * (right.ci95[1] - right.value))
 
 
 @pytest.mark.parametrize(("laws", "sure"), [(2, True), (3, False)])

@@ -30,6 +30,11 @@ FAR_FROM_NOISE = 10.0
 #: Where one joint has more laws of its own than this, they must leave noise: a few of them together
 #: come close to whatever has no name.
 MOST_ON_A_JOINT = 2
+#: Width of an amount's spread where the model stays wrong, in units of how far other recordings of
+#: the same kind would put it: a wrong model is wrong in all of them alike. And how often so wide a
+#: spread held the truth on simulated robots that lack something without a name
+#: (docs/results/known_truth_beside.md).
+WRONG_ALIKE, SPREADS_HELD, SPREADS_ASKED = 2.5, 24, 25
 #: Confidence beyond which a name is claimed.
 CLAIMED = 0.5
 #: Two candidates are equal when the runner-up leaves so little more of what the best explains.
@@ -126,7 +131,7 @@ def _estimate(value: float, unit: str, width: float, *, holds: bool) -> Paramete
     if not np.isfinite(width):
         return ParameterEstimate(value=value, unit=unit, ci95=None)
     if not holds:
-        return ParameterEstimate(value=value, unit=unit, ci95=None, spread=width)
+        return ParameterEstimate(value=value, unit=unit, ci95=None, spread=WRONG_ALIKE * width)
     return ParameterEstimate(value=value, unit=unit, ci95=(value - width, value + width))
 
 

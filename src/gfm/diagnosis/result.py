@@ -38,8 +38,8 @@ class ParameterEstimate:
         value: In `unit`.
         unit: SI.
         ci95: Interval that covers the truth with probability 0.95, or None where it is withheld.
-        spread: Where it is withheld because the model is still wrong: how far other recordings of
-            the same kind would put the value to either side (95 %). The truth may lie farther.
+        spread: Where it is withheld because the model is still wrong: how far to either side the
+            truth may be expected, from simulated robots whose models stayed wrong.
     """
 
     value: float

@@ -267,7 +267,7 @@ def interval(estimate: ParameterEstimate) -> str:
         return f"{number(known[0])} … {number(known[1])}"
     if estimate.spread is None:
         return "withheld"
-    return f"± {number(estimate.spread)} or more"
+    return f"roughly ± {number(estimate.spread)}"
 
 
 def duration(seconds: float) -> str:

@@ -102,7 +102,7 @@ def test_it_is_said_why_amounts_have_no_interval(diagnosis_with):
     bare = replace(whole.effects[0], parameters={})
     torque = replace(whole.effects[0].parameters["torque"], ci95=None)
     without = replace(bare, parameters={"torque": torque})
-    assert "No interval is given" in amounts_sentence(replace(whole, effects=(without,)))
+    assert "No 95 % interval is given" in amounts_sentence(replace(whole, effects=(without,)))
 
 
 def test_a_friction_that_drives_is_called_impossible(chain_with):

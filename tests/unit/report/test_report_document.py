@@ -94,7 +94,7 @@ def test_intervals_that_are_withheld_or_without_end_are_null(diagnosis_with):
 
 def test_the_spread_stands_where_no_interval_would_hold():
     loose = ParameterEstimate(value=1.0, unit="N m", ci95=None, spread=0.25)
-    assert interval(loose) == "± 0.250 or more"
+    assert interval(loose) == "roughly ± 0.250"
     drag = NamedEffect(
         effect="quadratic_drag",
         joints=("a",),
