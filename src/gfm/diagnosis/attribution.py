@@ -122,6 +122,7 @@ class Attribution:
         rounds: First to last.
         stretches: That told of what acts now and then only.
         unsupported: What was accepted, but explains nothing that it was not fitted to.
+        again: Rounds beside something that was taken out, played again beside what stayed.
     """
 
     nominal_cost: float
@@ -129,6 +130,7 @@ class Attribution:
     rounds: tuple[Round, ...] = ()
     stretches: tuple[Problem, ...] = ()
     unsupported: tuple[EffectInstance, ...] = ()
+    again: tuple[Round, ...] = ()
 
     def why_taken_out(self, instance: EffectInstance) -> str:
         """Returns why an accepted effect is not named in the end; nothing if it never was one."""

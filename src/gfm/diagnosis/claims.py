@@ -116,7 +116,7 @@ def named_effects(
                 joints=instance.joints,
                 parameters=parameters,
                 confidence=_confidence(
-                    _found_in(instance, found.rounds),
+                    _found_in(instance, (*found.again, *found.rounds)),
                     error,
                     adequate=sure and not slight(specs, instance),
                 ),

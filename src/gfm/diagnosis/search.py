@@ -16,7 +16,7 @@ from gfm.diagnosis.chain.domains import torque_share
 from gfm.diagnosis.chain.torques import torque_domain
 from gfm.diagnosis.claims import FAR_FROM_NOISE
 from gfm.diagnosis.cross_validation import what_holds
-from gfm.diagnosis.fitting import Fit, acting, along_valley, fit, measured
+from gfm.diagnosis.fitting import ROUGH, Fit, acting, along_valley, fit, mean_square, measured
 from gfm.diagnosis.lookalikes import exchanges
 from gfm.diagnosis.naming import fitly_named
 from gfm.diagnosis.problem import Problem
@@ -25,11 +25,13 @@ from gfm.diagnosis.stretches import look_into_stretches
 from gfm.diagnosis.too_much import FAR, too_much
 from gfm.diagnosis.usual import usually_missing
 from gfm.diagnosis.witnesses import borne_out
-from gfm.effects import effect_library
+from gfm.effects import EffectInstance, effect_library
 
 #: What amounts of long stretches leave in short ones, in units of what those of short ones leave,
 #: from which they went astray.
 ASTRAY = 2.0
+#: Rivals of a round that are weighed again beside what stayed in the end.
+MOST_RIVALS = 2
 
 
 def search(
@@ -99,7 +101,42 @@ def search(
         if less is not None and less.accepted is not None:
             found = replace(found, rounds=(*found.rounds, less))
             final = less.accepted
-    return replace(found, fit=fitly_named(final, problem.specs)), long
+    again = _played_again(long_settled, found.rounds, final)
+    return replace(found, fit=fitly_named(final, problem.specs), again=again), long
+
+
+def _played_again(problem: Problem, rounds: Sequence[Round], final: Fit) -> tuple[Round, ...]:
+    """Returns anew the rounds whose rivals stood beside something that was taken out since.
+
+    Beside an effect that there is not, all candidates explain little, and the right one hardly more
+    than others. Where noise is left, its rivals of then are fitted in its place.
+    """
+    stayed = {e.key for e in final.effects}
+    if not is_enough(problem, final):
+        return ()
+    again = []
+    for this in rounds:
+        if this.accepted is None or this.together:
+            continue
+        *beside, new = this.fits[0].effects
+        if new.key not in stayed or {e.key for e in beside} <= stayed:
+            continue
+        (own,) = (e for e in final.effects if e.key == new.key)
+        others = tuple(e for e in final.effects if e is not own)
+        rivals = [e for e in _each_once(this.fits) if e.key not in stayed][:MOST_RIVALS]
+        fits = [fit(problem, (*others, rival), tolerance=ROUGH) for rival in rivals]
+        best = replace(final, effects=(*others, own))
+        before = mean_square(problem.residuals([others])[0])
+        again.append(replace(this, before=before, fits=(best, *fits), accepted=best))
+    return tuple(again)
+
+
+def _each_once(fits: Sequence[Fit]) -> list[EffectInstance]:
+    """Returns what each fit added, best first, without what another start of it found before."""
+    added: dict[object, EffectInstance] = {}
+    for one in fits:
+        added.setdefault(one.effects[-1].key, one.effects[-1])
+    return list(added.values())
 
 
 def _not_astray(problem: Problem, short: Fit, long: Problem, final: Fit) -> Fit:
