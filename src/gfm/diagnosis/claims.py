@@ -34,7 +34,7 @@ MOST_ON_A_JOINT = 2
 #: the same kind would put it: a wrong model is wrong in all of them alike. And how often so wide a
 #: spread held the truth on simulated robots that lack something without a name
 #: (docs/results/known_truth_beside.md).
-WRONG_ALIKE, SPREADS_HELD, SPREADS_ASKED = 2.5, 24, 25
+WRONG_ALIKE, SPREADS_HELD, SPREADS_ASKED = 2.5, 28, 29
 #: Confidence beyond which a name is claimed.
 CLAIMED = 0.5
 #: Two candidates are equal when the runner-up leaves so little more of what the best explains.
