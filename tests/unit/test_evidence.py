@@ -131,6 +131,8 @@ def test_nothing_is_explained_by_many_names_on_one_joint_that_leave_more_than_no
     assert verdict_on(summary(80.0, 1.4), [*two, third]) is Verdict.EXPLAINED
     elsewhere = replace(third, joints=("b",))
     assert verdict_on(summary(80.0, 4.2), [*two, elsewhere]) is Verdict.EXPLAINED
+    of_the_first = named("stribeck_friction", "a", static_excess=0.05)
+    assert verdict_on(summary(80.0, 4.2), [*two, of_the_first]) is Verdict.EXPLAINED
 
 
 def test_one_effect_on_several_joints_is_one_phrase():

@@ -163,8 +163,13 @@ def _inexact(laws: Sequence[tuple[Effect, tuple[str, ...]]]) -> float:
 
 
 def _crowded(laws: Sequence[tuple[Effect, tuple[str, ...]]]) -> set[str]:
-    """Returns the joints that have more laws of their own than describe one thing or two."""
-    own = Counter(joints for law, joints in laws if law.scope is Scope.JOINT)
+    """Returns the joints that have more laws of their own than describe one thing or two.
+
+    An excess and the level that comes with it are one.
+    """
+    own = Counter(
+        joints for law, joints in laws if law.scope is Scope.JOINT and law.excess_of is None
+    )
     return {joint for (joint,), count in own.items() if count > MOST_ON_A_JOINT}
 
 
