@@ -19,7 +19,7 @@ from gfm.diagnosis.chain.energy import energy_balance
 from gfm.diagnosis.chain.localisation import energy_by
 from gfm.diagnosis.chain.stopping import CLEAN_ROBOTS, FALSE_ALARMS, largest_rate, stopping
 from gfm.diagnosis.chain.torques import torque_domain
-from gfm.diagnosis.claims import suspects_of
+from gfm.diagnosis.claims import SPREADS_ASKED, SPREADS_HELD, WRONG_ALIKE, suspects_of
 from gfm.diagnosis.cutting import WHOLE, make_problem
 from gfm.diagnosis.fitting import LEAST_GAIN, Fit
 from gfm.effects import EffectInstance, find_effect
@@ -27,6 +27,7 @@ from pendulum import MODEL, PERIOD_S, swung
 
 SPECS = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
 NOISE, FRICTION = 1e-4, 0.3
+RESULTS = Path(__file__).parents[2] / "docs" / "results"
 
 
 def recording(seed=0, friction=0.0, inertia=0.0, duration=8.0):
@@ -369,13 +370,21 @@ def test_no_error_in_a_few_cases_leaves_a_rate_possible():
     assert largest_rate(1, 100) > largest_rate(0, 100)
 
 
+def test_spreads_are_said_to_hold_as_often_as_was_recorded():
+    page = (RESULTS / "spreads.md").read_text()
+    rows = re.findall(r"\| (\d+) of (\d+) \|$", page, flags=re.MULTILINE)
+    held, asked = np.sum([[int(n) for n in row] for row in rows], axis=0)
+    assert (held, asked) == (SPREADS_HELD, SPREADS_ASKED)
+    misses = re.findall(r"\| \**([\d.]+)\** \|$", page, flags=re.MULTILINE)
+    assert sum(float(miss) <= WRONG_ALIKE for miss in misses) == held
+
+
 def test_no_fewer_false_alarms_are_claimed_than_were_recorded():
-    results = Path(__file__).parents[2] / "docs" / "results"
     right = clean = 0
-    for page in results.glob("known_truth*.md"):
+    for page in RESULTS.glob("known_truth*.md"):
         found = re.search(r"none: nothing named .*?(\d+) of (\d+)", page.read_text())
         right, clean = right + int(found[1]), clean + int(found[2])
-    runs = (results / "run_random_effects.md").read_text()
+    runs = (RESULTS / "run_random_effects.md").read_text()
     quiet, driven = map(int, re.search(r"nothing named in\s+(\d+) of (\d+)", runs).groups())
     assert clean + driven >= CLEAN_ROBOTS
     recorded = largest_rate(clean + driven - right - quiet, clean + driven)

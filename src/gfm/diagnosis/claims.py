@@ -33,7 +33,7 @@ MOST_ON_A_JOINT = 2
 #: Width of an amount's spread where the model stays wrong, in units of how far other recordings of
 #: the same kind would put it: a wrong model is wrong in all of them alike. And how often so wide a
 #: spread held the truth on simulated robots that lack something without a name
-#: (docs/results/known_truth_beside.md).
+#: (docs/results/spreads.md).
 WRONG_ALIKE, SPREADS_HELD, SPREADS_ASKED = 2.5, 28, 29
 #: Confidence beyond which a name is claimed.
 CLAIMED = 0.5
