@@ -9,6 +9,8 @@ from known_truth.score import Score
 
 #: Held-out error after the correction, in noise floors, from which much is left.
 MOST_FLOORS = 1.5
+_BESIDE, _EVERYWHERE = "one effect beside one outside", "one effect on every joint"
+_WRONG = "a wrong name with confidence"
 
 
 def share(scores: Sequence[Score], holds: Callable[[Score], bool]) -> str:
@@ -29,51 +31,27 @@ def summary(scores: Sequence[Score]) -> str:
     errors = [e for s in effects for e in s.errors]
     covered = [c for s in effects for c in s.covered]
     large = [s for s in scores if s.setup.startswith("spatial")]
-    rows = [
-        ("one effect: the right one first", "95 %", share(kind["single"], lambda s: s.effect)),
-        ("one effect: on the right joint", "95 %", share(kind["single"], lambda s: s.joint)),
-        (
-            "one effect: nothing else named",
-            "",
-            share(kind["single"], lambda s: s.complete and s.surplus == 0),
-        ),
-        ("two effects: both named", "85 %", share(kind["pair"], lambda s: s.complete)),
-        (
-            "two effects: both, nothing else",
-            "",
-            share(kind["pair"], lambda s: s.complete and s.surplus == 0),
-        ),
-        ("none: nothing named", "99 %", share(kind["none"], lambda s: s.surplus == 0)),
+    asked: list[tuple[str, str, str, Callable[[Score], bool]]] = [
+        ("one effect: the right one first", "95 %", "single", lambda s: s.effect),
+        ("one effect: on the right joint", "95 %", "single", lambda s: s.joint),
+        ("one effect: nothing else named", "", "single", lambda s: s.complete and s.surplus == 0),
+        ("two effects: both named", "85 %", "pair", lambda s: s.complete),
+        ("two effects: both, nothing else", "", "pair", lambda s: s.complete and s.surplus == 0),
+        ("none: nothing named", "99 %", "none", lambda s: s.surplus == 0),
         (
             "outside the vocabulary: a name with confidence",
             "at most 5 %",
-            share(kind["outside"], lambda s: s.claimed),
+            "outside",
+            lambda s: s.claimed,
         ),
-        (
-            "poor excitation: a wrong name with confidence",
-            "",
-            share(kind["poor"], lambda s: s.claimed),
-        ),
-        (
-            "one effect beside one outside: the known one named, on the right joint",
-            "",
-            share(kind["beside"], lambda s: s.complete),
-        ),
-        (
-            "one effect beside one outside: a wrong name with confidence",
-            "",
-            share(kind["beside"], lambda s: s.claimed),
-        ),
-        (
-            "one effect on every joint: named on all of them",
-            "",
-            share(kind["everywhere"], lambda s: s.complete),
-        ),
-        (
-            "one effect on every joint: a wrong name with confidence",
-            "",
-            share(kind["everywhere"], lambda s: s.claimed),
-        ),
+        (f"poor excitation: {_WRONG}", "", "poor", lambda s: s.claimed),
+        (f"{_BESIDE}: the known one named, on the right joint", "", "beside", lambda s: s.complete),
+        (f"{_BESIDE}: {_WRONG}", "", "beside", lambda s: s.claimed),
+        (f"{_EVERYWHERE}: named on all of them", "", "everywhere", lambda s: s.complete),
+        (f"{_EVERYWHERE}: {_WRONG}", "", "everywhere", lambda s: s.claimed),
+    ]
+    rows = [
+        *((words, wanted, share(kind[c], holds)) for words, wanted, c, holds in asked),
         ("parameters: median relative error", "5 %", _percent(errors)),
         ("95 % intervals that hold the truth", "90 to 99 %", _share_of(covered)),
         (

@@ -20,6 +20,8 @@ ADEQUATE_RATIO = 1.25
 LEAST_SEEN = ADEQUATE_RATIO**2 - 1.0
 #: Cost of a rival, as a multiple of that of a best that leaves noise, from which on it is wrong.
 RULED_OUT = 1.5
+#: Share of what something leaves that another leaves at most where it leaves far less.
+FAR_LESS = 0.5
 
 
 def enough(nominal: float, effects: Sequence[EffectInstance]) -> float:

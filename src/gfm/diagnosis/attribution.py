@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.adequate import ADEQUATE_RATIO, INEXACT, LEAST_SEEN, is_enough
+from gfm.diagnosis.adequate import ADEQUATE_RATIO, FAR_LESS, INEXACT, LEAST_SEEN, is_enough
 from gfm.diagnosis.candidates import Place
 from gfm.diagnosis.cross_validation import holds_elsewhere
 from gfm.diagnosis.fitting import (
@@ -35,16 +35,10 @@ from gfm.diagnosis.fitting import (
     nothing,
     orthonormal,
 )
-from gfm.diagnosis.naming import describe, twins
+from gfm.diagnosis.naming import describe, first_of_each, twins
 from gfm.diagnosis.problem import Problem, ringing_springs, settled, unsettled
 from gfm.diagnosis.screening import Screened, screen, shortlist, suspected
-from gfm.diagnosis.sisters import (
-    ALSO_GAIN,
-    FAR_LESS,
-    on_every_joint,
-    sisters_instead,
-    spread,
-)
+from gfm.diagnosis.sisters import ALSO_GAIN, on_every_joint, on_other_joints, sisters_instead
 from gfm.diagnosis.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance, Scales
 
@@ -216,7 +210,7 @@ def attribute(
         problem, accepted = settled_fit(problem, this.accepted.effects, nominal)
         accepted = with_level(problem, this.screened, accepted, report)
         if not is_enough(problem, accepted, nominal):
-            accepted = spread(problem, this.screened, accepted, report)
+            accepted = on_other_joints(problem, this.screened, accepted, report)
     if len(accepted.effects) > 1:
         accepted = sisters_instead(problem, accepted, candidates, report)
         report("looking for what became superfluous")
@@ -540,12 +534,15 @@ def _best_first(
     torque_share: Callable[[Fit], float],
 ) -> list[Fit]:
     """Returns the fits with one first that can be accepted, if there is one."""
-    simplest: dict[object, Fit] = {}
-    for one in sorted(fits, key=_priced):
-        found = worth_it(problem, one, start) and not at_bound(one.effects[-1])
-        if found and earns_its_states(problem, one, start):
-            simplest.setdefault(one.effects[-1].key, one)
-    for tested in by_torque(list(simplest.values()), torque_share)[:MOST_TESTED]:
+    earned = [
+        one
+        for one in sorted(fits, key=_priced)
+        if worth_it(problem, one, start)
+        and not at_bound(one.effects[-1])
+        and earns_its_states(problem, one, start)
+    ]
+    simplest = first_of_each(earned, lambda f: f.effects[-1].key)
+    for tested in by_torque(simplest, torque_share)[:MOST_TESTED]:
         if not _settles_it(problem, tested, nominal, (1.0 - OBVIOUS) * start.cost):
             report(f"testing {describe(tested.effects[-1])} on other recordings")
             if not holds_elsewhere(problem, start.effects, tested.effects):

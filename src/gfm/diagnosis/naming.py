@@ -1,9 +1,10 @@
-"""Names for what recordings cannot tell apart: one law under two names."""
+"""Names of effects, also of what recordings cannot tell apart: one law under two names."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import mujoco
 import numpy as np
@@ -12,6 +13,7 @@ from gfm.core import CommandKind
 from gfm.diagnosis.fitting import Fit, free_parameters
 from gfm.effects import EffectInstance, effect_library
 
+Ranked = TypeVar("Ranked")
 OFFSET, ASYMMETRY = "torque_offset", "asymmetric_friction"
 #: Effects that are dry friction themselves.
 DRY = ("coulomb_friction", "stribeck_friction", "load_dependent_friction")
@@ -60,6 +62,14 @@ def twin_of(instance: EffectInstance) -> EffectInstance:
 def twins(effects: Sequence[EffectInstance]) -> list[tuple[EffectInstance, EffectInstance]]:
     """Returns the other name of each of `effects` that has one, with the effect itself."""
     return [(twin_of(e), e) for e in effects if e.effect.name in (OFFSET, ASYMMETRY)]
+
+
+def first_of_each(ranked: Iterable[Ranked], key: Callable[[Ranked], object]) -> list[Ranked]:
+    """Returns the first of each key in order: of several starts of one candidate, the best."""
+    first: dict[object, Ranked] = {}
+    for one in ranked:
+        first.setdefault(key(one), one)
+    return list(first.values())
 
 
 def describe(instance: EffectInstance) -> str:

@@ -18,14 +18,14 @@ from gfm.diagnosis.claims import FAR_FROM_NOISE
 from gfm.diagnosis.cross_validation import what_holds
 from gfm.diagnosis.fitting import ROUGH, Fit, acting, along_valley, fit, mean_square, measured
 from gfm.diagnosis.lookalikes import exchanges
-from gfm.diagnosis.naming import fitly_named
+from gfm.diagnosis.naming import first_of_each, fitly_named
 from gfm.diagnosis.problem import Problem
 from gfm.diagnosis.restating import with_room
 from gfm.diagnosis.stretches import look_into_stretches
 from gfm.diagnosis.too_much import FAR, too_much
 from gfm.diagnosis.usual import usually_missing
 from gfm.diagnosis.witnesses import borne_out
-from gfm.effects import EffectInstance, effect_library
+from gfm.effects import effect_library
 
 #: What amounts of long stretches leave in short ones, in units of what those of short ones leave,
 #: from which they went astray.
@@ -111,9 +111,9 @@ def _played_again(problem: Problem, rounds: Sequence[Round], final: Fit) -> tupl
     Beside an effect that there is not, all candidates explain little, and the right one hardly more
     than others. Where noise is left, its rivals of then are fitted in its place.
     """
-    stayed = {e.key for e in final.effects}
     if not is_enough(problem, final):
         return ()
+    stayed = {e.key for e in final.effects}
     again = []
     for this in rounds:
         if this.accepted is None or this.together:
@@ -123,20 +123,13 @@ def _played_again(problem: Problem, rounds: Sequence[Round], final: Fit) -> tupl
             continue
         (own,) = (e for e in final.effects if e.key == new.key)
         others = tuple(e for e in final.effects if e is not own)
-        rivals = [e for e in _each_once(this.fits) if e.key not in stayed][:MOST_RIVALS]
+        ranked = [f.effects[-1] for f in this.fits if f.effects[-1].key not in stayed]
+        rivals = first_of_each(ranked, lambda e: e.key)[:MOST_RIVALS]
         fits = [fit(problem, (*others, rival), tolerance=ROUGH) for rival in rivals]
         best = replace(final, effects=(*others, own))
         before = mean_square(problem.residuals([others])[0])
         again.append(replace(this, before=before, fits=(best, *fits), accepted=best))
     return tuple(again)
-
-
-def _each_once(fits: Sequence[Fit]) -> list[EffectInstance]:
-    """Returns what each fit added, best first, without what another start of it found before."""
-    added: dict[object, EffectInstance] = {}
-    for one in fits:
-        added.setdefault(one.effects[-1].key, one.effects[-1])
-    return list(added.values())
 
 
 def _not_astray(problem: Problem, short: Fit, long: Problem, final: Fit) -> Fit:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from gfm.diagnosis.adequate import is_enough
+from gfm.diagnosis.adequate import FAR_LESS, is_enough
 from gfm.diagnosis.candidates import Place
 from gfm.diagnosis.fitting import (
     FITTING_S,
@@ -24,7 +24,7 @@ from gfm.diagnosis.fitting import (
     free_parameters,
     orthonormal,
 )
-from gfm.diagnosis.naming import describe
+from gfm.diagnosis.naming import describe, first_of_each
 from gfm.diagnosis.problem import Problem
 from gfm.diagnosis.screening import Screened, is_whole
 from gfm.effects import EffectInstance, Scope
@@ -38,11 +38,9 @@ ALSO_FROM, ALSO_GAIN = 2.0, 0.2
 #: Kinds of effects that are tried on every joint at once, and the sum of their gains from which on
 #: that is done, as a share of what an effect of the whole robot explains.
 MOST_KINDS, AS_MUCH = 2, 0.8
-#: Share of what one effect leaves that several together must come to.
-FAR_LESS = 0.5
 
 
-def spread(
+def on_other_joints(
     problem: Problem,
     screened: Sequence[Screened],
     accepted: Fit,
@@ -54,17 +52,16 @@ def spread(
     """
     newest = accepted.effects[-1]
     left = problem.joint_costs(accepted.residual)
-    best: dict[object, EffectInstance] = {}
-    for c in screened:  # best first, and several starts of one candidate
-        if (
-            c.instance.effect.scope is Scope.JOINT
-            and c.instance.effect.name == newest.effect.name
-            and c.instance.key not in {e.key for e in accepted.effects}
-            and left[problem.joints.index(c.instance.joints[0])] > ALSO_FROM
-            and c.gain > LIKELY * _best_gain_on(c.instance.joints[0], screened)
-        ):
-            best.setdefault(c.instance.key, c.instance)
-    sisters = list(best.values())
+    likely = [
+        c.instance
+        for c in screened
+        if c.instance.effect.scope is Scope.JOINT
+        and c.instance.effect.name == newest.effect.name
+        and c.instance.key not in {e.key for e in accepted.effects}
+        and left[problem.joints.index(c.instance.joints[0])] > ALSO_FROM
+        and c.gain > LIKELY * _best_gain_on(c.instance.joints[0], screened)
+    ]
+    sisters = first_of_each(likely, lambda e: e.key)
     while sisters:
         report(f"fitting {newest.effect.name.replace('_', ' ')} on {len(sisters)} more joints")
         part = problem.subset(problem.sample(FITTING_S))
@@ -141,14 +138,11 @@ def _kinds(screened: Sequence[Screened]) -> list[list[Screened]]:
 
     Without what takes long to simulate, and several times as long on several joints.
     """
-    best: dict[object, Screened] = {}
-    for c in screened:  # best first, and several starts of one candidate
+    kinds: dict[str, list[Screened]] = {}
+    for c in first_of_each(screened, lambda c: c.instance.key):
         effect = c.instance.effect
         if effect.scope is Scope.JOINT and not (effect.costly or effect.separates_motor):
-            best.setdefault(c.instance.key, c)
-    kinds: dict[str, list[Screened]] = {}
-    for c in best.values():
-        kinds.setdefault(c.instance.effect.name, []).append(c)
+            kinds.setdefault(effect.name, []).append(c)
     several = [kind for kind in kinds.values() if len(kind) > 1]
     return sorted(several, key=lambda kind: -sum(c.gain for c in kind))
 

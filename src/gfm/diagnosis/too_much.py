@@ -18,13 +18,13 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
+from gfm.diagnosis.adequate import FAR_LESS
 from gfm.diagnosis.answers import Answers, dead_time, find_answers
 from gfm.diagnosis.attribution import CLOSE_CALL, Round, without_superfluous
 from gfm.diagnosis.fitting import FITTING_S, LEAST_GAIN, ROUGH, Fit, fit, mean_square, measured
 from gfm.diagnosis.outliers import OUTLYING, bounded
 from gfm.diagnosis.problem import Problem, settled
 from gfm.diagnosis.restating import beside_own, with_own, without_own
-from gfm.diagnosis.sisters import FAR_LESS
 from gfm.diagnosis.usual import FITS, earning
 from gfm.effects import EffectInstance, Key, find_effect
 

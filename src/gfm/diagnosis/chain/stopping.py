@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 from scipy.stats import beta
 
-from gfm.diagnosis.adequate import enough
+from gfm.diagnosis.adequate import FAR_LESS, enough
 from gfm.diagnosis.attribution import MOST_ROUNDS, OBVIOUS, Attribution, Round, price
 from gfm.diagnosis.fitting import LEAST_GAIN, Fit, at_bound
 from gfm.diagnosis.naming import describe, twins
-from gfm.diagnosis.sisters import FAR_LESS
 
-#: Simulated robots without any hidden effect that were diagnosed (of docs/results, 75 are in
-#: known_truth*.md, 10 in run_random_effects.md), and those of them on which anything was named.
+#: Simulated robots without any hidden effect that were diagnosed (of docs/results, 75 of
+#: known_truth*.md, 10 of run_random_effects.md), and those of them on which anything was named.
 CLEAN_ROBOTS, FALSE_ALARMS = 85, 0
 
 
