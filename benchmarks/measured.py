@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -209,12 +209,11 @@ def position_table(
     rig: Rig, problem: Problem, recordings: Sequence[Trajectory], models: Models
 ) -> str:
     """Returns the figure of each model, from initial states as they fit best and as measured."""
-    measured = replace(problem, state_basis=tuple(basis[:, :0] for basis in problem.state_basis))
     rows = [_heading(rig.figure, models)]
     for apart in dict.fromkeys(("", rig.excited)):
         part = [i for i, s in enumerate(problem.segments) if apart in recordings[s.recording].name]
         fitted = [settled(problem.subset(part), e).position_errors(e) for e in models.values()]
-        told = [measured.subset(part).position_errors(e) for e in models.values()]
+        told = [problem.subset(part).as_measured().position_errors(e) for e in models.values()]
         words = f", {apart}*" if apart else ""
         rows.append(f"| initial state fitted{words} | {' | '.join(map(rig.measure, fitted))} |")
         rows.append(f"| initial state as measured{words} | {' | '.join(map(rig.measure, told))} |")

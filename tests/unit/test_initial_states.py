@@ -115,6 +115,14 @@ def test_states_as_measured_are_kept_beside_those_that_suit_a_model():
     assert unsettled(bent, (viscous(0.3),)).segments[0] is slowed
 
 
+def test_errors_as_measured_are_those_of_what_was_measured():
+    """A speed that is off by 0.05 rad/s, in closed form; bent states make nothing of it better."""
+    measured = falling(CommandKind.EFFORT, error=0.05)
+    off = fallen(0.1, 0.0) - fallen(0.1, 0.05)
+    for problem in (measured, settled(measured, ())):
+        assert problem.as_measured().position_errors(())[0] == pytest.approx(off, abs=1e-5)
+
+
 def test_states_that_suited_a_wrong_model_are_given_up_where_they_hold_a_fit(monkeypatch):
     """One turn leaves much from there; from the states as measured it comes to the truth."""
     monkeypatch.setattr(attribution, "IN_TURN", 1)

@@ -99,6 +99,16 @@ def _errors(problem: Problem, effects: Sequence[EffectInstance]) -> HeldOut:
     return HeldOut(problem=problem, before=before, after=suited.position_errors(effects))
 
 
+def _errors_as_measured(problem: Problem, effects: Sequence[EffectInstance]) -> ErrorSummary:
+    """Returns the errors of both models begun as measured: nothing of them is fitted away."""
+    before = problem.as_measured().position_errors(())
+    after = before
+    if effects:
+        suited = with_suitable_steps(problem, effects)
+        after = suited.as_measured().position_errors(effects)
+    return HeldOut(problem=problem, before=before, after=after).summary
+
+
 def diagnose(
     specs: Mapping[CommandKind, mujoco.MjSpec],
     recordings: Sequence[Trajectory],
@@ -171,6 +181,7 @@ def diagnose(
         effects=named,
         suspects=suspects_of(found, instances) if found else (),
         error=errors.summary,
+        as_measured=_errors_as_measured(held, instances),
         joints=_joint_errors(errors),
         recordings=tuple(
             replace(row, warnings=doubts(findings, row.name))

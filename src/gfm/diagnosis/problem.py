@@ -266,6 +266,11 @@ class Problem:
             for s, part in zip(self.segments, parts, strict=True)
         ]
 
+    def as_measured(self) -> Problem:
+        """Returns the problem with every stretch begun as it was measured, to the letter."""
+        segments = tuple(segment.measured or segment for segment in self.segments)
+        return replace(self, segments=segments, state_basis=())
+
     def effort_misfit(self, effects: Sequence[EffectInstance]) -> float:
         """Returns by how much efforts are missed, N m: the medians of all segments, added up."""
         told = zip(self.segments, self.predictions([effects])[0], strict=True)
@@ -377,8 +382,7 @@ def unsettled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
 
     What suited a model that was wrong holds the next one there: it is bent to begin as that did.
     """
-    segments = tuple(segment.measured or segment for segment in problem.segments)
-    return with_state_basis(replace(problem, segments=segments), effects).robust(effects)
+    return with_state_basis(problem.as_measured(), effects).robust(effects)
 
 
 def _led(segment: Segment) -> bool:

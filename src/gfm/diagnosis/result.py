@@ -196,7 +196,8 @@ class Diagnosis:
         sentence: The verdict in one sentence, for people.
         effects: Accepted effects, strongest first.
         suspects: Candidates not accepted, best first.
-        error: Held-out error before and after.
+        error: Held-out error before and after, initial states fitted.
+        as_measured: The same with initial states as measured; None where that is not known.
         joints: The same, joint by joint.
         object_error: The same of the pushed object's position (m) and yaw (rad); empty without one.
         recordings: What went in.
@@ -221,6 +222,7 @@ class Diagnosis:
     recordings: tuple[RecordingSummary, ...]
     corrected_xml: str
     corrected_effects: tuple[NamedEffect, ...] = ()
+    as_measured: ErrorSummary | None = None
     object_error: Mapping[str, ErrorSummary] = field(default_factory=dict)
     twins: Mapping[CommandKind, ModelPair] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()

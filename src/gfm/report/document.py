@@ -58,6 +58,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, object]:
         "effects": [effect_json(effect) for effect in diagnosis.effects],
         "suspects": [_suspect_json(suspect) for suspect in diagnosis.suspects],
         "error": _error_json(diagnosis.error),
+        "error_as_measured": diagnosis.as_measured and _error_json(diagnosis.as_measured),
         "joints": [
             {**vars(one), "ratio": words.ratio(one.after, one.noise_floor)}
             for one in diagnosis.joints

@@ -88,6 +88,8 @@ def _error_table(diagnosis: Diagnosis) -> Table:
     table = _table(title, "joint", *columns, figures=columns)
     lines = [("all joints", error.before, error.after, error.noise_floor)]
     lines += [(one.joint, one.before, one.after, one.noise_floor) for one in diagnosis.joints]
+    if (begun := diagnosis.as_measured) is not None:
+        lines.append(("all, begun as measured", begun.before, begun.after, begun.noise_floor))
     for joint, before, after, floor in lines:
         figures = (words.number(before), words.number(after), words.number(floor))
         table.add_row(*map(Text, (joint, *figures, words.times(after, floor))))

@@ -85,6 +85,17 @@ def test_the_document_has_the_fields_of_the_contract(diagnosis_with):
     assert document["provenance"]["seed"] == 0
 
 
+def test_errors_of_rollouts_that_begin_as_measured_stand_beside_the_fitted_ones(diagnosis_with):
+    begun = ErrorSummary(before=0.25, after=0.0625, noise_floor=0.0125)
+    diagnosis = diagnosis_with(as_measured=begun)
+    document = strict(diagnosis_json(diagnosis))
+    assert document["error_as_measured"] == {**vars(begun), "ratio": 5.0}
+    assert strict(diagnosis_json(diagnosis_with()))["error_as_measured"] is None
+    row = "begun as measured</td><td"
+    assert row in without_plotly(diagnosis_html(diagnosis))
+    assert row not in without_plotly(diagnosis_html(diagnosis_with()))
+
+
 def test_intervals_that_are_withheld_or_without_end_are_null(diagnosis_with):
     cogging = strict(diagnosis_json(diagnosis_with()))["effects"][1]["parameters"]
     assert cogging["amplitude"]["ci95"] == [0.19, 0.23]

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from gfm.diagnosis.result import JointError, NamedEffect, Suspect, Verdict
+from gfm.diagnosis.result import ErrorSummary, JointError, NamedEffect, Suspect, Verdict
 from gfm.report import print_diagnosis, print_run
 
 
@@ -26,6 +26,15 @@ def test_nothing_is_wider_than_80_columns_or_cut_off(run_with):
     assert max(map(len, text.splitlines())) <= 80
     for figure in ("1.27 … 1.37", "1.32 N m", "0.00752", "29.3 ×", "estimate: 1.32"):
         assert figure in text
+
+
+def test_errors_as_measured_have_a_line_where_they_are_known(diagnosis_with):
+    begun = ErrorSummary(before=0.25, after=0.0625, noise_floor=0.0125)
+    text = printed(print_diagnosis, diagnosis_with(as_measured=begun))
+    (line,) = (one for one in text.splitlines() if "begun as measured" in one)
+    assert "0.250" in line
+    assert "0.0625" in line
+    assert "begun as measured" not in printed(print_diagnosis, diagnosis_with())
 
 
 def test_a_long_joint_name_is_folded_not_cut(diagnosis_with):
