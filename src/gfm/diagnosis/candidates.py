@@ -5,6 +5,7 @@ Shape letters: T measurements, J joints.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -19,7 +20,8 @@ from gfm.diagnosis.signals import smooth_states
 from gfm.effects import Effect, EffectInstance, Key, Motion, Scales, Scope
 from gfm.effects.effect import sign
 from gfm.sim.commands import commands_between
-from gfm.sim.plant import Plant, make_plant
+from gfm.sim.compensation import compensation_error
+from gfm.sim.plant import Plant, make_plant, with_servo_gain
 from gfm.sim.segment import Segment
 
 #: Orders of a cogging torque that are looked for, per revolution of the joint.
@@ -124,12 +126,16 @@ class TorqueView:
 def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
     """Returns a recording seen as torques, by the model's continuous inverse dynamics.
 
-    The drive is the measured effort, where there is one.
+    The drive is the measured effort, where there is one; else that of the model, at the servo gains
+    of the recording, with what its gravity compensation does wrong.
     """
     q, v, a = smooth_states(recording.time_s, recording.position)
-    model, data = plant.model, mujoco.MjData(plant.model)
+    gain = np.array([recording.servo_gain.get(name, 1.0) for name in plant.joints])
+    kind = recording.command_kind
+    model = copy.copy(with_servo_gain(plant.model, plant.actuator, kind, gain))
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    command = _command_at(plant, recording)
+    data = mujoco.MjData(model)
+    command = _mean_commands(plant, recording)
     needed, drive, compensation = np.empty_like(q), np.empty_like(q), np.zeros_like(q)
     compensated = model.jnt_actgravcomp[model.dof_jntid[plant.dof]] > 0
     for i in range(len(q)):
@@ -142,6 +148,8 @@ def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
         compensation[i, compensated] = data.qfrc_gravcomp[plant.dof][compensated]
     if recording.effort is not None:
         drive = recording.effort
+    elif (wrong := compensation_error(plant, q)) is not None:
+        drive += wrong.force[:, plant.dof]
     return TorqueView(
         position=q,
         velocity=v,
@@ -152,7 +160,7 @@ def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
     )
 
 
-def whole_segment(recording: Trajectory) -> Segment:
+def _whole_segment(recording: Trajectory) -> Segment:
     """Returns a recording as one stretch, for asking which commands were in force."""
     return Segment(
         time_s=recording.time_s,
@@ -167,10 +175,15 @@ def whole_segment(recording: Trajectory) -> Segment:
     )
 
 
-def _command_at(plant: Plant, recording: Trajectory) -> Array:
-    """Returns the command in force at each measurement, shape (T, J)."""
-    end = recording.time_s + plant.model.opt.timestep
-    return commands_between(plant, whole_segment(recording), recording.time_s, end)
+def _mean_commands(plant: Plant, recording: Trajectory) -> Array:
+    """Returns the mean command around each measurement, over the time between two, shape (T, J).
+
+    Measurements and commands are in step with each other: the command at a measurement would always
+    be the beginning, or the end, of a step in which a servo's torque falls as the joint follows.
+    """
+    half_s = 0.5 * float(np.median(np.diff(recording.time_s)))
+    start, end = recording.time_s - half_s, recording.time_s + half_s
+    return commands_between(plant, _whole_segment(recording), start, end)
 
 
 def torque_views(

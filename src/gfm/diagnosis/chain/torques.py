@@ -11,7 +11,6 @@ Shape letters: T measurements of a recording, B blocks of all recordings, J join
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -20,14 +19,12 @@ import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.candidates import TorqueView, whole_segment
+from gfm.diagnosis.candidates import TorqueView, torque_view
 from gfm.diagnosis.quality.finding import held_command
 from gfm.diagnosis.signals import smooth_states
 from gfm.effects import EffectInstance
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
-from gfm.sim.commands import commands_between
-from gfm.sim.compensation import compensation_error
-from gfm.sim.plant import Plant, make_plant, with_servo_gain
+from gfm.sim.plant import Plant, make_plant
 
 #: Length of a block, s: short beside a motion, long beside the noise of accelerations.
 BLOCK_S = 0.1
@@ -179,7 +176,7 @@ def _views(
     recordings: Sequence[Trajectory],
 ) -> tuple[TorqueView, ...]:
     plants = _plants(specs, joints, effects, recordings)
-    return tuple(_view(plants[recording.command_kind], recording) for recording in recordings)
+    return tuple(torque_view(plants[recording.command_kind], recording) for recording in recordings)
 
 
 def _plants(
@@ -190,38 +187,6 @@ def _plants(
 ) -> dict[CommandKind, Plant]:
     kinds = {recording.command_kind for recording in recordings}
     return {kind: make_plant(specs[kind], joints, effects) for kind in kinds}
-
-
-def _view(plant: Plant, recording: Trajectory) -> TorqueView:
-    """Returns a recording as torques, what a gravity compensation does wrong included."""
-    q, v, a = smooth_states(recording.time_s, recording.position)
-    command = _commands(plant, recording)
-    gain = np.array([recording.servo_gain.get(name, 1.0) for name in plant.joints])
-    kind = recording.command_kind
-    model = copy.copy(with_servo_gain(plant.model, plant.actuator, kind, gain))
-    data = mujoco.MjData(model)
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    needed, drive = np.empty_like(q), np.empty_like(q)
-    for i in range(len(q)):
-        data.qpos[plant.qpos], data.qvel[plant.dof], data.qacc[plant.dof] = q[i], v[i], a[i]
-        data.ctrl[plant.actuator] = command[i]
-        mujoco.mj_inverse(model, data)
-        mujoco.mj_fwdActuation(model, data)
-        needed[i], drive[i] = data.qfrc_inverse[plant.dof], data.qfrc_actuator[plant.dof]
-    wrong = compensation_error(plant, q)
-    force = 0.0 if wrong is None else wrong.force[:, plant.dof]
-    return TorqueView(position=q, velocity=v, drive=drive + force, missing=needed - drive - force)
-
-
-def _commands(plant: Plant, recording: Trajectory) -> Array:
-    """Returns the mean command around each measurement, over the time between two, shape (T, J).
-
-    Measurements and commands are in step with each other: the command at a measurement would always
-    be the beginning, or the end, of a step in which a servo's torque falls as the joint follows.
-    """
-    half_s = 0.5 * float(np.median(np.diff(recording.time_s)))
-    start, end = recording.time_s - half_s, recording.time_s + half_s
-    return commands_between(plant, whole_segment(recording), start, end)
 
 
 def _looked_at(recording: Trajectory, samples: int) -> Trajectory:

@@ -42,7 +42,8 @@ class Views:
 
     Attributes:
         needed: By the model's inverse dynamics for the recorded motion.
-        drive: By the law of the model's actuators for the recorded commands.
+        drive: By the law of the model's actuators for the recorded commands, those of the same
+            stamps among them.
         drive_before: The same under the commands before those of the same stamps.
     """
 
@@ -54,14 +55,15 @@ class Views:
 def views_of(recording: Trajectory, plant: Plant) -> Views:
     """Returns what the model says of a recording's torques, whatever its efforts say."""
     alone = replace(recording, effort=None)
-    view, before = torque_view(plant, alone), torque_view(plant, _with_later_commands(alone))
-    return Views(needed=view.needed, drive=view.drive, drive_before=before.drive)
-
-
-def _with_later_commands(recording: Trajectory) -> Trajectory:
-    """Returns a recording whose commands came half a period of its measurements later."""
     half_ns = int(np.median(np.diff(recording.stamp_ns))) // 2
-    return replace(recording, command_stamp_ns=recording.command_stamp_ns + half_ns)
+    # A view has the mean command of half a period before and after a stamp.
+    after, before = (torque_view(plant, _moved(alone, by_ns)) for by_ns in (-half_ns, half_ns))
+    return Views(needed=after.needed, drive=after.drive, drive_before=before.drive)
+
+
+def _moved(recording: Trajectory, by_ns: int) -> Trajectory:
+    """Returns a recording whose commands came so much later."""
+    return replace(recording, command_stamp_ns=recording.command_stamp_ns + by_ns)
 
 
 def wrong_effort(recording: Trajectory, views: Views) -> Objection | None:
