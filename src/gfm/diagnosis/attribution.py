@@ -41,6 +41,7 @@ from gfm.diagnosis.screening import Screened, screen, shortlist, suspected
 from gfm.diagnosis.sisters import ALSO_GAIN, on_every_joint, on_other_joints, sisters_instead
 from gfm.diagnosis.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance, Scales
+from gfm.sim.plant import acts_on_command
 
 #: Share of the best gain from which a candidate is a rival of the best.
 RIVAL = 0.33
@@ -619,9 +620,13 @@ def fit_best(
             continue
         report(f"fitting {describe(candidate.instance)}")
         effects = (*base.effects, candidate.instance)
-        fits.append(fit(problem, effects, known=base.jacobian, tolerance=ROUGH))
+        begun = [effects]
         if from_afar and candidate.instance.effect.valleys:
             # Where outliers hardly count, valleys are narrow; in squares they are wide.
-            begun = fit(plain, effects, tolerance=ROUGH).effects
-            fits.append(fit(problem, begun, known=base.jacobian, tolerance=ROUGH))
+            begun.append(fit(plain, effects, tolerance=ROUGH).effects)
+        if problem.has_efforts and acts_on_command(candidate.instance):
+            # An effort beside the command of its stamp jumps when a delay goes past it, and again
+            # at every command before; a position does not.
+            begun.append(fit(problem.positions_alone(), effects, tolerance=ROUGH).effects)
+        fits += [fit(problem, one, known=base.jacobian, tolerance=ROUGH) for one in begun]
     return fits

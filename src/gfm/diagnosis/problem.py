@@ -266,6 +266,18 @@ class Problem:
             for s, part in zip(self.segments, parts, strict=True)
         ]
 
+    @property
+    def has_efforts(self) -> bool:
+        """Whether efforts are predicted beside positions."""
+        return any(self._size(s) > s.position.size for s in self.segments)
+
+    def positions_alone(self) -> Problem:
+        """Returns the problem without efforts."""
+        segments = tuple(replace(segment, effort=None) for segment in self.segments)
+        rows = zip(self.state_basis, segments, strict=True)
+        basis = tuple(_orthonormal(part[: segment.position.size]) for part, segment in rows)
+        return replace(self, segments=segments, state_basis=basis)
+
     def as_measured(self) -> Problem:
         """Returns the problem with every stretch begun as it was measured, to the letter."""
         segments = tuple(segment.measured or segment for segment in self.segments)
