@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from disc import DISC, followed
 from gfm.core import CommandKind, Trajectory
 from gfm.diagnosis.candidates import TorqueView, cogging_orders, joint_scales, torque_views
 from gfm.diagnosis.cutting import make_problem
@@ -95,3 +96,32 @@ def test_the_size_of_a_servo_leaves_out_what_its_gravity_compensation_gives(by_d
     assert scales.servo_nm == pytest.approx(servo_nm, rel=0.05)
     borne = WEIGHT_NM if by_drive == "true" else 0.0
     assert scales.peak_nm == pytest.approx(borne + servo_nm, rel=0.05)
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.25, 2.0])
+def test_a_right_model_lacks_no_torque(gain):
+    """Of a servo commanded whenever it is measured: at its own gain, under the mean command."""
+    period_s, inertia, kp, kv = 0.008, 0.05, 40.0, 4.0
+    time_s = period_s * np.arange(1000.0)
+    command = 0.6 * np.sin(2.0 * np.pi * 0.4 * time_s)
+    servo = {"period_s": period_s, "inertia": inertia, "kv": kv}
+    position, torque = followed(command, kp=gain * kp, **servo)
+    stamps = (1e9 * time_s).astype(np.int64)
+    recording = Trajectory(
+        name="one",
+        joint_names=("j",),
+        stamp_ns=stamps,
+        position=position,
+        velocity=None,
+        effort=None,
+        command_kind=CommandKind.POSITION,
+        command_stamp_ns=stamps,
+        command=command[:, None],
+        servo_gain={"j": gain},
+    )
+    text = DISC.format(step=0.002, integrator="RK4", inertia=inertia, kp=kp, kv=kv)
+    specs = {CommandKind.POSITION: mujoco.MjSpec.from_string(text)}
+    (view,) = torque_views(make_problem(specs, [recording]), [recording])
+    steady = slice(100, -100)  # smoothing has both sides
+    stepped = np.std(torque[steady] - view.drive[steady])
+    assert np.std(view.missing[steady]) < 0.2 * stepped

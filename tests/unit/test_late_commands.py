@@ -3,9 +3,8 @@
 import mujoco
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
-from disc import DISC
+from disc import DISC, followed
 from gfm.core import CommandKind
 from gfm.diagnosis.attribution import fit_best
 from gfm.diagnosis.cutting import accurately_simulated
@@ -24,25 +23,10 @@ COMMAND = 0.6 * np.sin(2.0 * np.pi * 0.4 * TIME_S) + 0.2 * np.sin(2.0 * np.pi * 
 POSITION_NOISE, EFFORT_NOISE = 5e-5, 0.01
 
 
-def held(late_s):
-    """Returns positions and torques of the servo at the stamps, exactly, shape (T, 1) each."""
-    fine_s = 1e-3
-    states = np.array([[0.0, 1.0, 0.0], [-KP / INERTIA, -KV / INERTIA, KP / INERTIA], [0, 0, 0]])
-    step = expm(states * fine_s)
-    state, rows = np.array([0.0, 0.0, 0.0]), []
-    for k in range(round(TIME_S[-1] / fine_s) + 1):
-        arrived = int(np.floor((k * fine_s - late_s) / PERIOD_S + 1e-9))
-        state[2] = COMMAND[max(arrived, 0)]
-        if k % round(PERIOD_S / fine_s) == 0:
-            rows.append([state[0], KP * (state[2] - state[0]) - KV * state[1]])
-        state = step @ state
-    both = np.array(rows)
-    return both[:, :1], both[:, 1:]
-
-
 def recorded(late_s):
-    """The problem of explaining two stretches of it, with noise."""
-    position, effort = held(late_s)
+    """The problem of explaining what was recorded of it, with noise."""
+    servo = {"period_s": PERIOD_S, "inertia": INERTIA, "kp": KP, "kv": KV}
+    position, effort = followed(COMMAND, late_s=late_s, **servo)
     rng = np.random.default_rng(0)
     position = position + POSITION_NOISE * rng.standard_normal(position.shape)
     effort = effort + EFFORT_NOISE * rng.standard_normal(effort.shape)
