@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -41,6 +41,8 @@ PAGE = ROOT / "docs" / "results" / "measured_data.md"
 #: Up to here torques are compared, model and measurement filtered alike: accelerations that are
 #: smoothed say nothing of what is faster.
 LOW_PASS_HZ = 10.0
+#: How names of recordings end that went on with the servo switched off.
+RELEASED = "_released"
 #: What `report.json` holds.
 Report: TypeAlias = dict[str, Any]
 #: Effects by what the model with them is called.
@@ -217,7 +219,40 @@ def position_table(
         words = f", {apart}*" if apart else ""
         rows.append(f"| initial state fitted{words} | {' | '.join(map(rig.measure, fitted))} |")
         rows.append(f"| initial state as measured{words} | {' | '.join(map(rig.measure, told))} |")
+    if any(recording.name.endswith(RELEASED) for recording in recordings):
+        whole = [played_through(problem, recordings, e) for e in models.values()]
+        words = "the same, runs played through where the servo is switched off"
+        rows.append(f"| {words} | {' | '.join(map(rig.measure, whole))} |")
     return "\n".join(rows)
+
+
+def played_through(
+    problem: Problem, recordings: Sequence[Trajectory], effects: Sequence[EffectInstance]
+) -> list[Array]:
+    """Returns the errors of runs from beginning to end, per stretch (T, J).
+
+    What was switched off within a run goes on from where the model was then, not from where the
+    robot was.
+    """
+    begun = problem.as_measured()
+    errors = begun.position_errors(effects)
+    names = [recordings[segment.recording].name for segment in begun.segments]
+    for i, name in enumerate(names):
+        if not name.endswith(RELEASED):
+            continue
+        driven = names.index(name.removesuffix(RELEASED))
+        before, after = (recordings[begun.segments[k].recording] for k in (driven, i))
+        gap_s = 1e-9 * float(after.stamp_ns[0] - before.stamp_ns[-1])
+        there = before.position[-2:] - errors[driven][-2:]
+        velocity = (there[1] - there[0]) / (before.time_s[-1] - before.time_s[-2])
+        gone_on = replace(
+            begun.segments[i],
+            initial_position=there[1] + gap_s * velocity,
+            initial_velocity=velocity,
+        )
+        part = replace(problem.subset([i]), segments=(gone_on,))
+        (errors[i],) = part.as_measured().position_errors(effects)
+    return errors
 
 
 def joint_table(document: Report) -> str:
