@@ -29,9 +29,10 @@ def view(span, torque):
     )
 
 
-def recorded(position, effort=None):
-    """Returns a recording of a joint that was told to do nothing."""
-    stamps = (1e9 * TIME_S).astype(np.int64)
+def recorded(position, effort=None, *, time_s=TIME_S, commands=None, gain=1.0):
+    """Returns a recording of a joint: told to do nothing, or to go to some angles, shape (C,)."""
+    stamps = (1e9 * time_s).astype(np.int64)
+    led = commands is not None
     return Trajectory(
         name="one",
         joint_names=("j",),
@@ -39,9 +40,10 @@ def recorded(position, effort=None):
         position=position,
         velocity=None,
         effort=effort,
-        command_kind=CommandKind.EFFORT,
+        command_kind=CommandKind.POSITION if led else CommandKind.EFFORT,
         command_stamp_ns=stamps,
-        command=np.zeros((len(TIME_S), 1)),
+        command=commands[:, None] if led else np.zeros((len(time_s), 1)),
+        servo_gain={"j": gain},
     )
 
 
@@ -106,19 +108,7 @@ def test_a_right_model_lacks_no_torque(gain):
     command = 0.6 * np.sin(2.0 * np.pi * 0.4 * time_s)
     servo = {"period_s": period_s, "inertia": inertia, "kv": kv}
     position, torque = followed(command, kp=gain * kp, **servo)
-    stamps = (1e9 * time_s).astype(np.int64)
-    recording = Trajectory(
-        name="one",
-        joint_names=("j",),
-        stamp_ns=stamps,
-        position=position,
-        velocity=None,
-        effort=None,
-        command_kind=CommandKind.POSITION,
-        command_stamp_ns=stamps,
-        command=command[:, None],
-        servo_gain={"j": gain},
-    )
+    recording = recorded(position, time_s=time_s, commands=command, gain=gain)
     text = DISC.format(step=0.002, integrator="RK4", inertia=inertia, kp=kp, kv=kv)
     specs = {CommandKind.POSITION: mujoco.MjSpec.from_string(text)}
     (view,) = torque_views(make_problem(specs, [recording]), [recording])

@@ -10,7 +10,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from gfm.diagnosis.result import Diagnosis, NamedEffect
+from gfm.diagnosis.result import Diagnosis, ErrorSummary, JointError, NamedEffect
 from gfm.report import words
 from gfm.report.learned_document import learned_sentence
 from gfm.report.reveal import EffectCheck, Reveal, reveal
@@ -86,16 +86,15 @@ def _error_table(diagnosis: Diagnosis) -> Table:
     columns = ("before", "after", "noise floor", "after/floor")
     title = f"Held-out position error ({error.unit}, RMSE of open-loop rollouts)"
     table = _table(title, "joint", *columns, figures=columns)
-    lines = [("all joints", error.before, error.after, error.noise_floor)]
-    lines += [(one.joint, one.before, one.after, one.noise_floor) for one in diagnosis.joints]
-    if (begun := diagnosis.as_measured) is not None:
-        lines.append(("all, begun as measured", begun.before, begun.after, begun.noise_floor))
-    for joint, before, after, floor in lines:
-        figures = (words.number(before), words.number(after), words.number(floor))
-        table.add_row(*map(Text, (joint, *figures, words.times(after, floor))))
-    for name, one in diagnosis.object_error.items():
+    lines: list[tuple[str, ErrorSummary | JointError]] = [
+        ("all joints", error),
+        *((one.joint, one) for one in diagnosis.joints),
+    ]
+    if diagnosis.as_measured is not None:
+        lines.append(("all, begun as measured", diagnosis.as_measured))
+    lines += [(f"object's {k} ({one.unit})", one) for k, one in diagnosis.object_error.items()]
+    for head, one in lines:
         figures = (words.number(one.before), words.number(one.after), words.number(one.noise_floor))
-        head = f"object's {name} ({one.unit})"
         table.add_row(*map(Text, (head, *figures, words.times(one.after, one.noise_floor))))
     return table
 
