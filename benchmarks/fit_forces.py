@@ -29,7 +29,7 @@ from effects_10_seeds import commit
 
 import gfm
 from gfm.core import MonotonicClock
-from gfm.diagnosis.correction import model_pair
+from gfm.diagnosis.output.correction import model_pair
 from gfm.excitation.motion import Purpose
 from gfm.excitation.waypoints import motions
 from gfm.experiments.drive import drive, sawyer_ranges

@@ -29,9 +29,9 @@ from scipy.signal import butter, filtfilt
 import gfm
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.cutting import WHOLE, make_problem
-from gfm.diagnosis.evidence import torque_left
-from gfm.diagnosis.problem import Problem, settled
+from gfm.diagnosis.data.segmentation import WHOLE, make_problem
+from gfm.diagnosis.evidence.plots import torque_left
+from gfm.diagnosis.residuals.problem import Problem, settled
 from gfm.effects import EffectInstance, find_effect
 from gfm.experiments.inputs import load_specs, read_recordings
 from gfm.service.effects_file import read_effects

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from gfm.core import CommandKind
-from gfm.diagnosis.cutting import make_problem
-from gfm.diagnosis.fitting import fit
+from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.inference.fitting import fit
 from gfm.effects import EffectInstance, find_effect
 from pendulum import MODEL, PERIOD_S, ROTOR, swung
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from gfm.core import CommandKind
-from gfm.diagnosis.fitting import Fit
-from gfm.diagnosis.problem import Noise, Problem
+from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.residuals.problem import Noise, Problem
 from gfm.effects import EffectInstance, effect_library
 from gfm.sim.segment import Segment
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.cutting import make_problem
-from gfm.diagnosis.problem import Problem
+from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import EffectInstance, find_effect
 from gfm.experiments.inputs import load_specs, read_recordings
 

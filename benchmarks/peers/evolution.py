@@ -17,7 +17,7 @@ import numpy as np
 from cmaes import CMA
 
 from gfm.core.checks import Array
-from gfm.diagnosis.problem import Problem
+from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import EffectInstance, find_effect
 from peers.case import Case, Named, rises
 

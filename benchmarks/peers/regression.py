@@ -17,8 +17,8 @@ from pysindy.optimizers import FROLS, STLSQ
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.candidates import TorqueView, torque_views
-from gfm.diagnosis.signals import smooth_states
+from gfm.diagnosis.data.signals import smooth_states
+from gfm.diagnosis.search.candidates import TorqueView, torque_views
 from gfm.sim.plant import make_plant
 from peers.case import Case, Named
 

@@ -12,8 +12,8 @@ import pytest
 
 from gfm.cli import main
 from gfm.core import CommandKind, Trajectory, Weights
-from gfm.diagnosis.cutting import cut, measure_noise
-from gfm.diagnosis.result import ModelPair, NamedEffect, ParameterEstimate
+from gfm.diagnosis.data.segmentation import cut, measure_noise
+from gfm.diagnosis.output.result import ModelPair, NamedEffect, ParameterEstimate
 from gfm.effects import EffectInstance, find_effect
 from gfm.recording.writer import write_recording
 from gfm.report.files import model_texts, write_texts

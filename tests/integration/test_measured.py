@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind, Trajectory
-from gfm.diagnosis.cutting import WHOLE, make_problem
+from gfm.diagnosis.data.segmentation import WHOLE, make_problem
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.result import Diagnosis, Verdict
+from gfm.diagnosis.output.result import Diagnosis, Verdict
 
 pytestmark = pytest.mark.slow
 

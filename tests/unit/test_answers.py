@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gfm.diagnosis.answers import ANSWER_S, dead_time, dead_time_s, find_answers
-from gfm.diagnosis.cutting import make_problem
+from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.residuals.step_response import ANSWER_S, dead_time, dead_time_s, find_answers
 from late_pendulum import DELAY, SPECS, instance, recordings
 
 

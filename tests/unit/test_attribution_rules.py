@@ -6,9 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from gfm.diagnosis import attribution, fitting
-from gfm.diagnosis.adequate import ADEQUATE, is_enough
-from gfm.diagnosis.attribution import (
+from gfm.diagnosis.data.signals import starts_at_rest
+from gfm.diagnosis.former import attribution
+from gfm.diagnosis.former.adequate import ADEQUATE, is_enough
+from gfm.diagnosis.former.attribution import (
     Attribution,
     InStretches,
     Round,
@@ -18,13 +19,13 @@ from gfm.diagnosis.attribution import (
     price,
     worth_it,
 )
-from gfm.diagnosis.candidates import places
-from gfm.diagnosis.claims import WRONG_ALIKE, clearness, named_effects
-from gfm.diagnosis.fitting import Fit, acting, along_valley, at_bound, nothing
-from gfm.diagnosis.problem import Problem, with_state_basis
-from gfm.diagnosis.result import ErrorSummary
-from gfm.diagnosis.screening import Screened, screen, shortlist
-from gfm.diagnosis.signals import starts_at_rest
+from gfm.diagnosis.inference import fitting
+from gfm.diagnosis.inference.fitting import Fit, acting, along_valley, at_bound, nothing
+from gfm.diagnosis.output.claims import WRONG_ALIKE, clearness, named_effects
+from gfm.diagnosis.output.result import ErrorSummary
+from gfm.diagnosis.residuals.problem import Problem, with_state_basis
+from gfm.diagnosis.search.candidates import places
+from gfm.diagnosis.search.screening import Screened, screen, shortlist
 from gfm.effects import effect_library
 from gfm.effects.plugins import USUAL_SCALES
 from gfm.sim.segment import Prediction

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind, ConfigError, Trajectory, UnknownNameError
-from gfm.diagnosis.attribution import fit_best, with_level
-from gfm.diagnosis.candidates import joint_scales, places, torque_views
-from gfm.diagnosis.cutting import in_model_order, make_problem
+from gfm.diagnosis.data.segmentation import in_model_order, make_problem
+from gfm.diagnosis.data.signals import smooth_states
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.fitting import fit, nothing
-from gfm.diagnosis.intervals import half_widths
-from gfm.diagnosis.problem import settled
-from gfm.diagnosis.result import Verdict
-from gfm.diagnosis.screening import Screened, screen
-from gfm.diagnosis.signals import smooth_states
-from gfm.diagnosis.usual import usually_missing
+from gfm.diagnosis.former.attribution import fit_best, with_level
+from gfm.diagnosis.former.usual import usually_missing
+from gfm.diagnosis.inference.fitting import fit, nothing
+from gfm.diagnosis.inference.intervals import half_widths
+from gfm.diagnosis.output.result import Verdict
+from gfm.diagnosis.residuals.problem import settled
+from gfm.diagnosis.search.candidates import joint_scales, places, torque_views
+from gfm.diagnosis.search.screening import Screened, screen
 from gfm.effects import EffectInstance, effect_library
 from pendulum import DAMPING, MODEL, PERIOD_S, STIFFNESS, swung
 

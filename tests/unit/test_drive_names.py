@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.correction import corrected_model
-from gfm.diagnosis.result import NamedEffect, ParameterEstimate
+from gfm.diagnosis.output.correction import corrected_model
+from gfm.diagnosis.output.result import NamedEffect, ParameterEstimate
 from gfm.effects import EffectInstance, find_effect
 from gfm.excitation.limits import robot_limits
 from gfm.experiments.inputs import command_kind

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.cutting import WHOLE, make_problem
-from gfm.diagnosis.problem import timed
+from gfm.diagnosis.data.segmentation import WHOLE, make_problem
+from gfm.diagnosis.residuals.problem import timed
 from pendulum import DAMPING, MODEL, STIFFNESS, swung
 
 SPECS = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}

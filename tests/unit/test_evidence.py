@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.claims import EXACT_SHARE, INEXACT_SHARE, credible, verdict_on
-from gfm.diagnosis.cutting import make_problem
-from gfm.diagnosis.evidence import MISFIT, law_plots, profile_plots
-from gfm.diagnosis.result import ErrorSummary, NamedEffect, ParameterEstimate, Verdict
-from gfm.diagnosis.sentences import effects_in_words, sentence_on
+from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.evidence.plots import MISFIT, law_plots, profile_plots
+from gfm.diagnosis.output.claims import EXACT_SHARE, INEXACT_SHARE, credible, verdict_on
+from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, ParameterEstimate, Verdict
+from gfm.diagnosis.output.sentences import effects_in_words, sentence_on
 from gfm.effects import EffectInstance, effect_library
 from pendulum import MODEL, PERIOD_S, swung
 

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.adequate import ADEQUATE, INEXACT, enough
-from gfm.diagnosis.attribution import Attribution, Round
-from gfm.diagnosis.chain import evidence_chain
-from gfm.diagnosis.chain.adequacy import slow_share
-from gfm.diagnosis.chain.confusable import confusable_sets
-from gfm.diagnosis.chain.domains import Agreement, regressed, torque_share, two_domains
-from gfm.diagnosis.chain.energy import energy_balance
-from gfm.diagnosis.chain.localisation import energy_by
-from gfm.diagnosis.chain.stopping import CLEAN_ROBOTS, FALSE_ALARMS, largest_rate, stopping
-from gfm.diagnosis.chain.torques import torque_domain
-from gfm.diagnosis.claims import SPREADS_ASKED, SPREADS_HELD, WRONG_ALIKE, suspects_of
-from gfm.diagnosis.cutting import WHOLE, make_problem
-from gfm.diagnosis.fitting import LEAST_GAIN, Fit
+from gfm.diagnosis.data.segmentation import WHOLE, make_problem
+from gfm.diagnosis.evidence import evidence_chain
+from gfm.diagnosis.evidence.adequacy import slow_share
+from gfm.diagnosis.evidence.confusable import confusable_sets
+from gfm.diagnosis.evidence.domains import Agreement, regressed, torque_share, two_domains
+from gfm.diagnosis.evidence.energy import energy_balance
+from gfm.diagnosis.evidence.localisation import energy_by
+from gfm.diagnosis.evidence.stopping import CLEAN_ROBOTS, FALSE_ALARMS, largest_rate, stopping
+from gfm.diagnosis.evidence.torques import torque_domain
+from gfm.diagnosis.former.adequate import ADEQUATE, INEXACT, enough
+from gfm.diagnosis.former.attribution import Attribution, Round
+from gfm.diagnosis.inference.fitting import LEAST_GAIN, Fit
+from gfm.diagnosis.output.claims import SPREADS_ASKED, SPREADS_HELD, WRONG_ALIKE, suspects_of
 from gfm.effects import EffectInstance, find_effect
 from pendulum import MODEL, PERIOD_S, swung
 

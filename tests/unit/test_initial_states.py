@@ -8,10 +8,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind
-from gfm.diagnosis import attribution
-from gfm.diagnosis.attribution import polished, settled_fit
-from gfm.diagnosis.fitting import fit
-from gfm.diagnosis.problem import Noise, Problem, settled, unsettled
+from gfm.diagnosis.former import attribution
+from gfm.diagnosis.former.attribution import polished, settled_fit
+from gfm.diagnosis.inference.fitting import fit
+from gfm.diagnosis.residuals.problem import Noise, Problem, settled, unsettled
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.segment import Segment
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gfm.core import BadInputError, CommandKind, ConfigError, Trajectory, Weights
-from gfm.diagnosis.cutting import measure_noise
+from gfm.diagnosis.data.segmentation import measure_noise
 from gfm.effects import EffectInstance, find_effect
 from gfm.experiments.fit import COLD, WARM, Beginning, FittedForces, Snapshot
 from gfm.experiments.fit_curves import error_curves, learning_curves, metric_rows

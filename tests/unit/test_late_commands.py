@@ -6,11 +6,11 @@ import pytest
 
 from disc import DISC, followed
 from gfm.core import CommandKind
-from gfm.diagnosis.attribution import fit_best
-from gfm.diagnosis.cutting import accurately_simulated
-from gfm.diagnosis.fitting import fit, nothing
-from gfm.diagnosis.problem import Noise, Problem, timed, with_state_basis
-from gfm.diagnosis.screening import Screened
+from gfm.diagnosis.data.segmentation import accurately_simulated
+from gfm.diagnosis.former.attribution import fit_best
+from gfm.diagnosis.inference.fitting import fit, nothing
+from gfm.diagnosis.residuals.problem import Noise, Problem, timed, with_state_basis
+from gfm.diagnosis.search.screening import Screened
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.segment import Segment
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind, ConfigError, Trajectory
-from gfm.diagnosis.cutting import measure_noise
+from gfm.diagnosis.data.segmentation import measure_noise
 from gfm.diagnosis.learned import learned_report
-from gfm.diagnosis.problem import Problem
+from gfm.diagnosis.residuals.problem import Problem
 from gfm.sim.features import make_features
 from gfm.sim.hybrid import HybridModel
 from gfm.sim.learned import LearnedForces

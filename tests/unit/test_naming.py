@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.fitting import Fit
-from gfm.diagnosis.naming import fitly_named, twin_of, twins
+from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.search.naming import fitly_named, twin_of, twins
 from gfm.effects import EffectInstance, effect_library
 
 ROD = """

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gfm.core.rounding import resolution
-from gfm.diagnosis.noise import noise_std, steady_noise, typical_noise
+from gfm.diagnosis.data.noise import noise_std, steady_noise, typical_noise
 
 
 def test_noise_is_measured_under_a_smooth_motion():

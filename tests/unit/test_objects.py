@@ -12,7 +12,7 @@ from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.objects.examine import examine_object
 from gfm.diagnosis.objects.stage import Setting, carrying_forces, make_stage, place, run
 from gfm.diagnosis.objects.track import in_plane, track_of
-from gfm.diagnosis.result import Verdict
+from gfm.diagnosis.output.result import Verdict
 
 MU, MASS, REST_Z = 0.3, 0.2, 0.02
 PERIOD_S, NOISE_M, NOISE_RAD = 1 / 60, 5e-4, 5e-3

@@ -11,12 +11,12 @@ import pytest
 from scipy.linalg import expm
 
 from gfm.core import CommandKind, Trajectory
-from gfm.diagnosis.candidates import Place
-from gfm.diagnosis.cutting import make_problem
+from gfm.diagnosis.data.segmentation import make_problem
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.fitting import fit
-from gfm.diagnosis.result import Verdict
-from gfm.diagnosis.sisters import sisters_instead
+from gfm.diagnosis.former.sisters import sisters_instead
+from gfm.diagnosis.inference.fitting import fit
+from gfm.diagnosis.output.result import Verdict
+from gfm.diagnosis.search.candidates import Place
 from gfm.effects import EffectInstance, find_effect
 
 JOINTS = ("a", "b")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gfm.diagnosis.outliers import bounded
+from gfm.diagnosis.residuals.outliers import bounded
 
 RESIDUAL = np.linspace(-30.0, 30.0, 241)
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from gfm.core import BadInputError, CommandKind, ConfigError, Trajectory, UnknownNameError
-from gfm.diagnosis.correction import corrected_model, model_pair
-from gfm.diagnosis.result import NamedEffect, ParameterEstimate
+from gfm.diagnosis.output.correction import corrected_model, model_pair
+from gfm.diagnosis.output.result import NamedEffect, ParameterEstimate
 from gfm.effects import EffectInstance, find_effect
 from gfm.envs.registry import EnvironmentSettings
 from gfm.experiments.inputs import load_nominal

@@ -8,7 +8,7 @@ import pytest
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.trajectory import UNCOMMANDED
-from gfm.diagnosis.cutting import make_problem
+from gfm.diagnosis.data.segmentation import make_problem
 from gfm.diagnosis.diagnose import diagnose
 from gfm.experiments.inputs import without_strangers
 from gfm.sim.passive import passive_joints, with_idle_drives

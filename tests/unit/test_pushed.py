@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind, ObjectTrack, Trajectory
-from gfm.diagnosis.candidates import places
-from gfm.diagnosis.cutting import WHOLE, make_problem
+from gfm.diagnosis.data.segmentation import WHOLE, make_problem
+from gfm.diagnosis.data.touching import Touch, resting_pose
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.result import Verdict
-from gfm.diagnosis.touching import Touch, resting_pose
+from gfm.diagnosis.output.result import Verdict
+from gfm.diagnosis.search.candidates import places
 from gfm.effects import find_effect
 
 SLIDER_KG, BLOCK_KG, GAIN, FRICTION = 2.0, 0.5, 40.0, 0.4

@@ -8,9 +8,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind
-from gfm.diagnosis.attribution import earns_its_states
-from gfm.diagnosis.fitting import Fit
-from gfm.diagnosis.problem import Noise, Problem, settled, with_state_basis
+from gfm.diagnosis.former.attribution import earns_its_states
+from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.residuals.problem import Noise, Problem, settled, with_state_basis
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.motor_sides import springs
 from gfm.sim.plant import make_plant

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gfm.diagnosis import search
-from gfm.diagnosis.attribution import Round
-from gfm.diagnosis.claims import clearness
+from gfm.diagnosis.former import search
+from gfm.diagnosis.former.attribution import Round
+from gfm.diagnosis.output.claims import clearness
 from one_joint import fitted, instance
 
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gfm.diagnosis import cross_validation
-from gfm.diagnosis import lookalikes as lookalikes_module
-from gfm.diagnosis.candidates import TorqueView, places
-from gfm.diagnosis.lookalikes import exchanges, lookalikes
+from gfm.diagnosis.former import cross_validation
+from gfm.diagnosis.former import lookalikes as lookalikes_module
+from gfm.diagnosis.former.lookalikes import exchanges, lookalikes
+from gfm.diagnosis.search.candidates import TorqueView, places
 from gfm.effects import effect_library
 from gfm.effects.plugins import USUAL_SCALES
 from one_joint import TIME_S, fitted, instance, problem

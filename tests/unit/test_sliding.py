@@ -5,7 +5,7 @@ import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.result import Verdict
+from gfm.diagnosis.output.result import Verdict
 
 MASS, DAMPING, PERIOD_S, NOISE = 2.0, 1.0, 0.01, 1e-5
 AXIS = """

@@ -12,7 +12,7 @@ import pytest
 from disc import DISC
 from gfm.core import CommandKind, Trajectory
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.result import Verdict
+from gfm.diagnosis.output.result import Verdict
 
 KP, KV, INERTIA, FRICTION, NOISE = 200.0, 10.0, 1e-4, 3.0, 2e-4
 PERIOD_S, PER_COMMAND = 0.01, 2

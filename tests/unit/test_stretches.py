@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.cutting import all_stretches, make_problem
+from gfm.diagnosis.data.segmentation import all_stretches, make_problem
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.result import Verdict
-from gfm.diagnosis.stretches import far_off
+from gfm.diagnosis.former.stretches import far_off
+from gfm.diagnosis.output.result import Verdict
 from pendulum import LENGTH, MODEL, PERIOD_S, swung
 
 NOISE = 3e-4

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.candidates import Place
-from gfm.diagnosis.cutting import make_problem
+from gfm.diagnosis.data.segmentation import make_problem
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.fitting import fit
-from gfm.diagnosis.restating import KEPT, with_room
-from gfm.diagnosis.screening import weigh
+from gfm.diagnosis.inference.fitting import fit
+from gfm.diagnosis.search.candidates import Place
+from gfm.diagnosis.search.nominal_parameters import KEPT, with_room
+from gfm.diagnosis.search.screening import weigh
 from gfm.effects import EffectInstance, find_effect
 from late_pendulum import DAMPING, NOISE, SAID_DAMPING, steps, waves
 from pendulum import MODEL, ROTOR, swung

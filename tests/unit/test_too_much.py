@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.cutting import make_problem
-from gfm.diagnosis.evidence import answers_plot
-from gfm.diagnosis.fitting import fit
-from gfm.diagnosis.restating import KEPT, beside_own, with_own, without_own
-from gfm.diagnosis.too_much import too_much
+from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.evidence.plots import answers_plot
+from gfm.diagnosis.former.too_much import too_much
+from gfm.diagnosis.inference.fitting import fit
+from gfm.diagnosis.search.nominal_parameters import KEPT, beside_own, with_own, without_own
 from late_pendulum import (
     DAMPING,
     DELAY,

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.cutting import WHOLE, make_problem
-from gfm.diagnosis.fitting import fit
-from gfm.diagnosis.signals import smooth_states
-from gfm.diagnosis.witnesses import borne_out
+from gfm.diagnosis.data.segmentation import WHOLE, make_problem
+from gfm.diagnosis.data.signals import smooth_states
+from gfm.diagnosis.former.witnesses import borne_out
+from gfm.diagnosis.inference.fitting import fit
 from gfm.effects import EffectInstance, find_effect
 from pendulum import DAMPING, MODEL, PERIOD_S, STIFFNESS, swung
 

@@ -11,18 +11,8 @@ import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis import evidence
-from gfm.diagnosis.attribution import Attribution
-from gfm.diagnosis.chain import evidence_chain
-from gfm.diagnosis.claims import (
-    closed_share,
-    named_effects,
-    suspects_of,
-    verdict_on,
-    verdict_on_both,
-)
-from gfm.diagnosis.correction import corrected_model
-from gfm.diagnosis.cutting import (
+from gfm.diagnosis.data.quality import all_findings, doubts
+from gfm.diagnosis.data.segmentation import (
     LONG,
     WHOLE,
     all_stretches,
@@ -30,11 +20,21 @@ from gfm.diagnosis.cutting import (
     in_model_order,
     make_problem,
 )
+from gfm.diagnosis.evidence import evidence_chain
+from gfm.diagnosis.evidence import plots as evidence
+from gfm.diagnosis.former.attribution import Attribution
+from gfm.diagnosis.former.search import search
 from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.objects import ObjectPart, examine_object, widened
-from gfm.diagnosis.problem import Problem, settled
-from gfm.diagnosis.quality import all_findings, doubts
-from gfm.diagnosis.result import (
+from gfm.diagnosis.output.claims import (
+    closed_share,
+    named_effects,
+    suspects_of,
+    verdict_on,
+    verdict_on_both,
+)
+from gfm.diagnosis.output.correction import corrected_model
+from gfm.diagnosis.output.result import (
     Diagnosis,
     ErrorSummary,
     EvidencePlot,
@@ -43,9 +43,9 @@ from gfm.diagnosis.result import (
     RecordingSummary,
     Verdict,
 )
-from gfm.diagnosis.search import search
-from gfm.diagnosis.sentences import sentence_on, sentence_on_object
-from gfm.diagnosis.time_steps import with_suitable_steps
+from gfm.diagnosis.output.sentences import sentence_on, sentence_on_object
+from gfm.diagnosis.residuals.problem import Problem, settled
+from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance
 from gfm.excitation.blind_spots import blind_spots
 from gfm.sim.learned import LearnedForces

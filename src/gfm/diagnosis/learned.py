@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.candidates import Place, joint_scales, places
-from gfm.diagnosis.chain.torques import TorqueDomain, torque_domain
-from gfm.diagnosis.fitting import LEAST_GAIN, Fit, at_bound, free_parameters
-from gfm.diagnosis.naming import fitly_named
-from gfm.diagnosis.problem import Problem
+from gfm.diagnosis.evidence.torques import TorqueDomain, torque_domain
+from gfm.diagnosis.inference.fitting import LEAST_GAIN, Fit, at_bound, free_parameters
+from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.search.candidates import Place, joint_scales, places
+from gfm.diagnosis.search.naming import fitly_named
 from gfm.effects import EffectInstance, Scales, effect_library
 from gfm.effects.effect import ProbeGroup
 from gfm.sim.hybrid import HybridModel

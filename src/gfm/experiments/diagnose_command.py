@@ -14,7 +14,7 @@ from rich.text import Text
 
 from gfm.core import ConfigError
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.result import Diagnosis
+from gfm.diagnosis.output.result import Diagnosis
 from gfm.experiments.folders import check_folder
 from gfm.experiments.inputs import (
     check_together,

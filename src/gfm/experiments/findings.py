@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from gfm.diagnosis.baseline import Identified
-from gfm.diagnosis.result import Diagnosis
+from gfm.diagnosis.baselines.slsqp import Identified
+from gfm.diagnosis.output.result import Diagnosis
 from gfm.effects import EffectInstance
 from gfm.experiments.fit import BEST, FittedForces
 from gfm.experiments.joint_control import JointControlTest, ModelErrors

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gfm.core import Clock, ConfigError, MonotonicClock
-from gfm.diagnosis.cutting import measure_noise
+from gfm.diagnosis.data.segmentation import measure_noise
 from gfm.experiments.diagnose_command import check_different
 from gfm.experiments.fit import (
     FORCES,

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array, Array32
-from gfm.diagnosis.cutting import measure_noise
+from gfm.diagnosis.data.segmentation import measure_noise
 from gfm.envs.fit_problem import FitProblem, counted_scale, explored_difference
 from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings, fit_problem
 from gfm.envs.warm_start import example_states, warm_start_examples

@@ -19,8 +19,8 @@ import numpy as np
 
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.cutting import WHOLE, make_problem
-from gfm.diagnosis.problem import Noise, Problem
+from gfm.diagnosis.data.segmentation import WHOLE, make_problem
+from gfm.diagnosis.residuals.problem import Noise, Problem
 from gfm.effects import EffectInstance
 from gfm.report import Comparison, HeldOutRollout, ModelError, ModelKind
 from gfm.sim.features import Features

@@ -24,11 +24,11 @@ from gfm.core import (
     MonotonicClock,
     Trajectory,
 )
-from gfm.diagnosis.baseline import Identified, identify
-from gfm.diagnosis.correction import model_pair
-from gfm.diagnosis.cutting import measure_noise
+from gfm.diagnosis.baselines.slsqp import Identified, identify
+from gfm.diagnosis.data.segmentation import measure_noise
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.result import Diagnosis
+from gfm.diagnosis.output.correction import model_pair
+from gfm.diagnosis.output.result import Diagnosis
 from gfm.excitation.motion import Purpose
 from gfm.excitation.waypoints import motions
 from gfm.experiments.drive import Driven, drive, sawyer_ranges

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from gfm.diagnosis.chain import EvidenceChain
-from gfm.diagnosis.chain.adequacy import WORDS, JointAdequacy, Residual
-from gfm.diagnosis.chain.domains import Agreement, TwoDomains
-from gfm.diagnosis.chain.energy import EnergyBalance
-from gfm.diagnosis.chain.stopping import Stopping
-from gfm.diagnosis.claims import SPREADS_ASKED, SPREADS_HELD, WRONG_ALIKE
-from gfm.diagnosis.quality import Finding, gathered
-from gfm.diagnosis.quality.timing import EVERYWHERE
-from gfm.diagnosis.result import Diagnosis
+from gfm.diagnosis.data.quality import Finding, gathered
+from gfm.diagnosis.data.quality.timing import EVERYWHERE
+from gfm.diagnosis.evidence import EvidenceChain
+from gfm.diagnosis.evidence.adequacy import WORDS, JointAdequacy, Residual
+from gfm.diagnosis.evidence.domains import Agreement, TwoDomains
+from gfm.diagnosis.evidence.energy import EnergyBalance
+from gfm.diagnosis.evidence.stopping import Stopping
+from gfm.diagnosis.output.claims import SPREADS_ASKED, SPREADS_HELD, WRONG_ALIKE
+from gfm.diagnosis.output.result import Diagnosis
 from gfm.report import words
 
 AGREEMENTS = {

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gfm.diagnosis.result import (
+from gfm.diagnosis.output.result import (
     SCHEMA,
     Diagnosis,
     ErrorSummary,

@@ -16,7 +16,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from gfm.core.checks import Array
-from gfm.diagnosis.result import Diagnosis, EvidencePlot, JointError, Series
+from gfm.diagnosis.output.result import Diagnosis, EvidencePlot, JointError, Series
 from gfm.report import words
 
 SERIES_POINTS = 2000

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from gfm.core import CommandKind
-from gfm.diagnosis.result import Diagnosis, ModelPair
+from gfm.diagnosis.output.result import Diagnosis, ModelPair
 from gfm.report.document import diagnosis_html, diagnosis_json, effect_json
 from gfm.report.run import RunReport
 from gfm.report.run_document import run_html, run_json

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from gfm.diagnosis.learned import LearnedReport
-from gfm.diagnosis.result import Diagnosis
+from gfm.diagnosis.output.result import Diagnosis
 from gfm.report import words
 
 #: Share of the learned forces from which on their names tell what was learned.

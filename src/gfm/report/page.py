@@ -9,7 +9,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from gfm.diagnosis.quality import gathered
+from gfm.diagnosis.data.quality import gathered
 from gfm.report import chain_document, learned_document, words
 from gfm.report.figures import Picture
 

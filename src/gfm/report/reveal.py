@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gfm.diagnosis.result import NamedEffect, ParameterEstimate
+from gfm.diagnosis.output.result import NamedEffect, ParameterEstimate
 from gfm.report.run import HiddenEffect, HiddenParameter
 from gfm.report.words import known_interval
 

@@ -12,7 +12,7 @@ from enum import StrEnum
 
 from gfm.core import ShapeError, Status
 from gfm.core.checks import Array, check_shapes
-from gfm.diagnosis.result import Diagnosis
+from gfm.diagnosis.output.result import Diagnosis
 
 SCHEMA = "gfm.run/1"
 

@@ -12,7 +12,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from gfm.core.checks import Array
-from gfm.diagnosis.result import Series
+from gfm.diagnosis.output.result import Series
 from gfm.report.figures import (
     BLUE,
     FLOOR,

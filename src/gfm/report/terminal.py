@@ -10,7 +10,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from gfm.diagnosis.result import Diagnosis, ErrorSummary, JointError, NamedEffect
+from gfm.diagnosis.output.result import Diagnosis, ErrorSummary, JointError, NamedEffect
 from gfm.report import words
 from gfm.report.learned_document import learned_sentence
 from gfm.report.reveal import EffectCheck, Reveal, reveal

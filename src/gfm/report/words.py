@@ -7,9 +7,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gfm.diagnosis.evidence import MISFIT
-from gfm.diagnosis.quality import FindingRow
-from gfm.diagnosis.result import EvidencePlot, NamedEffect, ParameterEstimate, Suspect, Verdict
+from gfm.diagnosis.data.quality import FindingRow
+from gfm.diagnosis.evidence.plots import MISFIT
+from gfm.diagnosis.output.result import (
+    EvidencePlot,
+    NamedEffect,
+    ParameterEstimate,
+    Suspect,
+    Verdict,
+)
 from gfm.effects import effect_library
 
 NOTHING = "–"

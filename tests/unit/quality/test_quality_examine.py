@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.cutting import make_problem
-from gfm.diagnosis.quality import all_findings, doubts, findings_of
+from gfm.diagnosis.data.quality import all_findings, doubts, findings_of
+from gfm.diagnosis.data.segmentation import make_problem
 
 MODEL = """
 <mujoco>

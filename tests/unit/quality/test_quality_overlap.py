@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gfm.diagnosis.quality import same_measurements
-from gfm.diagnosis.quality.overlap import shared_share, shared_stamps
+from gfm.diagnosis.data.quality import same_measurements
+from gfm.diagnosis.data.quality.overlap import shared_share, shared_stamps
 
 T = 0.01 * np.arange(600)
 

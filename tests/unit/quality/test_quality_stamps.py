@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gfm.diagnosis.quality import stamps
+from gfm.diagnosis.data.quality import stamps
 
 PERIOD_S = 0.01
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gfm.diagnosis.quality import objection_to, units
+from gfm.diagnosis.data.quality import objection_to, units
 
 DEGREES = 180.0 / np.pi
 KINDS = ("position", "velocity", "effort")

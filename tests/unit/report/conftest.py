@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from gfm.core import Status
-from gfm.diagnosis.chain import EvidenceChain
-from gfm.diagnosis.chain.adequacy import JointAdequacy, Residual
-from gfm.diagnosis.chain.confusable import Alternative, ConfusableSet
-from gfm.diagnosis.chain.domains import Agreement, TwoDomains
-from gfm.diagnosis.chain.energy import Dissipation, EnergyBalance
-from gfm.diagnosis.chain.localisation import JointRegions
-from gfm.diagnosis.chain.stopping import RoundRow, Stopping
-from gfm.diagnosis.result import (
+from gfm.diagnosis.evidence import EvidenceChain
+from gfm.diagnosis.evidence.adequacy import JointAdequacy, Residual
+from gfm.diagnosis.evidence.confusable import Alternative, ConfusableSet
+from gfm.diagnosis.evidence.domains import Agreement, TwoDomains
+from gfm.diagnosis.evidence.energy import Dissipation, EnergyBalance
+from gfm.diagnosis.evidence.localisation import JointRegions
+from gfm.diagnosis.evidence.stopping import RoundRow, Stopping
+from gfm.diagnosis.output.result import (
     Diagnosis,
     ErrorSummary,
     EvidencePlot,

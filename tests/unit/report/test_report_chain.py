@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from gfm.diagnosis.chain.energy import Dissipation
-from gfm.diagnosis.quality import Finding
-from gfm.diagnosis.quality.timing import EVERYWHERE
+from gfm.diagnosis.data.quality import Finding
+from gfm.diagnosis.data.quality.timing import EVERYWHERE
+from gfm.diagnosis.evidence.energy import Dissipation
 from gfm.report import diagnosis_html, diagnosis_json
 from gfm.report.chain_document import (
     amounts_sentence,

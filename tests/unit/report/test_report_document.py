@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind, ShapeError
-from gfm.diagnosis.result import (
+from gfm.diagnosis.output.result import (
     ErrorSummary,
     EvidencePlot,
     JointError,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gfm.diagnosis.result import EvidencePlot, Series
+from gfm.diagnosis.output.result import EvidencePlot, Series
 from gfm.report.figures import (
     PAGE_POINTS,
     SERIES_POINTS,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gfm.diagnosis.quality import Finding, gathered
+from gfm.diagnosis.data.quality import Finding, gathered
 from gfm.excitation.blind_spots import BlindSpot
 from gfm.report import diagnosis_html, diagnosis_json
 from gfm.report.words import finding_amount, some

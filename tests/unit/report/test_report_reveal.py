@@ -2,7 +2,7 @@
 
 import pytest
 
-from gfm.diagnosis.result import NamedEffect, ParameterEstimate
+from gfm.diagnosis.output.result import NamedEffect, ParameterEstimate
 from gfm.report import HiddenEffect, HiddenParameter
 from gfm.report.reveal import reveal
 

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from gfm.diagnosis.result import ErrorSummary, JointError, NamedEffect, Suspect, Verdict
+from gfm.diagnosis.output.result import ErrorSummary, JointError, NamedEffect, Suspect, Verdict
 from gfm.report import print_diagnosis, print_run
 
 

@@ -10,13 +10,13 @@ import numpy as np
 
 from gfm.core import ConfigError, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.attribution import Attribution
+from gfm.diagnosis.former.attribution import Attribution
 from gfm.diagnosis.objects.find import Found, find, friction_cost
 from gfm.diagnosis.objects.problem import ObjectProblem, predicted
 from gfm.diagnosis.objects.stage import make_stage, run
 from gfm.diagnosis.objects.stretches import Stretch, cut, make_scene
 from gfm.diagnosis.objects.track import plane_noise, track_of
-from gfm.diagnosis.result import ErrorSummary, EvidencePlot, NamedEffect, Series
+from gfm.diagnosis.output.result import ErrorSummary, EvidencePlot, NamedEffect, Series
 from gfm.effects import EffectInstance
 from gfm.effects.objects import free_body
 from gfm.excitation.blind_spots import BlindSpot

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from gfm.core.checks import Array
-from gfm.diagnosis.attribution import Attribution, Round, price
-from gfm.diagnosis.fitting import Fit, at_bound
+from gfm.diagnosis.former.attribution import Attribution, Round, price
+from gfm.diagnosis.inference.fitting import Fit, at_bound
 from gfm.diagnosis.objects.problem import ObjectProblem
 from gfm.diagnosis.objects.stage import make_stage
 from gfm.effects import Effect, EffectInstance, Scope, effect_library

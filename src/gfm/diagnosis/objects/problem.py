@@ -2,7 +2,7 @@
 
 Residuals are measured minus predicted place and yaw in units of their noise. How a stretch begins
 is known no better than the noise allows: it is fitted, stretch by stretch (three places and three
-speeds). What is outlying counts little more than what is not (`gfm.diagnosis.outliers`).
+speeds). What is outlying counts little more than what is not (`gfm.diagnosis.residuals.outliers`).
 
 Shape letters: P poses of a stretch, N numbers of all stretches together.
 """
@@ -19,7 +19,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis.objects.stage import Setting, Stage, make_stage, run
 from gfm.diagnosis.objects.stretches import Stretch, own_velocity
 from gfm.diagnosis.objects.track import in_plane, turned
-from gfm.diagnosis.outliers import OUTLYING, bounded
+from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
 from gfm.effects import EffectInstance
 
 #: Steps with which the effect of the initial state is measured: m, m, rad, and per second.

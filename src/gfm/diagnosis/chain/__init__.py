@@ -1,9 +1,0 @@
-"""The evidence chain: what a reader can check for himself, step by step, of how a verdict came.
-
-All of it is measured on held-out recordings, none of it decides anything: rollouts do (see
-`gfm.diagnosis.attribution`). A step that cannot be taken is left empty, not passed.
-"""
-
-from gfm.diagnosis.chain.links import EvidenceChain, evidence_chain
-
-__all__ = ["EvidenceChain", "evidence_chain"]

@@ -1,0 +1,1 @@
+"""Recordings as a diagnosis sees them: noise, segments, quality."""

@@ -1,0 +1,235 @@
+"""By how much the joints move later than they should: as commanded, or as a model predicts.
+
+What can be told apart, and what cannot:
+
+- Against the *command*, a joint's lateness is its dead time plus the lag of its servo and load: an
+  upper bound of any delay, not a delay. Only a commanded torque, compared with a measured one, has
+  nothing in between.
+- Against a model's *prediction* the lag that the model knows is taken out. What is left is dead
+  time, plus whatever lag the model is wrong about: to first order in frequency both are the same
+  shift, and only a fit of both to fast motions tells them apart.
+- A delay on the way to the robot, one on the way back, and an offset between the clocks of commands
+  and measurements add up, and only their sum shows. It is what all joints share (`common_s`).
+- What is left joint by joint (`own_s`) belongs to the joints. Where it falls, or rises, evenly
+  along their order, the joints are read (or written) one after the other under one stamp
+  (`per_joint_s`). Servos and loads differ along an arm as well, so this is only claimed against a
+  prediction.
+
+Shape letters: T measurements, J joints, B blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from gfm.core import CommandKind, Trajectory
+from gfm.core.checks import Array
+from gfm.diagnosis.data.signals import SMOOTHING_S, evenly
+
+#: Length of the stretches whose lateness is measured one by one, s.
+BLOCK_S = 3.0
+#: Least and greatest lateness that is looked for, s. Effects come after their cause: what comes
+#: before shows stamps that are wrong.
+EARLIEST_S, LATEST_S = -0.1, 0.5
+#: Least number of blocks, and least correlation of speeds at the best shift, that say anything.
+LEAST_BLOCKS, ALIKE = 2, 0.8
+#: Torques are compared by their fast changes (slow ones differ by more than time: a controller of
+#: the current, friction in its estimate), which leave more noise. Smoothed over, s; correlation.
+SHARP_S, SHARP_ALIKE = 0.01, 0.5
+#: From a median absolute deviation to a standard deviation, for normal errors.
+MAD_TO_STD = 1.4826
+#: A line along the joints must have so many, explain so much of their differences, have a slope so
+#: many of its errors from zero, and be of a size that reading a joint takes, s.
+LEAST_JOINTS, EXPLAINS, ERRORS, PER_JOINT_S = 4, 0.8, 4.0, (2e-4, 8e-3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Delays:
+    """The lateness of every joint against one reference.
+
+    Attributes:
+        joints: In the order of the arrays.
+        reference: "command" or "prediction".
+        seconds: Median over the blocks, NaN where too few say anything, shape (J,).
+        spread_s: Standard deviation over the blocks (robust), shape (J,).
+        blocks: How many blocks say something, shape (J,).
+    """
+
+    joints: tuple[str, ...]
+    reference: str
+    seconds: Array
+    spread_s: Array
+    blocks: Array
+
+    @property
+    def error_s(self) -> Array:
+        """Standard error of `seconds`, shape (J,)."""
+        return np.asarray(1.25 * self.spread_s / np.sqrt(np.maximum(self.blocks, 1)))
+
+    @property
+    def common_s(self) -> float:
+        """What the joints share: their median; NaN where nothing is known."""
+        known = self.seconds[np.isfinite(self.seconds)]
+        return float(np.median(known)) if len(known) else float("nan")
+
+    @property
+    def own_s(self) -> Array:
+        """What is left of each joint's lateness without the common part, shape (J,)."""
+        return np.asarray(self.seconds - self.common_s)
+
+    @property
+    def per_joint_s(self) -> float | None:
+        """How lateness changes from one joint to the next, where it does so evenly; else None."""
+        known = np.flatnonzero(np.isfinite(self.seconds))
+        if self.reference != "prediction" or len(known) < LEAST_JOINTS:
+            return None
+        along, late = known - known.mean(), self.seconds[known] - self.seconds[known].mean()
+        slope = float(along @ late / (along @ along))
+        rest = late - slope * along
+        error = np.sqrt((rest @ rest) / (len(known) - 2) / (along @ along))
+        error += float(np.median(self.error_s[known])) / np.sqrt(along @ along)
+        even = rest @ rest < (1.0 - EXPLAINS) * (late @ late) and abs(slope) > ERRORS * error
+        low, high = PER_JOINT_S
+        return slope if even and low < abs(slope) < high else None
+
+
+def delays(
+    recordings: Sequence[Trajectory], predictions: Sequence[Array | None] | None = None
+) -> Delays:
+    """Returns by how much later every joint moves than commanded, or than predicted.
+
+    Args:
+        recordings: Of one robot. A recording with a drive that is off says nothing of its joint.
+        predictions: For each recording the positions that a model predicts at its measurements,
+            rad, shape (T, J), or None where there are none; without any, commands are taken.
+    """
+    joints = recordings[0].joint_names
+    found = [
+        [
+            late
+            for i, recording in enumerate(recordings)
+            for late in _of_joint(recording, j, None if predictions is None else predictions[i])
+        ]
+        if predictions is None or any(p is not None for p in predictions)
+        else []
+        for j in range(len(joints))
+    ]
+    enough = [np.array(late) if len(late) >= LEAST_BLOCKS else np.array([np.nan]) for late in found]
+    middles = np.array([np.median(late) for late in enough])
+    spreads = [MAD_TO_STD * np.median(np.abs(late - np.median(late))) for late in enough]
+    return Delays(
+        joints=joints,
+        reference="command" if predictions is None else "prediction",
+        seconds=middles,
+        spread_s=np.array(spreads),
+        blocks=np.array([len(late) for late in found]),
+    )
+
+
+def _of_joint(recording: Trajectory, joint: int, prediction: Array | None) -> Iterator[float]:
+    """Yields the lateness of one joint, block by block, s."""
+    if recording.servo_gain.get(recording.joint_names[joint], 1.0) == 0.0:
+        return
+    pair = _command_pair(recording, joint)
+    if prediction is not None:
+        pair = _prediction_pair(recording, joint, prediction)
+    if pair is None:
+        return
+    period_s, reference, answer = pair
+    torques = prediction is None and recording.command_kind is CommandKind.EFFORT
+    before, after = round(LATEST_S / period_s), round(-EARLIEST_S / period_s)
+    size = max(round(BLOCK_S / period_s), 1)
+    for start in range(0, len(answer) - size // 2, size):
+        block = answer[start : start + size]
+        late = _shift(
+            reference[start : start + len(block) + before + after],
+            block,
+            SHARP_ALIKE if torques else ALIKE,
+        )
+        if late is not None:
+            yield period_s * (before - late)
+
+
+def _shift(reference: Array, block: Array, least: float) -> float | None:
+    """Returns at which row of `reference` a block fits best, between the rows.
+
+    None where no place is better than the ends, or as good as a correlation of `least`.
+    """
+    windows = np.lib.stride_tricks.sliding_window_view(reference, len(block))
+    centred = block - block.mean()
+    spread = np.sqrt(np.maximum(windows.var(axis=1) * len(block), 0.0)) * np.linalg.norm(centred)
+    if len(windows) < 3 or not spread.min() > 1e-12:
+        return None
+    alike = windows @ centred / spread
+    best = int(alike.argmax())
+    if alike[best] < least or best in (0, len(alike) - 1):
+        return None
+    left, middle, right = alike[best - 1 : best + 2]
+    return best + 0.5 * float(left - right) / float(left - 2.0 * middle + right)
+
+
+def _command_pair(recording: Trajectory, joint: int) -> tuple[float, Array, Array] | None:
+    """Returns a sampling period, the commanded signal with margins, and the measured one.
+
+    Speeds are compared where positions or speeds are commanded, and changes of torques where
+    torques are.
+    """
+    kind, time_s = recording.command_kind, recording.time_s
+    measured = recording.effort if kind is CommandKind.EFFORT else recording.position
+    if measured is None:
+        return None
+    grid, even = evenly(time_s, measured[:, [joint]])
+    period_s, times = grid[1] - grid[0], _with_margins(grid)
+    command = _held_means(times, recording.command_time_s, recording.command[:, joint])
+    if kind is CommandKind.EFFORT:
+        sharp = partial(_smooth, period_s=period_s, order=1, over_s=SHARP_S)
+        return period_s, sharp(command), sharp(even[:, 0])
+    order = 1 if kind is CommandKind.POSITION else 0
+    return period_s, _smooth(command, period_s, order), _smooth(even[:, 0], period_s, 1)
+
+
+def _prediction_pair(
+    recording: Trajectory, joint: int, prediction: Array
+) -> tuple[float, Array, Array] | None:
+    """Returns the same of predicted and measured speeds."""
+    if not np.isfinite(prediction[:, joint]).all():
+        return None
+    both = np.stack([recording.position[:, joint], prediction[:, joint]], axis=1)
+    grid, even = evenly(recording.time_s, both)
+    period_s = grid[1] - grid[0]
+    predicted = np.interp(_with_margins(grid), grid, even[:, 1])
+    return period_s, _smooth(predicted, period_s, 1), _smooth(even[:, 0], period_s, 1)
+
+
+def _with_margins(grid: Array) -> Array:
+    """Returns the times of a grid with those that a shift may reach before and after it."""
+    period_s = grid[1] - grid[0]
+    before, after = round(LATEST_S / period_s), round(-EARLIEST_S / period_s)
+    return np.asarray(grid[0] + period_s * np.arange(-before, len(grid) + after))
+
+
+def _held_means(times: Array, command_time_s: Array, command: Array) -> Array:
+    """Returns the means of held commands over a period around each time, shape as `times`.
+
+    A held command takes effect half of its period later, on average, than a line through its points
+    would: this counts it as held.
+    """
+    half = 0.5 * (times[1] - times[0])
+    first = min(float(command_time_s[0]), float(times[0])) - 1.0
+    last = max(float(command_time_s[-1]), float(times[-1])) + 1.0
+    knots = np.concatenate([[first], command_time_s, [last]])
+    held = np.concatenate([[command[0]], command])
+    integral = np.concatenate([[0.0], np.cumsum(held * np.diff(knots))])
+    ends = np.interp(times + half, knots, integral), np.interp(times - half, knots, integral)
+    return np.asarray((ends[0] - ends[1]) / (2.0 * half))
+
+
+def _smooth(signal: Array, period_s: float, order: int, over_s: float = SMOOTHING_S) -> Array:
+    """Returns a derivative; both signals are smoothed alike, so that no shift comes from it."""
+    window = max(round(over_s / period_s) | 1, 5)
+    return np.asarray(savgol_filter(signal, window, 3, deriv=order, delta=period_s))

@@ -1,0 +1,123 @@
+"""Where a robot runs into a limit: speeds and efforts with flat tops, joints at the end of a range.
+
+Shape letters: T measurements, J joints.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gfm.core import CommandKind, Trajectory
+from gfm.core.checks import Array
+from gfm.core.rounding import resolution
+from gfm.diagnosis.data.noise import noise_std
+from gfm.diagnosis.data.quality.finding import Finding, held_command, joint_finding
+from gfm.diagnosis.data.signals import smooth_states
+from gfm.sim.plant import Plant
+
+#: Share of the measurements that must lie in a plateau, and how much fuller than the next level
+#: it must be: a sine's top is 2.4 times as full, a triangle's as full.
+PLATEAU, FULLER = 0.01, 8.0
+#: How far from zero a plateau must be, in its thicknesses: joints rest.
+FROM_ZERO = 5.0
+#: What counts as the extreme, in percent, and how far beyond it a signal may go, in thicknesses:
+#: filters overshoot at the ends of a plateau.
+EXTREME, OVERSHOOT = 98.0, 4.0
+#: How thick a plateau may be, as a share of the signal's whole span.
+WIDEST = 0.1
+#: Share of the demand's whole spread that it must still have where the signal is flat.
+DEMAND_GOES_ON = 0.15
+#: How much more than a speed commands must ask for, for the drive to be what limits it.
+MORE = 1.2
+#: A joint is at its limit when it is so close to it, as a share of the range.
+AT_LIMIT = 1e-3
+
+
+def cut_off_efforts(recording: Trajectory, effort: Array, drive: Array) -> list[Finding]:
+    """Finds efforts that stay at their extreme while the drive is asked for more.
+
+    A plateau alone is no saturation: dry friction makes plateaus. Where the demand still varies by
+    a good part of its spread, it is one.
+
+    Args:
+        recording: The recording.
+        effort: Measured, N m, shape (T, J).
+        drive: What the model's actuators would do, N m, shape (T, J).
+    """
+    return _flat_tops(recording, "effort has a flat top at", "N m", effort, drive)
+
+
+def cut_off_speeds(recording: Trajectory) -> list[Finding]:
+    """Finds speeds that stay at their extreme while commands ask for more, and errors grow."""
+    if recording.command_kind is CommandKind.EFFORT:
+        return []
+    _, speed, _ = smooth_states(recording.time_s, recording.position)
+    command, asked = held_command(recording), held_command(recording)
+    if recording.command_kind is CommandKind.POSITION:
+        _, asked, _ = smooth_states(recording.time_s, command)
+        command = command - recording.position
+    tops = _flat_tops(recording, "speed has a flat top at", "rad/s", speed, command)
+    return [top for top in tops if _more_asked(asked, recording, top)]
+
+
+def _more_asked(asked: Array, recording: Trajectory, top: Finding) -> bool:
+    """Returns whether commands ask for speeds beyond a flat top: else they have it themselves."""
+    column = np.abs(asked[:, [name == top.joint for name in recording.joint_names]])
+    return bool((column > MORE * abs(top.value)).mean() > PLATEAU)
+
+
+def _flat_tops(
+    recording: Trajectory, what: str, unit: str, signal: Array, demand: Array
+) -> list[Finding]:
+    noise, step = noise_std(recording.time_s, signal), resolution(signal)
+    width = np.maximum(np.maximum(6.0 * noise, step), 0.02 * np.ptp(signal, axis=0))
+    advice = "the drive is at a limit there: record with smaller commands as well"
+    tops = [_plateau(signal[:, j], demand[:, j], width[j]) for j in range(signal.shape[1])]
+    return [
+        joint_finding(recording, j, what, top, unit, advice)
+        for j, top in enumerate(tops)
+        if top is not None
+    ]
+
+
+def _plateau(signal: Array, demand: Array, width: float) -> float | None:
+    """Returns the extreme at which a signal is cut off, or None; noise of `width` may hide it."""
+    spread = _spread(demand)
+    if width > WIDEST * np.ptp(signal):
+        return None
+    for sign in (1.0, -1.0):
+        depth = np.percentile(sign * signal, EXTREME) - sign * signal
+        top, next_level = np.abs(depth) < width, (depth >= width) & (depth < 2.0 * width)
+        full = top.mean() > PLATEAU and top.sum() > FULLER * max(next_level.sum(), 1)
+        moving = np.abs(np.median(signal[top])) > FROM_ZERO * width
+        if (
+            full
+            and moving
+            and -depth.min() < OVERSHOOT * width
+            and _spread(demand[top]) > DEMAND_GOES_ON * spread > 0.0
+        ):
+            return float(np.median(signal[top]))
+    return None
+
+
+def _spread(values: Array) -> float:
+    """Returns between what bounds 90 % of some values lie."""
+    low, high = np.percentile(values, [5.0, 95.0])
+    return float(high - low)
+
+
+def at_range_limit(recording: Trajectory, plant: Plant) -> list[Finding]:
+    """Finds joints that lie at, or beyond, a limit of their range in the model."""
+    found = []
+    for j, name in enumerate(recording.joint_names):
+        joint = plant.model.joint(name).id
+        if not plant.model.jnt_limited[joint]:
+            continue
+        low, high = plant.model.jnt_range[joint]
+        margin = AT_LIMIT * (high - low)
+        q = recording.position[:, j]
+        share = float(((q < low + margin) | (q > high - margin)).mean())
+        if share > PLATEAU:
+            advice = "at a limit of its range in the model: an end stop acts, not the drive alone"
+            found.append(joint_finding(recording, j, "time spent", 100.0 * share, "%", advice))
+    return found

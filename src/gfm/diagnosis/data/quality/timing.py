@@ -1,0 +1,153 @@
+"""Lateness as findings: in numbers with a spread, and with what they can and cannot mean."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from gfm.core import CommandKind, Trajectory
+from gfm.core.checks import Array, Stamps
+from gfm.diagnosis.data.quality.finding import Finding
+from gfm.diagnosis.data.quality.lateness import Delays, delays
+from gfm.diagnosis.residuals.problem import Problem
+from gfm.effects import EffectInstance
+
+EVERYWHERE = "all recordings"
+#: What lies so many of its errors from zero, and as many seconds, is told.
+ERRORS, LEAST_S = 3.0, 1e-3
+
+_LAG = "dead time and the lag of servo and load together: no delay as such"
+_TORQUE = "transport or stamping: nothing else lies between a commanded and a measured torque"
+_AT_ONCE = "within a period of the measurements, and its error: as good as at once"
+_EARLY = "an effect before its cause: commands are stamped late, or by another clock"
+_ALIKE = "a delay either way, an offset of clocks, a slower servo, missing friction: all look alike"
+_OWN = "beyond what all joints share: this joint's own delay, or a lag that the model lacks"
+_IN_TURN = "joints read one after the other under one stamp: give read_offset_s in the mapping"
+
+
+def stretches(problem: Problem) -> list[Trajectory]:
+    """Returns what the problem is made of as recordings."""
+    return [
+        Trajectory(
+            name=f"stretch {i}",
+            joint_names=problem.joints,
+            stamp_ns=_stamps_ns(segment.time_s),
+            position=segment.position,
+            velocity=None,
+            effort=segment.effort,
+            command_kind=segment.kind,
+            command_stamp_ns=_stamps_ns(segment.command_time_s),
+            command=segment.command,
+            servo_gain=dict(zip(problem.joints, segment.servo_gain.tolist(), strict=True)),
+        )
+        for i, segment in enumerate(problem.segments)
+    ]
+
+
+def _stamps_ns(time_s: Array) -> Stamps:
+    return np.round(1e9 * time_s).astype(np.int64)
+
+
+def predicted_positions(
+    problem: Problem, effects: Sequence[EffectInstance] = ()
+) -> list[Array | None]:
+    """Returns what a model predicts for each of its stretches, rad, shape (T, J).
+
+    None where the simulation broke off.
+    """
+    predictions = problem.predictions([effects])[0]
+    return [None if one.diverged else one.position for one in predictions]
+
+
+def timing_of(
+    recordings: Sequence[Trajectory],
+    nominal: Sequence[Array | None],
+    corrected: Sequence[Array | None] | None = None,
+    parts: Sequence[Trajectory] | None = None,
+) -> tuple[Finding, ...]:
+    """Returns what is to be said about lateness, over all recordings of a robot.
+
+    Args:
+        recordings: Of one robot.
+        nominal: What the nominal model predicts, see `predicted_positions`.
+        corrected: What the corrected one predicts; None where nothing was corrected. What is said
+            of single joints is said against the last of the two.
+        parts: What is predicted; the recordings themselves where it is not given.
+    """
+    parts = recordings if parts is None else parts
+    found: list[Finding] = []
+    for kind in CommandKind:
+        of_kind = [r for r in recordings if r.command_kind is kind]
+        if of_kind:
+            found += _after_commands(delays(of_kind), of_kind)
+    late = delays(parts, nominal)
+    found += _in_common(late, "the model")
+    if corrected is not None:
+        late = delays(parts, corrected)
+        found += _in_common(late, "the corrected model")
+    return (*found, *_joint_by_joint(late))
+
+
+def _after_commands(late: Delays, recordings: Sequence[Trajectory]) -> Iterator[Finding]:
+    kind = recordings[0].command_kind
+    meaning, unknown_s = _LAG, 0.0
+    if kind is CommandKind.EFFORT:
+        meaning, unknown_s = _TORQUE, _half_period_s(recordings)
+    for j in np.flatnonzero(np.isfinite(late.seconds)):
+        error_s = max(ERRORS * late.error_s[j], LEAST_S) + unknown_s
+        early = late.seconds[j] < -error_s
+        at_once = kind is CommandKind.EFFORT and abs(late.seconds[j]) <= error_s
+        consequence = _EARLY if early else _AT_ONCE if at_once else meaning
+        what = f"answers {kind} commands after"
+        yield _finding(late, int(j), what, consequence, doubtful=bool(early))
+
+
+def _half_period_s(recordings: Sequence[Trajectory]) -> float:
+    """Returns by how much torques seem early where they are sampled just after their commands."""
+    return 0.5 * float(np.median([np.median(np.diff(one.time_s)) for one in recordings]))
+
+
+def _in_common(late: Delays, model: str) -> Iterator[Finding]:
+    known = np.isfinite(late.seconds)
+    if known.any():
+        yield Finding(
+            recording=EVERYWHERE,
+            joint=None,
+            what=f"the joints move later than {model} by",
+            value=1e3 * late.common_s,
+            unit="ms",
+            consequence=_ALIKE,
+            doubtful=False,
+            spread=1e3 * float(np.median(late.spread_s[known])),
+        )
+
+
+def _joint_by_joint(late: Delays) -> Iterator[Finding]:
+    if late.per_joint_s is not None:
+        yield Finding(
+            recording=EVERYWHERE,
+            joint=None,
+            what="lateness changes from joint to joint by",
+            value=1e3 * late.per_joint_s,
+            unit="ms",
+            consequence=_IN_TURN,
+        )
+        return
+    for j in np.flatnonzero(np.isfinite(late.seconds)):
+        if abs(late.own_s[j]) > max(ERRORS * late.error_s[j], LEAST_S):
+            what = "moves later than predicted by"
+            yield _finding(late, int(j), what, _OWN, doubtful=False)
+
+
+def _finding(late: Delays, joint: int, what: str, consequence: str, *, doubtful: bool) -> Finding:
+    return Finding(
+        recording=EVERYWHERE,
+        joint=late.joints[joint],
+        what=what,
+        value=1e3 * float(late.seconds[joint]),
+        unit="ms",
+        consequence=consequence,
+        doubtful=doubtful,
+        spread=1e3 * float(late.spread_s[joint]),
+    )

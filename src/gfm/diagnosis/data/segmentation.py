@@ -1,0 +1,294 @@
+"""Recordings cut into stretches: how a diagnosis' least-squares problem is made.
+
+Shape letters: T measurements of a stretch, J joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+
+from gfm.core import CommandKind, ConfigError, Trajectory
+from gfm.core.checks import Array
+from gfm.diagnosis.data.noise import noise_std, steady_noise, typical_noise
+from gfm.diagnosis.data.signals import smooth_states, starts_at_rest
+from gfm.diagnosis.data.touching import Touch, at_ease, resting_pose
+from gfm.diagnosis.residuals.problem import Noise, Problem, timed, with_state_basis
+from gfm.diagnosis.residuals.time_steps import with_suitable_steps
+from gfm.effects import EffectInstance
+from gfm.effects.elements import let_friction_hold
+from gfm.sim.commands import HISTORY_S
+from gfm.sim.plant import check_joints
+from gfm.sim.segment import Segment
+from gfm.sim.still import unrecorded, with_still_joints
+
+#: Length of the stretches in which effects are looked for. A servo keeps a rollout on track and a
+#: torque does not; in longer ones errors add up, and fits end in the nearest of many valleys.
+SHORT: Mapping[CommandKind, float] = {
+    CommandKind.POSITION: 2.0,
+    CommandKind.VELOCITY: 2.0,
+    CommandKind.EFFORT: 0.5,
+}
+#: Length of those on which amounts are settled, and on which errors are told: what a servo keeps
+#: on track is told from first to last.
+LONG: Mapping[CommandKind, float] = {
+    **SHORT,
+    CommandKind.POSITION: 12.0,
+    CommandKind.VELOCITY: 12.0,
+}
+WHOLE: Mapping[CommandKind, float] = {
+    **SHORT,
+    CommandKind.POSITION: float("inf"),
+    CommandKind.VELOCITY: float("inf"),
+}
+#: Measurements that a stretch has at least.
+LEAST_MEASUREMENTS = 8
+#: Share of a period within which stamps are the same, and the share of commands that have another
+#: one so near unless clocks run free: by chance a fifth of them do.
+NEAR_STAMP, MOSTLY = 0.1, 0.8
+
+
+def make_problem(
+    specs: Mapping[CommandKind, mujoco.MjSpec],
+    recordings: Sequence[Trajectory],
+    noise: Noise | None = None,
+    *,
+    given: Sequence[EffectInstance] = (),
+    windows_s: Mapping[CommandKind, float] = SHORT,
+    most_s: float = float("inf"),
+) -> Problem:
+    """Returns the problem of explaining `recordings` by the models `specs`, with `given` in them.
+
+    Args:
+        specs: The nominal model by command kind.
+        recordings: What it should explain.
+        noise: Of the sensors; measured where it is not given.
+        given: Effects of the nominal model that `specs` cannot say.
+        windows_s: Length of a rollout by kind of command, s.
+        most_s: Recorded time of the stretches that are kept, see `Problem.sample`; one of each
+            recording is kept in any case.
+
+    Raises:
+        ConfigError: a recording's commands are of a kind for which there is no model, or its
+            joints are not those of the others.
+        UnknownNameError: a model lacks a recorded joint.
+    """
+    problem = all_stretches(specs, recordings, noise, given=given, windows_s=windows_s)
+    problem = with_suitable_steps(problem.subset(problem.sample(most_s, of_each=1)))
+    return timed(with_state_basis(problem), ())
+
+
+def all_stretches(
+    specs: Mapping[CommandKind, mujoco.MjSpec],
+    recordings: Sequence[Trajectory],
+    noise: Noise | None = None,
+    *,
+    given: Sequence[EffectInstance] = (),
+    windows_s: Mapping[CommandKind, float] = SHORT,
+) -> Problem:
+    """Returns the problem with all stretches, and nothing yet that takes simulations to make.
+
+    Initial states are as measured, and efforts taken before the command of the same stamp. The
+    models are simulated accurately whatever they say themselves: a first-order step of theirs would
+    show as a delay. What they drive beside the recorded joints stands still. Arguments and errors
+    as of `make_problem`.
+    """
+    joints = recordings[0].joint_names
+    check_recordings(specs, recordings)
+    for spec in specs.values():
+        check_joints(spec, joints)
+    still = {kind: unrecorded(spec, joints) for kind, spec in specs.items()}
+    accurate = {
+        kind: accurately_simulated(with_still_joints(spec, still[kind]))
+        for kind, spec in specs.items()
+    }
+    touch = {kind: Touch(spec, joints) for kind, spec in accurate.items()}
+    for kind, spec in accurate.items():
+        if not any(touch[kind].ever(r) for r in recordings if r.command_kind is kind):
+            spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+            del touch[kind]
+    noise = noise or measure_noise(recordings)
+    segments = tuple(
+        segment
+        for i, recording in enumerate(recordings)
+        for segment in _cut_as_it_touches(recording, i, noise, windows_s, touch)
+    )
+    return Problem(
+        specs=accurate,
+        joints=joints,
+        segments=segments,
+        noise=noise,
+        given=tuple(given),
+        still={name: at for one in still.values() for name, at in one.items()},
+    )
+
+
+def _cut_as_it_touches(
+    recording: Trajectory,
+    index: int,
+    noise: Noise,
+    windows_s: Mapping[CommandKind, float],
+    touch: Mapping[CommandKind, Touch],
+) -> list[Segment]:
+    """Returns a recording's stretches; short ones where things are touched.
+
+    Nothing is followed for long then: what is touched a little earlier is soon elsewhere.
+    """
+    kind = recording.command_kind
+    if kind not in touch:
+        return cut(recording, index, noise, windows_s[kind])
+    return cut(recording, index, noise, min(windows_s[kind], SHORT[kind]), touch[kind])
+
+
+def accurately_simulated(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Returns a copy that is integrated by the fourth-order Runge-Kutta method.
+
+    Its dry friction holds: what creeps by MuJoCo's default, no robot does.
+    """
+    accurate = spec.copy()
+    accurate.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    let_friction_hold(accurate)
+    return accurate
+
+
+def check_recordings(
+    specs: Mapping[CommandKind, mujoco.MjSpec], recordings: Sequence[Trajectory]
+) -> None:
+    """Raises ConfigError where commands have no model of their kind, or joints differ."""
+    first = recordings[0]
+    for recording in recordings:
+        if recording.command_kind not in specs:
+            kinds = ", ".join(sorted(specs))
+            raise ConfigError(
+                f"{recording.name}: its commands are of kind {recording.command_kind}, "
+                f"the actuators of the model are of kind {kinds}"
+            )
+        if sorted(recording.joint_names) != sorted(first.joint_names):
+            raise ConfigError(
+                f"{recording.name}: joints {', '.join(recording.joint_names)}; "
+                f"{first.name} has {', '.join(first.joint_names)}"
+            )
+
+
+def in_model_order(
+    specs: Mapping[CommandKind, mujoco.MjSpec], recordings: Sequence[Trajectory]
+) -> list[Trajectory]:
+    """Returns recordings with their joints as the model has them, from the base on.
+
+    Whatever recorded them may have gone by the alphabet, and each recording by an order of its own.
+    Joints that the model lacks come last.
+    """
+    model = next(iter(specs.values())).copy().compile()
+    place = {model.joint(i).name: i for i in range(model.njnt)}
+    first = recordings[0].joint_names
+    names = sorted(first, key=lambda name: place.get(name, model.njnt))
+    return [recording.with_joints(names) for recording in recordings]
+
+
+def measure_noise(recordings: Sequence[Trajectory]) -> Noise:
+    """Returns the sensor noise over the recordings.
+
+    That of efforts is the typical one; they may well be noisier where they are large.
+    """
+    efforts = [(r.time_s, r.effort) for r in recordings if r.effort is not None]
+    return Noise(
+        position=steady_noise([(r.time_s, r.position) for r in recordings]),
+        effort=typical_noise(efforts) if efforts else None,
+    )
+
+
+def _same_stamp_s(recording: Trajectory) -> float:
+    """Returns how far apart a command and a measurement are of the same stamp, s.
+
+    Nothing where clocks run free: there, what is near another is so by chance.
+    """
+    command_s, time_s = recording.command_time_s, recording.time_s
+    periods = [float(np.median(np.diff(t))) for t in (command_s, time_s) if len(t) > 1]
+    after = np.clip(np.searchsorted(time_s, command_s), 1, len(time_s) - 1)
+    apart = np.minimum(np.abs(command_s - time_s[after]), np.abs(command_s - time_s[after - 1]))
+    near_s = NEAR_STAMP * min(periods)
+    return near_s if np.mean(apart <= near_s) >= MOSTLY else 0.0
+
+
+def _own_effort_noise(recording: Trajectory, noise: Noise) -> Array | None:
+    """Returns the noise of one recording's efforts, shape (J,): the usual one of those at rest."""
+    if recording.effort is None or noise.effort is None:
+        return None
+    own = noise_std(recording.time_s, recording.effort)
+    return np.where(np.ptp(recording.effort, axis=0) > 0.0, own, noise.effort)
+
+
+def cut(
+    recording: Trajectory,
+    index: int,
+    noise: Noise,
+    window_s: float,
+    touch: Touch | None = None,
+) -> list[Segment]:
+    """Returns the stretches of a recording that are rolled out, first to last.
+
+    Where the robot may touch something, each begins with it in the air, if it can, and an object at
+    rest: how far two things are in each other decides about their forces, and no measurement is as
+    exact; nor is the speed of an object measured.
+    """
+    time_s = recording.time_s
+    count = max(int(time_s[-1] / window_s), 1)
+    edges = np.searchsorted(time_s, np.arange(count + 1) * min(window_s, time_s[-1]))
+    edges[-1] = len(time_s)
+    if touch is not None:
+        edges = at_ease(touch, recording, edges)
+    return between(recording, index, noise, list(pairwise(edges.tolist())))
+
+
+def between(
+    recording: Trajectory, index: int, noise: Noise, spans: Sequence[tuple[int, int]]
+) -> list[Segment]:
+    """Returns the stretches from one measurement of a recording to before another.
+
+    What rests at first begins with no speed at all: where nothing holds a joint (play in a gear,
+    friction that is missing in the model), a speed made of noise would carry it away. What has next
+    to no measurements is left out.
+    """
+    time_s = recording.time_s
+    position, velocity, _ = smooth_states(time_s, recording.position)
+    effort_noise, together_s = _own_effort_noise(recording, noise), _same_stamp_s(recording)
+    gain = np.array([recording.servo_gain.get(name, 1.0) for name in recording.joint_names])
+    segments = []
+    for start, end in spans:
+        if end - start < LEAST_MEASUREMENTS:
+            continue
+        here = slice(start, end)
+        resting = starts_at_rest(time_s[here], recording.position[here], noise.position)
+        commanded_s, command = _commands(recording, float(time_s[start]), float(time_s[end - 1]))
+        segments.append(
+            Segment(
+                time_s=time_s[here] - time_s[start],
+                position=recording.position[here],
+                effort=None if recording.effort is None else recording.effort[here],
+                effort_noise=effort_noise,
+                same_stamp_s=together_s,
+                kind=recording.command_kind,
+                command_time_s=commanded_s,
+                command=command,
+                initial_position=position[start],
+                initial_velocity=np.where(resting, 0.0, velocity[start]),
+                servo_gain=gain,
+                recording=index,
+                object_pose=resting_pose(recording, int(recording.stamp_ns[start])),
+            )
+        )
+    return segments
+
+
+def _commands(recording: Trajectory, start_s: float, end_s: float) -> tuple[Array, Array]:
+    """Returns the commands in force between two times, and those shortly before for delays.
+
+    First when each took effect, from the first time on, s, shape (C,), then what, shape (C, J).
+    """
+    time_s = recording.command_time_s
+    first = max(int(np.searchsorted(time_s, start_s - HISTORY_S, side="right")) - 1, 0)
+    last = max(int(np.searchsorted(time_s, end_s, side="right")), first + 1)
+    return time_s[first:last] - start_s, recording.command[first:last]

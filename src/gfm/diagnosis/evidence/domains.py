@@ -1,0 +1,210 @@
+"""Two independent witnesses for every effect: open-loop rollouts, and the missing torque.
+
+Rollouts decide, but for close calls where much is left; they integrate a model over seconds. The
+missing torque needs no integration and no fit of states: there an effect is a column of numbers,
+and its amount a linear regression. Errors that fool one of them (a clock, a wrong initial state,
+noise of accelerations) hardly fool the other in the same way, so that a name on which both agree is
+worth more than either.
+
+Shape letters: B blocks, J joints, E effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from gfm.core.checks import Array
+from gfm.diagnosis.evidence.torques import TorqueDomain
+from gfm.diagnosis.former.attribution import Attribution
+from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.search.naming import describe, twins
+from gfm.effects import EffectInstance, Key
+
+#: Share of the missing torque from which on a regression on it says anything: below, it is made of
+#: noise and of what else is missing.
+HEARD = 0.1
+#: Amounts by torque, as a multiple of those by rollouts, that are the same: smoothed velocities and
+#: accelerations are wrong by some ten percent where a motion is fast or noise is large.
+SAME_AMOUNT = (0.7, 1.4)
+#: By so much more of the missing torque must another candidate explain to be preferred by it.
+CLEARLY_MORE = 0.1
+#: Candidates that were not accepted and are looked at, and what they have to explain by rollouts:
+#: of a fit that failed only the shape is left.
+MOST_SUSPECTS, LEAST_SHARE = 8, 0.01
+
+
+class Agreement(StrEnum):
+    """What the missing torque says of a name that rollouts found."""
+
+    AGREES = "agrees"
+    OTHER_AMOUNT = "other amount"
+    OTHER_EFFECT = "other effect"
+    SILENT = "silent"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoDomains:
+    """One candidate before both witnesses.
+
+    Attributes:
+        effect: Name.
+        joints: Where.
+        named: Whether it is part of the verdict.
+        rollout_share: Of the squared position residual that effects found before it leave, the
+            share that it explains on training recordings; None where it was not weighed by itself.
+        torque_share: The same of the missing torque on its joints, on held-out recordings, while
+            they move.
+        amount: Of a named effect: by torque, as a multiple of that by rollouts; None where the
+            torque says nothing.
+        agreement: Of a named effect; None for others.
+        rival: The candidate that the torque prefers, where it does, in words.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    named: bool
+    rollout_share: float | None
+    torque_share: float
+    amount: float | None
+    agreement: Agreement | None = None
+    rival: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Candidate:
+    """An effect in the round in which it did best, what was accepted before, and its share."""
+
+    instance: EffectInstance
+    round: int
+    base: tuple[Key, ...]
+    share: float | None
+
+
+def two_domains(
+    domain: TorqueDomain, found: Attribution, named: Sequence[EffectInstance]
+) -> tuple[TwoDomains, ...]:
+    """Returns named effects, and the best that were not, before both witnesses."""
+    fitted = _fitted(found)
+    taken = {e.key for e in named} | {t.key for t, _ in twins(named)}
+    mine = [_as_found(instance, fitted, named) for instance in named]
+    rest = [c for key, c in fitted.items() if key not in taken and (c.share or 0.0) >= LEAST_SHARE]
+    others = sorted(rest, key=lambda c: -(c.share or 0.0))[:MOST_SUSPECTS]
+    moving = domain.moving()
+    told = {c.instance.key: moving * domain.response(c.instance) for c in (*mine, *others)}
+    missing = moving * domain.missing()
+    pairs = [(c, _row(c, domain, missing, told, tuple(e.key for e in named))) for c in mine]
+    beside = [(c, _row(c, domain, missing, told, ())) for c in others]
+    return (*(_judged(c, row, beside) for c, row in pairs), *(row for _, row in beside))
+
+
+def torque_share(domain: TorqueDomain, fitted: Fit) -> float:
+    """Returns which share of the missing torque the newest effect of a fit explains.
+
+    On its joints, while they move, beside the effects before it.
+    """
+    *base, newest = fitted.effects
+    joints, moving = domain.touched(newest), domain.moving()
+
+    def column(torque: Array) -> Array:
+        return np.asarray((moving * torque)[:, joints].ravel())
+
+    others = [column(domain.response(instance)) for instance in base]
+    return regressed(column(domain.missing()), column(domain.response(newest)), others)[0]
+
+
+def _fitted(found: Attribution) -> dict[Key, _Candidate]:
+    """Returns every candidate that was fitted, in the round in which it explained most."""
+    best: dict[Key, _Candidate] = {}
+    for number, this in enumerate(found.rounds):
+        for one in this.fits[1:] if this.together else this.fits:
+            *base, newest = one.effects
+            share = float(np.clip(1.0 - one.cost / this.before, 0.0, 1.0))
+            before = best.get(newest.key)
+            if before is None or share > (before.share or 0.0):
+                best[newest.key] = _Candidate(
+                    instance=newest, round=number, base=tuple(e.key for e in base), share=share
+                )
+    return best
+
+
+def _as_found(
+    instance: EffectInstance, fitted: Mapping[Key, _Candidate], named: Sequence[EffectInstance]
+) -> _Candidate:
+    """Returns a named effect with its settled amounts; it may have been found by another name.
+
+    One that was only found together with others is weighed beside all of them.
+    """
+    keys = (instance.key, *(twin.key for twin, _ in twins([instance])))
+    found = next((fitted[key] for key in keys if key in fitted), None)
+    if found is None:
+        others = tuple(e.key for e in named if e is not instance)
+        return _Candidate(instance=instance, round=-1, base=others, share=None)
+    return replace(found, instance=instance)
+
+
+def _row(
+    candidate: _Candidate,
+    domain: TorqueDomain,
+    missing: Array,
+    told: Mapping[Key, Array],
+    named: Sequence[Key],
+) -> TwoDomains:
+    instance = candidate.instance
+    joints = domain.touched(instance)
+
+    def column(key: Key) -> Array:
+        return told[key][:, joints].ravel()
+
+    torque, own = missing[:, joints].ravel(), column(instance.key)
+    base = [column(key) for key in candidate.base if key in told]
+    beside = [column(key) for key in named if key != instance.key]
+    share, _ = regressed(torque, own, base)
+    _, amount = regressed(torque, own, beside)
+    return TwoDomains(
+        effect=instance.effect.name,
+        joints=instance.joints,
+        named=instance.key in named,
+        rollout_share=candidate.share,
+        torque_share=share,
+        amount=amount if share >= HEARD and instance.key in named else None,
+    )
+
+
+def regressed(torque: Array, own: Array, others: Sequence[Array]) -> tuple[float, float]:
+    """Returns which share of a torque a column explains beside others, and with which factor.
+
+    Args:
+        torque: shape (N,).
+        own: The column, shape (N,).
+        others: What both are freed of first, shape (N,) each.
+    """
+    if others:
+        basis = np.linalg.qr(np.stack(others, axis=1))[0]
+        torque, own = (x - basis @ (basis.T @ x) for x in (torque, own))
+    power, size = float(torque @ torque), float(own @ own)
+    if power <= 0.0 or size <= 0.0:
+        return 0.0, 0.0
+    along = float(own @ torque)
+    return along**2 / (size * power) if along > 0.0 else 0.0, along / size
+
+
+def _judged(
+    candidate: _Candidate, row: TwoDomains, others: Sequence[tuple[_Candidate, TwoDomains]]
+) -> TwoDomains:
+    """Returns a named effect's row with what the missing torque says of it."""
+    if row.amount is None:
+        return replace(row, agreement=Agreement.SILENT)
+    rivals = [
+        (other.torque_share, one.instance)
+        for one, other in others
+        if one.round == candidate.round and set(other.joints) & set(row.joints)
+    ]
+    share, rival = max(rivals, key=lambda pair: pair[0], default=(0.0, candidate.instance))
+    if share > row.torque_share + CLEARLY_MORE:
+        return replace(row, agreement=Agreement.OTHER_EFFECT, rival=describe(rival))
+    same = SAME_AMOUNT[0] <= row.amount <= SAME_AMOUNT[1]
+    return replace(row, agreement=Agreement.AGREES if same else Agreement.OTHER_AMOUNT)

@@ -1,0 +1,227 @@
+"""The pictures that show an effect in the data.
+
+Shape letters: T measurements.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gfm.core import Trajectory
+from gfm.core.checks import Array
+from gfm.diagnosis.output.result import EvidencePlot, Series
+from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.search.candidates import TorqueView, has_law, law_along, torque_views
+from gfm.effects import EffectInstance
+
+#: Points of a cloud at most.
+MOST_POINTS = 1500
+#: Amounts at which a profile is looked at; the one in the middle is the fitted one.
+PROFILE_POINTS = 9
+#: Label of what rollouts leave.
+MISFIT = "error of rollouts in noise floors [1]"
+#: Speed from which a joint moves: several times that at which the sign of one is blurred.
+MOVING_RAD_S = 0.05
+#: Labels of the signals over which laws are drawn.
+AXES = {
+    "velocity": ("velocity [rad/s]", "missing torque [N m]"),
+    "position": ("position [rad]", "missing torque [N m]"),
+    "drive": ("size of the drive torque [N m]", "missing torque against the motion [N m]"),
+}
+
+
+def law_plots(
+    instances: Sequence[EffectInstance], problem: Problem, recordings: Sequence[Trajectory]
+) -> list[EvidencePlot]:
+    """Returns a picture of every effect that is a force of position, velocity and drive.
+
+    It shows the torque that the model lacks with all effects in it but this one (a partial
+    residual), against what the law depends on, with the fitted law over it.
+    """
+    plots = []
+    seen: dict[tuple[int, ...], list[TorqueView]] = {}
+    for instance in instances:
+        others = [one for one in instances if one is not instance]
+        told = _without_law(others)
+        key = tuple(id(one) for one in told)
+        if has_law(instance):
+            if key not in seen:
+                seen[key] = torque_views(problem, recordings, told)
+            plots.append(_law_plot(instance, others, problem, seen[key]))
+    return plots
+
+
+def torque_left(
+    instances: Sequence[EffectInstance], problem: Problem, recordings: Sequence[Trajectory]
+) -> Array:
+    """Returns the torque that the model with `instances` still lacks, N m, shape (T of all, J).
+
+    Needed by inverse dynamics along the smoothed motion, minus what the drives gave: the measured
+    effort, where there is one.
+    """
+    views = torque_views(problem, recordings, _without_law(instances))
+    left = np.concatenate([view.missing for view in views])
+    for joint, column in enumerate(left.T):
+        for instance in instances:
+            column -= law_along(joint, instance, problem.joints, views)
+    return left
+
+
+def _without_law(instances: Sequence[EffectInstance]) -> list[EffectInstance]:
+    """Returns the effects without a law in closed form: inverse dynamics have to be told."""
+    return [one for one in instances if not has_law(one) and not one.effect.separates_motor]
+
+
+def _law_plot(
+    instance: EffectInstance,
+    others: Sequence[EffectInstance],
+    problem: Problem,
+    views: Sequence[TorqueView],
+) -> EvidencePlot:
+    joint = problem.joints.index(instance.joints[0])
+    missing = np.concatenate([view.missing[:, joint] for view in views])
+    for other in others:
+        missing = missing - law_along(joint, other, problem.joints, views)
+    law = law_along(joint, instance, problem.joints, views)
+    signal = instance.effect.seen_over
+    axis = np.concatenate([getattr(view, signal)[:, joint] for view in views])
+    if signal == "drive":
+        # Friction that grows with the load acts against the motion, whichever way the drive pushes;
+        # at rest it is whatever holds.
+        velocity = np.concatenate([view.velocity[:, joint] for view in views])
+        axis, missing, law = (
+            one[np.abs(velocity) > MOVING_RAD_S]
+            for one in (np.abs(axis), -np.sign(velocity) * missing, -np.sign(velocity) * law)
+        )
+    order = np.argsort(axis)
+    keep = order[:: max(len(order) // MOST_POINTS, 1)]
+    name = instance.effect.name.replace("_", " ")
+    beside = ", the other effects in it" if others else ""
+    return EvidencePlot(
+        title=f"{name} on {instance.joints[0]}: torque that the model lacks without it{beside}",
+        effect=instance.effect.name,
+        joint=instance.joints[0],
+        x_label=AXES[signal][0],
+        y_label=AXES[signal][1],
+        series=(
+            Series(label="measured", x=axis[keep], y=missing[keep], style="points"),
+            Series(label="fitted law", x=axis[keep], y=law[keep], style="line"),
+        ),
+    )
+
+
+def profile_plots(
+    instances: Sequence[EffectInstance], problem: Problem, rare: Problem
+) -> list[EvidencePlot]:
+    """Returns a picture of every other effect: what rollouts leave if its amount is another one.
+
+    All else stays as fitted. From none of it to twice the amount; from half of it where none of it
+    is not zero (a gain, a stiffness, a limit). What takes off has none: no model has less than
+    nothing.
+
+    Args:
+        instances: What was found.
+        problem: In which rollouts are compared, outliers bounded as in the fit.
+        rare: The same for what acts now and then only: stretches in which it acts.
+    """
+    plots = []
+    for place, instance in enumerate(instances):
+        if has_law(instance) or instance.takes_off:
+            continue
+        first = instance.effect.parameters[0]
+        low = 0.0 if first.lower <= 0.0 else 0.5
+        amounts = instance.values[first.name] * np.linspace(low, 2.0 - low, PROFILE_POINTS)
+        amounts = np.clip(amounts, first.lower, first.upper)
+        sets = [_with_amount(instances, place, float(amount)) for amount in amounts]
+        looked_at = rare if instance.effect.only_in_stretches else problem
+        left = np.sqrt(np.mean(looked_at.residuals(sets) ** 2, axis=1))
+        middle = PROFILE_POINTS // 2
+        where = instance.joints[0] if len(instance.joints) == 1 else ""
+        name = instance.effect.name.replace("_", " ")
+        plots.append(
+            EvidencePlot(
+                title=f"{name}{f' on {where}' if where else ''}: what other amounts would leave",
+                effect=instance.effect.name,
+                joint=where,
+                x_label=f"{first.name.replace('_', ' ')} [{first.unit}]",
+                y_label=MISFIT,
+                series=(
+                    Series(label="all else as fitted", x=amounts, y=left, style="line"),
+                    Series(
+                        label="fitted",
+                        x=amounts[middle : middle + 1],
+                        y=left[middle : middle + 1],
+                        style="points",
+                    ),
+                ),
+            )
+        )
+    return plots
+
+
+def _with_amount(
+    instances: Sequence[EffectInstance], place: int, amount: float
+) -> tuple[EffectInstance, ...]:
+    """Returns the effects, one of them with another value of its first parameter."""
+    one = instances[place]
+    first = one.effect.parameters[0]
+    changed = replace(one, values=dict(one.values) | {first.name: amount})
+    return (*instances[:place], changed, *instances[place + 1 :])
+
+
+def answers_plot(late_s: tuple[Array, Array]) -> EvidencePlot:
+    """Returns by how much later than predicted answers to steps began, without a delay and with.
+
+    Args:
+        late_s: Both, s, shape (A,).
+    """
+    number = np.arange(1.0, len(late_s[0]) + 1.0)
+    return EvidencePlot(
+        title="answers to steps from rest: how much later than predicted they begin",
+        effect="command_delay",
+        joint="",
+        x_label="answer",
+        y_label="late [ms]",
+        series=tuple(
+            Series(label=label, x=number, y=1e3 * late, style="points")
+            for label, late in zip(("without the delay", "with it"), late_s, strict=True)
+        ),
+    )
+
+
+def error_plot(
+    joint: int, problem: Problem, before: Sequence[Array], after: Sequence[Array]
+) -> EvidencePlot:
+    """Returns one joint's position error over time on the first segments, before and after."""
+    name = problem.joints[joint]
+    recording = problem.segments[0].recording
+    first = [i for i, s in enumerate(problem.segments) if s.recording == recording]
+    time_s, offset = [], 0.0
+    for i in first:
+        time_s.append(problem.segments[i].time_s + offset)
+        offset += float(problem.segments[i].time_s[-1])
+    stamps = np.concatenate(time_s)
+    return EvidencePlot(
+        title=f"{name}: position error of open-loop rollouts on held-out data",
+        effect="",
+        joint=name,
+        x_label="time [s]",
+        y_label="measured minus predicted position [rad]",
+        series=tuple(
+            Series(
+                label=label,
+                x=stamps,
+                y=np.concatenate([e[i][:, joint] for i in first]),
+                style="line",
+            )
+            for label, e in (("nominal model", before), ("corrected model", after))
+        ),
+    )
+
+
+def rmse(errors: Sequence[Array]) -> Array:
+    """Returns the root mean square of errors of shape (T, J) by joint, shape (J,)."""
+    return np.asarray(np.sqrt(np.mean(np.concatenate(list(errors)) ** 2, axis=0)))

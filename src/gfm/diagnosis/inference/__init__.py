@@ -1,0 +1,1 @@
+"""Fits, intervals and the score by which hypotheses are compared."""

@@ -1,0 +1,1 @@
+"""What is claimed and written: verdict, names, corrected model."""

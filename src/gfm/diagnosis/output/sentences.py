@@ -1,0 +1,85 @@
+"""The answer in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gfm.diagnosis.objects import ObjectPart
+from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, Verdict
+
+#: Parameters of an effect that a sentence tells at most.
+IN_A_SENTENCE = 3
+
+
+def sentence_on(
+    verdict: Verdict, named: Sequence[NamedEffect], error: ErrorSummary, lack: str
+) -> str:
+    """Returns the verdict on a robot in one sentence; `lack` says what the data do not show."""
+    if verdict is Verdict.INSUFFICIENT_DATA:
+        return f"The recordings do not say enough about the dynamics: {lack}."
+    figures = (
+        f"held-out position error {error.before:.3g} rad before, {error.after:.3g} rad after, "
+        f"sensor noise {error.noise_floor:.3g} rad"
+    )
+    if verdict is Verdict.NO_GAP:
+        return f"The model explains the recordings to within the sensor noise ({figures})."
+    if verdict is Verdict.UNEXPLAINED:
+        return f"The model misses something that no known effect explains ({figures})."
+    among = "" if verdict is Verdict.EXPLAINED else ", among what stays unexplained,"
+    return f"The model {_wrong(named, among)} ({figures})."
+
+
+def _wrong(named: Sequence[NamedEffect], among: str) -> str:
+    """Returns what a model misses, and what it has too much of; `among` says beside what."""
+    less = [one for one in named if one.instance().takes_off]
+    missing = "; ".join(effects_in_words([one for one in named if one not in less]))
+    much = f"too much {'; '.join(effects_in_words(less))}" if less else ""
+    if not missing:
+        return f"has{among} {much}"
+    return f"misses{among} {missing}; it has {much}" if less else f"misses{among} {missing}"
+
+
+def sentence_on_object(thing: ObjectPart, pushed: Sequence[NamedEffect]) -> str:
+    """Returns what a pushed object's poses say that the model lacks, in one sentence."""
+    place = thing.errors[0]
+    names = "; ".join(_in_words(effect) for effect in pushed)
+    lacks = f"misses {names} of the object" if pushed else "misses nothing with a name"
+    return (
+        f"By the object's poses it {lacks} (held-out error of its place {place.before:.3g} m "
+        f"before, {place.after:.3g} m after, noise {place.noise_floor:.3g} m)."
+    )
+
+
+def effects_in_words(named: Sequence[NamedEffect]) -> list[str]:
+    """Returns the effects in words, those of one kind on several joints as one."""
+    kinds: dict[str, list[NamedEffect]] = {}
+    for effect in named:
+        kinds.setdefault(effect.effect, []).append(effect)
+    return [_in_words(alike[0]) if len(alike) == 1 else _of_kind(alike) for alike in kinds.values()]
+
+
+def _of_kind(alike: Sequence[NamedEffect]) -> str:
+    first = alike[0]
+    joints = ", ".join(joint for effect in alike for joint in effect.joints)
+    ranges = []
+    for name, parameter in first.parameters.items():
+        values = [effect.parameters[name].value for effect in alike]
+        unit = "" if parameter.unit == "1" else parameter.unit
+        amounts = " to ".join(dict.fromkeys(f"{v:.3g}" for v in (min(values), max(values))))
+        ranges.append(f"{name.replace('_', ' ')} {amounts} {unit}".rstrip())
+    return f"{first.effect.replace('_', ' ')} on {joints} ({_first_of(ranges)})"
+
+
+def _in_words(effect: NamedEffect) -> str:
+    where = f" on {', '.join(effect.joints)}" if effect.joints else ""
+    amounts = [
+        f"{name.replace('_', ' ')} {p.value:.4g} {'' if p.unit == '1' else p.unit}".rstrip()
+        for name, p in effect.parameters.items()
+    ]
+    return f"{effect.effect.replace('_', ' ')}{where} ({_first_of(amounts)})"
+
+
+def _first_of(amounts: Sequence[str]) -> str:
+    """Returns as many amounts as a sentence bears; all of them stand in the table below it."""
+    shown = ", ".join(amounts[:IN_A_SENTENCE])
+    return shown if len(amounts) <= IN_A_SENTENCE else f"{shown}, ..."

@@ -1,0 +1,1 @@
+"""Measured minus predicted: rollouts in segments, initial states, integration, channels."""

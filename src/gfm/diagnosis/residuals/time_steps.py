@@ -1,0 +1,118 @@
+"""Time steps on which a diagnosis simulates: as long as what is predicted hardly depends on them.
+
+Models come with steps that suit their own integrators. Integrated to fourth order, most do with
+longer ones; a stiff servo on a light link needs a shorter one, or its rollouts run away. Where the
+link is lighter still (arms that are modelled without rotors), no step is short enough for that, and
+the model is integrated implicitly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import mujoco
+import numpy as np
+
+from gfm.core import CommandKind
+from gfm.core.checks import Array
+from gfm.diagnosis.residuals.problem import Problem, Stepping
+from gfm.effects import EffectInstance
+
+#: Longest step that is taken, s.
+LONGEST_S = 2e-3
+#: Times that a model's own step is halved at most.
+MOST_HALVED = 4
+#: By how much a longer step may change what a joint leaves, RMS: in units of the noise, and as a
+#: share of it, whichever is more.
+HARDLY = (0.1, 0.01)
+#: The same of the model's own step, halved, from which on it is too long while something else does
+#: better, and from which on it is in any case.
+MUCH, TOO_MUCH = (0.5, 0.1), (10.0, 0.3)
+#: Recorded time on which steps are compared (of an arm; of smaller robots more), s.
+COMPARED_S = 6.0
+
+
+def with_suitable_steps(problem: Problem, effects: Sequence[EffectInstance] = ()) -> Problem:
+    """Returns the problem with the time steps that suit its models with `effects` in them.
+
+    As it is where a motor is apart from its link: those are simulated on steps of their own.
+    """
+    if problem.motors_apart([effects]):
+        return problem
+    part = problem.subset(_compared(problem, effects))
+    stepping = {kind: _suitable(part, kind, spec, effects) for kind, spec in problem.specs.items()}
+    return replace(problem, stepping=stepping)
+
+
+def _compared(problem: Problem, effects: Sequence[EffectInstance]) -> list[int]:
+    """Returns the stretches on which steps are compared: of all, and where `effects` change most.
+
+    A servo comes to its limit now and then only, and only there is a step too long for that.
+    """
+    chosen = problem.sample(COMPARED_S)
+    if not effects:
+        return chosen
+    without, beside = problem.coarse().residuals([(), tuple(effects)])
+    change = [float(np.mean((beside - without)[rows] ** 2)) for rows in problem.slices()]
+    most = [int(i) for i in np.argsort(change)[::-1]]
+    return sorted({*chosen, *problem.first(most, COMPARED_S)})
+
+
+def _suitable(
+    problem: Problem, kind: CommandKind, spec: mujoco.MjSpec, effects: Sequence[EffectInstance]
+) -> Stepping:
+    """Returns what suits the model of one kind of command."""
+    own = Stepping(step_s=float(spec.option.timestep))
+    of_kind = problem.subset([i for i, s in enumerate(problem.segments) if s.kind is kind])
+    if not of_kind.segments:
+        return own
+    trial = _Trial(of_kind, effects)
+    methods = (True,) if problem.is_implicit(kind) else (False, True)
+    longer = int(np.log2(max(LONGEST_S / own.step_s, 1.0)) + 1e-9)
+    for n in range(longer, 0, -1):
+        one = Stepping(step_s=own.step_s * 2.0**n, implicit=methods[0])
+        if trial.agree(replace(own, implicit=methods[0]), one, HARDLY):
+            return one
+    shorter = [
+        Stepping(step_s=own.step_s / 2.0**n, implicit=implicit)
+        for n in range(MOST_HALVED)
+        for implicit in methods
+    ]
+    for most in (MUCH, TOO_MUCH):
+        for one in shorter:
+            if trial.agree(one.halved(), one, most):
+                return one
+    return shorter[-1]
+
+
+@dataclass
+class _Trial:
+    """What a model leaves when it is simulated in several ways, each of them once."""
+
+    problem: Problem
+    effects: Sequence[EffectInstance]
+    left: dict[Stepping, Array | None] = field(default_factory=dict)
+
+    def agree(self, finer: Stepping, coarser: Stepping, most: tuple[float, float]) -> bool:
+        """Returns whether two leave nearly the same on every joint, and neither breaks off."""
+        told, others = self._left(finer), self._left(coarser)
+        if told is None or others is None:
+            return False
+        change = np.sqrt(self.problem.joint_costs(others - told))
+        size = np.sqrt(self.problem.joint_costs(told))
+        return bool((change <= np.maximum(most[0], most[1] * size)).all())
+
+    def _left(self, stepping: Stepping) -> Array | None:
+        if stepping not in self.left:
+            self.left[stepping] = self._simulated(stepping)
+        return self.left[stepping]
+
+    def _simulated(self, stepping: Stepping) -> Array | None:
+        """Returns what is left, in units of the noise; None where the simulation breaks off."""
+        kinds = dict.fromkeys(self.problem.specs, stepping)
+        told = replace(self.problem, stepping=kinds).predictions([self.effects])[0]
+        if any(prediction.diverged for prediction in told):
+            return None
+        rows = zip(self.problem.segments, told, strict=True)
+        return np.concatenate([self.problem.whitened(*row) for row in rows])

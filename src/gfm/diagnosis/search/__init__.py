@@ -1,0 +1,1 @@
+"""Hypotheses, the moves between them, and the loop that chooses."""

@@ -1,0 +1,307 @@
+"""Where each effect could act, and how large its probes are there.
+
+Shape letters: T measurements, J joints.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import mujoco
+import numpy as np
+
+from gfm.core import Trajectory
+from gfm.core.checks import Array
+from gfm.diagnosis.data.signals import smooth_states
+from gfm.diagnosis.residuals.problem import Problem
+from gfm.effects import Effect, EffectInstance, Key, Motion, Scales, Scope
+from gfm.effects.effect import sign
+from gfm.sim.commands import commands_between
+from gfm.sim.compensation import compensation_error
+from gfm.sim.plant import Plant, make_plant, with_servo_gain
+from gfm.sim.segment import Segment
+
+#: Orders of a cogging torque that are looked for, per revolution of the joint.
+COGGING_ORDERS = range(2, 101)
+#: How many of them are taken to the rollouts, with a spring beside them and without.
+COGGING_KEPT = 3
+#: Distances from the last link's origin at which points of it may touch something, along its axes,
+#: and postures in which they are looked at.
+REACHES_M, POSTURES = (0.05, 0.1, 0.2), 5000
+#: Periods that the motion has to cover: both a crest and a trough.
+LEAST_PERIODS = 0.75
+#: Percentiles of sizes: one that a few command steps, where effort and motion disagree, do not set,
+#: and the largest but for a few moments.
+TYPICAL, PEAK = 80.0, 99.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """An effect somewhere: a candidate.
+
+    Attributes:
+        effect: The law.
+        joints: Where it acts.
+        least: Amounts, less than none, that would take off all that the model itself says there.
+    """
+
+    effect: Effect
+    joints: tuple[str, ...]
+    least: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def key(self) -> Key:
+        """What makes two candidates the same."""
+        return self.effect.name, self.joints
+
+
+def places(
+    effect: Effect,
+    joints: Sequence[str],
+    driven: Sequence[str] | None = None,
+    *,
+    pushing: bool = False,
+) -> list[Place]:
+    """Returns every place where an effect can act on a robot with these joints.
+
+    Args:
+        effect: Which one.
+        joints: All joints that are measured.
+        driven: Those that have a drive; all, if None.
+        pushing: Whether the robot moves an object, and so feels what pushing it takes.
+    """
+    if effect.needs_drive and driven is not None:
+        joints = driven
+    if effect.scope is Scope.JOINT:
+        return [Place(effect=effect, joints=(name,)) for name in joints]
+    if effect.scope is Scope.PAIR:
+        return [Place(effect=effect, joints=pair) for pair in combinations(joints, 2)]
+    if effect.scope is Scope.LAST:
+        return [Place(effect=effect, joints=(joints[-1],))]
+    if effect.scope is Scope.OBJECT and not pushing:
+        return []
+    shared = tuple(joints) if effect.shares_joints else ()
+    return [Place(effect=effect, joints=shared)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueView:
+    """One recording seen as torques: what drives the joints and what the model says is needed.
+
+    All of shape (T, J); `missing` is needed minus drive: the generalized force that the model lacks
+    along the measured motion. Part of the drive is what the model's gravity compensation gives.
+    Where the drive was not `measured`, it is what the model's own servo would do.
+    """
+
+    position: Array
+    velocity: Array
+    drive: Array
+    missing: Array
+    compensation: Array | float = 0.0
+    measured: bool = False
+
+    @property
+    def needed(self) -> Array:
+        """What the motion takes."""
+        return self.missing + self.drive
+
+    @property
+    def served(self) -> Array:
+        """What the servo gives beside a gravity compensation, by the motion if not measured."""
+        return (self.drive if self.measured else self.needed) - self.compensation
+
+    def motion(self, joint: int, other: int | None = None) -> Motion:
+        """Returns one joint's motion, for laws in closed form."""
+        return Motion(
+            position=self.position[:, joint],
+            velocity=self.velocity[:, joint],
+            drive=self.drive[:, joint],
+            other_velocity=None if other is None else self.velocity[:, other],
+        )
+
+
+def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
+    """Returns a recording seen as torques, by the model's continuous inverse dynamics.
+
+    The drive is the measured effort, where there is one; else that of the model, at the servo gains
+    of the recording, with what its gravity compensation does wrong.
+    """
+    q, v, a = smooth_states(recording.time_s, recording.position)
+    gain = np.array([recording.servo_gain.get(name, 1.0) for name in plant.joints])
+    kind = recording.command_kind
+    model = copy.copy(with_servo_gain(plant.model, plant.actuator, kind, gain))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    data = mujoco.MjData(model)
+    command = _mean_commands(plant, recording)
+    needed, drive, compensation = np.empty_like(q), np.empty_like(q), np.zeros_like(q)
+    compensated = model.jnt_actgravcomp[model.dof_jntid[plant.dof]] > 0
+    for i in range(len(q)):
+        data.qpos[plant.qpos], data.qvel[plant.dof], data.qacc[plant.dof] = q[i], v[i], a[i]
+        data.ctrl[plant.actuator] = command[i]
+        mujoco.mj_inverse(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        needed[i] = data.qfrc_inverse[plant.dof]
+        drive[i] = data.qfrc_actuator[plant.dof]
+        compensation[i, compensated] = data.qfrc_gravcomp[plant.dof][compensated]
+    if recording.effort is not None:
+        drive = recording.effort
+    elif (wrong := compensation_error(plant, q)) is not None:
+        drive += wrong.force[:, plant.dof]
+    return TorqueView(
+        position=q,
+        velocity=v,
+        drive=drive,
+        missing=needed - drive,
+        compensation=compensation,
+        measured=recording.effort is not None,
+    )
+
+
+def _whole_segment(recording: Trajectory) -> Segment:
+    """Returns a recording as one stretch, for asking which commands were in force."""
+    return Segment(
+        time_s=recording.time_s,
+        position=recording.position,
+        effort=None,
+        kind=recording.command_kind,
+        command_time_s=recording.command_time_s,
+        command=recording.command,
+        initial_position=recording.position[0],
+        initial_velocity=np.zeros(len(recording.joint_names)),
+        servo_gain=np.ones(len(recording.joint_names)),
+    )
+
+
+def _mean_commands(plant: Plant, recording: Trajectory) -> Array:
+    """Returns the mean command around each measurement, over the time between two, shape (T, J).
+
+    Measurements and commands are in step with each other: the command at a measurement would always
+    be the beginning, or the end, of a step in which a servo's torque falls as the joint follows.
+    """
+    half_s = 0.5 * float(np.median(np.diff(recording.time_s)))
+    start, end = recording.time_s - half_s, recording.time_s + half_s
+    return commands_between(plant, _whole_segment(recording), start, end)
+
+
+def torque_views(
+    problem: Problem,
+    recordings: Sequence[Trajectory],
+    effects: Sequence[EffectInstance] = (),
+) -> list[TorqueView]:
+    """Returns every recording seen as torques under the nominal model with `effects` in it."""
+    plants = {
+        kind: make_plant(spec, problem.joints, (*problem.given, *effects))
+        for kind, spec in problem.specs.items()
+    }
+    return [torque_view(plants[recording.command_kind], recording) for recording in recordings]
+
+
+def has_law(instance: EffectInstance) -> bool:
+    """Returns whether an effect is a force of position, velocity and drive."""
+    nothing = np.zeros(1)
+    motion = Motion(position=nothing, velocity=nothing, drive=nothing, other_velocity=nothing)
+    return bool(instance.joints) and instance.effect.torque(motion, instance.values) is not None
+
+
+def law_along(
+    joint: int, instance: EffectInstance, joints: Sequence[str], views: Sequence[TorqueView]
+) -> Array:
+    """Returns the torque of an effect's law on a joint along all views, N m; zero without a law."""
+    places = [joints.index(name) for name in instance.joints]
+    if joint not in places or not has_law(instance):
+        return np.zeros(sum(len(view.missing) for view in views))
+    second = places[1] if len(places) == 2 else None
+    parts = [
+        instance.effect.torque(view.motion(places[0], second), instance.values) for view in views
+    ]
+    torque = np.concatenate([part for part in parts if part is not None])
+    return -torque if joint == second else torque
+
+
+def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:
+    """Returns the typical sizes of every joint's signals."""
+    plant = make_plant(next(iter(problem.specs.values())), problem.joints)
+    data = mujoco.MjData(plant.model)
+    mujoco.mj_forward(plant.model, data)
+    inertia = np.zeros((plant.model.nv, plant.model.nv))
+    mujoco.mj_fullM(plant.model, data, inertia)
+    return [
+        Scales(
+            torque_nm=_rms([v.drive[:, j] - v.drive[:, j].mean() for v in views]),
+            excess_nm=max(_percentile([v.missing[:, j] for v in views], TYPICAL), 1e-6),
+            velocity_rad_s=max(_rms([v.velocity[:, j] for v in views]), 1e-3),
+            position_rad=max(0.5 * float(np.ptp(_joined(views, "position", j))), 1e-3),
+            peak_nm=max(_percentile([v.needed[:, j] for v in views], PEAK), 1e-6),
+            servo_nm=max(_percentile([v.served[:, j] for v in views], PEAK), 1e-6),
+            inertia=float(inertia[dof, dof]),
+            cogging_per_revolution=cogging_orders(views, j),
+            lowest_m=lowest_points(plant, views) if j == len(plant.dof) - 1 else (),
+        )
+        for j, dof in enumerate(plant.dof)
+    ]
+
+
+def lowest_points(
+    plant: Plant, views: Sequence[TorqueView]
+) -> tuple[tuple[float, float, float, float], ...]:
+    """Returns points of the last link, and the least height of each: x, y, z, height, in m."""
+    model, data = plant.model, mujoco.MjData(plant.model)
+    link = int(model.dof_bodyid[plant.dof[-1]])
+    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    points = np.concatenate([np.zeros((1, 3)), *(reach * axes for reach in REACHES_M)])
+    postures = np.concatenate([view.position for view in views])
+    lowest = np.full(len(points), np.inf)
+    for posture in postures[:: max(len(postures) // POSTURES, 1)]:
+        data.qpos[plant.qpos] = posture
+        mujoco.mj_kinematics(model, data)
+        upward = data.xmat[link].reshape(3, 3)[2]
+        lowest = np.minimum(lowest, data.xpos[link, 2] + points @ upward)
+    return tuple(
+        (float(x), float(y), float(z), float(height))
+        for (x, y, z), height in zip(points, lowest, strict=True)
+    )
+
+
+def cogging_orders(views: Sequence[TorqueView], joint: int) -> tuple[int, ...]:
+    """Returns the orders of a cogging torque that stand out in one joint's missing torque.
+
+    Sines of the angle are weighed by what they explain beside friction laws: those that are best
+    beside a spring, too, and those without (over about a period, most of a sine is a slope). Orders
+    of whose period the motion covers too little are left out.
+    """
+    q, v, r = (_joined(views, name, joint) for name in ("position", "velocity", "missing"))
+    friction = [np.ones_like(q), v, sign(v, 0.01)]
+    span = float(np.ptp(q))
+    orders = [order for order in COGGING_ORDERS if order * span >= 2.0 * np.pi * LEAST_PERIODS]
+    kept: dict[int, None] = {}
+    for smooth in ([*friction, q], friction):
+        basis = np.linalg.qr(np.stack(smooth, axis=1))[0]
+        rest = r - basis @ (basis.T @ r)
+        powers = {order: _power(order * q, rest, basis) for order in orders}
+        best = sorted(powers, key=lambda order: -powers[order])
+        kept |= dict.fromkeys(best[:COGGING_KEPT])
+    return tuple(kept)
+
+
+def _power(angle: Array, rest: Array, basis: Array) -> float:
+    """Returns the sum of squares of `rest` that sines of an angle explain beside a basis."""
+    waves = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    waves -= basis @ (basis.T @ waves)
+    fitted = waves @ np.linalg.lstsq(waves, rest, rcond=None)[0]
+    return float(fitted @ fitted)
+
+
+def _joined(views: Sequence[TorqueView], name: str, joint: int) -> Array:
+    return np.concatenate([getattr(view, name)[:, joint] for view in views])
+
+
+def _rms(parts: Sequence[Array]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+
+
+def _percentile(parts: Sequence[Array], percent: float) -> float:
+    """Returns the size that so many percent of all values do not exceed."""
+    return float(np.percentile(np.abs(np.concatenate(parts)), percent))
