@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.data.segmentation import all_stretches, make_problem
+from gfm.diagnosis.data.segmentation import all_segments, make_problem
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.former.stretches import far_off
 from gfm.diagnosis.output.result import Verdict
@@ -69,4 +69,4 @@ def test_friction_beside_a_table_is_found_and_nothing_stands_for_the_table():
 def test_no_stretch_is_far_off_where_the_model_is_right():
     runs = [recording(seed, lambda _q, _v: 0.0) for seed in range(2)]
     noise = make_problem(SPECS, runs).noise
-    assert far_off(all_stretches(SPECS, runs, noise), ()) == []
+    assert far_off(all_segments(SPECS, runs, noise), ()) == []

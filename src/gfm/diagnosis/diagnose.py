@@ -15,19 +15,17 @@ from gfm.diagnosis.data.quality import all_findings, doubts
 from gfm.diagnosis.data.segmentation import (
     LONG,
     WHOLE,
-    all_stretches,
+    all_segments,
     check_recordings,
     in_model_order,
     make_problem,
 )
-from gfm.diagnosis.evidence import evidence_chain
-from gfm.diagnosis.evidence import plots as evidence
-from gfm.diagnosis.former.attribution import Attribution
-from gfm.diagnosis.former.search import search
+from gfm.diagnosis.evidence import evidence_chain, plots
+from gfm.diagnosis.inference.fitting import fit
 from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.objects import ObjectPart, examine_object, widened
 from gfm.diagnosis.output.claims import (
-    closed_share,
+    credible,
     named_effects,
     suspects_of,
     verdict_on,
@@ -46,18 +44,19 @@ from gfm.diagnosis.output.result import (
 from gfm.diagnosis.output.sentences import sentence_on, sentence_on_object
 from gfm.diagnosis.residuals.problem import Problem, settled
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
+from gfm.diagnosis.search.loop import search
+from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance
 from gfm.excitation.blind_spots import blind_spots
 from gfm.sim.learned import LearnedForces
 from gfm.sim.passive import with_idle_drives
 from gfm.sim.plant import native_spec
 
-#: Share of the gap that has to be closed to name anything.
-LEAST_SHARE = 0.05
 #: Less motion or time than this says nothing about dynamics.
 LEAST_MOTION_RAD, LEAST_TIME_S, LEAST_RATE_HZ = 0.01, 1.5, 10.0
-#: Recorded time in which effects are looked for (of an arm; of smaller robots more).
-LOOKED_AT_S = 72.0
+#: Recorded time in which effects are looked for, and on which amounts are settled (of an arm; of
+#: smaller robots more).
+SEARCHED_S, SETTLED_S = 32.0, 72.0
 #: Recorded time on which the profiles of amounts are drawn (of an arm; of smaller robots more).
 PROFILED_S = 12.0
 
@@ -73,7 +72,7 @@ class HeldOut:
     @property
     def by_joint(self) -> dict[str, ErrorSummary]:
         """Returns the same three numbers of every joint."""
-        both = evidence.rmse(self.before), evidence.rmse(self.after)
+        both = plots.rmse(self.before), plots.rmse(self.after)
         rows = zip(self.problem.joints, *both, self.problem.noise.position, strict=True)
         return {
             joint: ErrorSummary(before=float(b), after=float(a), noise_floor=float(n))
@@ -119,18 +118,22 @@ def diagnose(
     notes: Sequence[str] = (),
     given: Sequence[EffectInstance] = (),
     learned: Sequence[LearnedForces] = (),
+    in_time: Callable[[], bool] = lambda: True,
+    keep_suspects: bool = False,
 ) -> Diagnosis:
     """Returns what `specs` lack to explain `recordings`, judged on `holdout`.
 
     Args:
         specs: The nominal model by the kind of command that its actuators take.
         recordings: What effects are looked for in and fitted to.
-        holdout: What errors are measured on; never looked at before.
+        holdout: What errors are measured on; nothing that names an effect reads them.
         report: Told what is happening, in words.
         provenance: What the result should say about where it came from.
         notes: Remarks of the caller that a reader should see.
         given: Effects of the nominal model that `specs` cannot say.
         learned: Forces that were fitted to recordings under the nominal model, to be named, too.
+        in_time: Whether there is time left to go on searching.
+        keep_suspects: Whether effects that are more likely wrong than right stay in the model.
 
     Raises:
         BadInputError: recordings, models and forces do not belong together.
@@ -142,76 +145,146 @@ def diagnose(
     thing = examine_object(driven[recordings[0].command_kind], recordings, holdout, report)
     pushed = _pushed(thing)
     added = [e.instance() for e in pushed]
-    beside = {kind: native_spec(_with_cone(spec, thing), added) for kind, spec in driven.items()}
-    report("measuring the nominal model")
-    problem = make_problem(beside, recordings, given=given, most_s=LOOKED_AT_S)
-    long = make_problem(
-        beside, recordings, problem.noise, given=given, windows_s=LONG, most_s=LOOKED_AT_S
+    case = _Case(
+        specs=specs,
+        beside={kind: native_spec(_with_cone(s, thing), added) for kind, s in driven.items()},
+        recordings=recordings,
+        holdout=holdout,
+        given=tuple(given),
+        lack=_lacking(recordings),
     )
-    held = make_problem(beside, holdout, problem.noise, given=given, windows_s=WHOLE)
-    told = learned_report(long, recordings, learned) if learned else None
-    lack = _lacking(recordings)
-    found, fitted_to = None, long
-    if not lack:
-        everything = all_stretches(beside, recordings, problem.noise, given=given)
-        everything = replace(everything, stepping=problem.stepping)
-        found, fitted_to = search(problem, long, everything, recordings, report)
-    instances = found.fit.effects if found else ()
+    found = _found(case, report, in_time)
+    named = found.named(keep_suspects=keep_suspects)
     report("measuring the corrected model on held-out recordings")
-    errors = _errors(held, instances)
-    if found and closed_share(errors.summary) < LEAST_SHARE:
-        instances, errors = (), HeldOut(problem=held, before=errors.before, after=errors.before)
-    models, slices = tuple(beside.values()), fitted_to.slices()
-    named = (
-        named_effects(slices, found, instances, errors.summary, errors.by_joint, models)
-        if found
-        else ()
-    )
-    verdict = Verdict.INSUFFICIENT_DATA if lack else verdict_on(errors.summary, named)
-    both = (*named, *pushed)
-    corrected = {
-        kind: corrected_model(_with_cone(spec, thing), both, given, implicit=held.is_implicit(kind))
-        for kind, spec in specs.items()
-    }
-    first = corrected[recordings[0].command_kind]
-    findings = all_findings(long, recordings, holdout, instances)
-    robot = Diagnosis(
-        verdict=verdict,
-        sentence=sentence_on(verdict, named, errors.summary, lack),
-        effects=named,
-        suspects=suspects_of(found, instances) if found else (),
-        error=errors.summary,
-        as_measured=_errors_as_measured(held, instances),
-        joints=_joint_errors(errors),
-        recordings=tuple(
-            replace(row, warnings=doubts(findings, row.name))
-            for row in _inputs(long, recordings, errors, holdout, instances)
-        ),
-        findings=findings,
-        blind_spots=blind_spots(recordings),
-        corrected_xml=first.xml,
-        corrected_effects=first.effects,
-        twins=corrected if len(corrected) > 1 else {},
-        chain=evidence_chain(held, holdout, found, instances, (errors.before, errors.after)),
+    robot = _judged(case, found, named, [*named, *pushed], thing)
+    told = learned_report(found.long, recordings, learned) if learned else None
+    robot = replace(
+        robot,
         gfm=told,
-        plots=_plots(problem, found, recordings, instances, errors),
-        notes=(
-            *notes,
-            *doubts(findings),
-            *_notes(verdict, outside=bool(first.effects), less=any(e.takes_off for e in instances)),
-            *_units(specs[recordings[0].command_kind], problem.joints),
-            *_integrator(held),
-        ),
+        notes=(*notes, *_out_of_time(found), *robot.notes),
         provenance=dict(provenance or {}),
     )
     return _with_object(robot, thing, pushed) if thing else robot
 
 
-def _pushed(thing: ObjectPart | None) -> tuple[NamedEffect, ...]:
-    """Returns what the object lacks, if that explains more than next to nothing."""
-    if thing is None or closed_share(thing.overall) < LEAST_SHARE:
+@dataclass(frozen=True, kw_only=True)
+class _Case:
+    """What a diagnosis is about.
+
+    Attributes:
+        specs: As given.
+        beside: The same with what the object lacks.
+        recordings: To learn from.
+        holdout: To judge on.
+        given: Effects of the nominal model that `specs` cannot say.
+        lack: Why nothing can be said about dynamics, or an empty text.
+    """
+
+    specs: Mapping[CommandKind, mujoco.MjSpec]
+    beside: Mapping[CommandKind, mujoco.MjSpec]
+    recordings: Sequence[Trajectory]
+    holdout: Sequence[Trajectory]
+    given: tuple[EffectInstance, ...]
+    lack: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    """What was found in the training recordings, and the problems that tell of it."""
+
+    short: Problem
+    long: Problem
+    result: SearchResult | None
+
+    def named(self, *, keep_suspects: bool) -> tuple[NamedEffect, ...]:
+        """Returns the effects that are named, with amounts fitted without the others."""
+        if self.result is None:
+            return ()
+        result = self.result
+        effects = list(result.fit.effects) if keep_suspects else credible(result)
+        if len(effects) < len(result.fit.effects):
+            result = replace(result, fit=fit(self.long, effects))
+        return named_effects(self.long.slices(), result, result.fit.effects)
+
+
+def _found(case: _Case, report: Callable[[str], None], in_time: Callable[[], bool]) -> _Found:
+    """Returns what is found in the training recordings."""
+    report("measuring the nominal model")
+    specs, recordings = case.beside, case.recordings
+    short = make_problem(specs, recordings, given=case.given, most_s=SEARCHED_S)
+    long = make_problem(
+        specs, recordings, short.noise, given=case.given, windows_s=LONG, most_s=SETTLED_S
+    )
+    if case.lack:
+        return _Found(short=short, long=long, result=None)
+    everything = all_segments(specs, recordings, short.noise, given=case.given)
+    result, long = search(short, long, everything, recordings, report, in_time)
+    return _Found(short=short, long=long, result=result)
+
+
+def _judged(
+    case: _Case,
+    found: _Found,
+    named: tuple[NamedEffect, ...],
+    both: Sequence[NamedEffect],
+    thing: ObjectPart | None,
+) -> Diagnosis:
+    """Returns the diagnosis of the robot: named effects judged on held-out recordings."""
+    held = make_problem(
+        case.beside, case.holdout, found.short.noise, given=case.given, windows_s=WHOLE
+    )
+    instances = tuple(one.instance() for one in named)
+    errors = _errors(held, instances)
+    verdict = Verdict.INSUFFICIENT_DATA if case.lack else verdict_on(errors.summary, named)
+    corrected = {
+        kind: corrected_model(
+            _with_cone(spec, thing), both, case.given, implicit=held.is_implicit(kind)
+        )
+        for kind, spec in case.specs.items()
+    }
+    first = corrected[case.recordings[0].command_kind]
+    findings = all_findings(found.long, case.recordings, case.holdout, instances)
+    result = found.result
+    return Diagnosis(
+        verdict=verdict,
+        sentence=sentence_on(verdict, named, errors.summary, case.lack),
+        effects=named,
+        suspects=suspects_of(result, instances) if result else (),
+        error=errors.summary,
+        as_measured=_errors_as_measured(held, instances),
+        joints=_joint_errors(errors),
+        recordings=tuple(
+            replace(row, warnings=doubts(findings, row.name))
+            for row in _inputs(found.long, case.recordings, errors, case.holdout, instances)
+        ),
+        findings=findings,
+        blind_spots=blind_spots(case.recordings),
+        corrected_xml=first.xml,
+        corrected_effects=first.effects,
+        twins=corrected if len(corrected) > 1 else {},
+        chain=evidence_chain(held, case.holdout, result, instances, (errors.before, errors.after)),
+        plots=_plots(found, case.recordings, instances, errors),
+        notes=(
+            *doubts(findings),
+            *_notes(verdict, outside=bool(first.effects), less=any(e.takes_off for e in instances)),
+            *_units(case.specs[case.recordings[0].command_kind], found.long.joints),
+            *_integrator(held),
+        ),
+    )
+
+
+def _out_of_time(found: _Found) -> tuple[str, ...]:
+    """Returns what to know of a search that was ended by its time."""
+    if found.result is None or not found.result.out_of_time:
         return ()
-    named = named_effects(thing.problem.slices(), thing.found, thing.effects, thing.overall)
+    return ("The time for the search was over: this is the best answer so far.",)
+
+
+def _pushed(thing: ObjectPart | None) -> tuple[NamedEffect, ...]:
+    """Returns what the object lacks, if it is more likely right than not."""
+    if thing is None:
+        return ()
+    named = named_effects(thing.problem.slices(), thing.found, credible(thing.found))
     return tuple(widened(one) for one in named)
 
 
@@ -232,7 +305,7 @@ def _with_object(robot: Diagnosis, thing: ObjectPart, pushed: tuple[NamedEffect,
         verdict=verdict_on_both(robot.verdict, verdict_on(thing.overall, pushed)),
         sentence=f"{robot.sentence} {sentence_on_object(thing, pushed)}",
         effects=(*robot.effects, *pushed),
-        suspects=(*robot.suspects, *suspects_of(thing.found, thing.effects if pushed else ())),
+        suspects=(*robot.suspects, *suspects_of(thing.found, [e.instance() for e in pushed])),
         object_error=dict(zip(("position", "yaw"), thing.errors, strict=True)),
         blind_spots=(
             *robot.blind_spots,
@@ -303,21 +376,19 @@ def _overall(errors: Sequence[Array]) -> float:
 
 
 def _plots(
-    problem: Problem,
-    found: Attribution | None,
+    found: _Found,
     recordings: Sequence[Trajectory],
     instances: Sequence[EffectInstance],
     errors: HeldOut,
 ) -> tuple[EvidencePlot, ...]:
-    part = problem.subset(problem.sample(PROFILED_S)).robust(instances)
-    stretches, rounds = (found.stretches, found.rounds) if found else ((), ())
-    rare = reduce(Problem.joined, stretches) if stretches else part
-    worst = np.argsort(-evidence.rmse(errors.before) / errors.problem.noise.position)[:2]
+    part = found.short.subset(found.short.sample(PROFILED_S)).robust(instances)
+    segments = found.result.segments if found.result else ()
+    rare = reduce(Problem.joined, segments) if segments else part
+    worst = np.argsort(-plots.rmse(errors.before) / errors.problem.noise.position)[:2]
     return (
-        *evidence.law_plots(instances, problem, recordings),
-        *(evidence.answers_plot(this.late_s) for this in rounds if this.late_s is not None),
-        *evidence.profile_plots(instances, part, rare),
-        *(evidence.error_plot(int(j), errors.problem, errors.before, errors.after) for j in worst),
+        *plots.law_plots(instances, found.short, recordings),
+        *plots.profile_plots(instances, part, rare),
+        *(plots.error_plot(int(j), errors.problem, errors.before, errors.after) for j in worst),
     )
 
 

@@ -158,6 +158,17 @@ def add_diagnose_parser(subparsers: Subparsers) -> None:
         help="learned forces to name, too (checkpoints/forces.npz of a run); several are averaged",
     )
     parser.add_argument("--seed", type=int, default=0, help="kept in the report")
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        default=float("inf"),
+        help="after which the search ends with its best answer so far (default: no limit)",
+    )
+    parser.add_argument(
+        "--keep-suspects",
+        action="store_true",
+        help="keep effects in corrected.xml that are more likely wrong than right",
+    )
     parser.set_defaults(run=run_diagnose)
 
 
@@ -174,6 +185,8 @@ def run_diagnose(arguments: argparse.Namespace) -> int:
         command=arguments.command,
         seed=arguments.seed,
         gfm=tuple(arguments.gfm),
+        minutes=arguments.minutes,
+        keep_suspects=arguments.keep_suspects,
     )
     diagnose_files(request, Console(), Console(file=sys.stderr))
     return 0

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -48,6 +49,8 @@ class DiagnoseRequest:
         command: Topic of the commands.
         seed: Of everything random; the diagnosis has nothing random today, and says so.
         gfm: Fitted force models, whose forces are to be named.
+        minutes: After which the search ends with its best answer so far.
+        keep_suspects: Whether what is more likely wrong than right stays in the corrected model.
     """
 
     recordings: tuple[Path, ...]
@@ -58,6 +61,8 @@ class DiagnoseRequest:
     command: str = COMMAND
     seed: int = 0
     gfm: tuple[Path, ...] = ()
+    minutes: float = float("inf")
+    keep_suspects: bool = False
 
     def __post_init__(self) -> None:
         check_folder(self.out)
@@ -117,7 +122,15 @@ def _diagnosed(request: DiagnoseRequest, progress: Console) -> Diagnosis:
         notes=notes,
         given=nominal.effects,
         learned=learned,
+        in_time=_clock(request.minutes),
+        keep_suspects=request.keep_suspects,
     )
+
+
+def _clock(minutes: float) -> Callable[[], bool]:
+    """Returns what tells whether fewer minutes have passed since now."""
+    end_s = time.monotonic() + 60.0 * minutes
+    return lambda: time.monotonic() < end_s
 
 
 def _read_learned(paths: Sequence[Path], joints: tuple[str, ...]) -> list[LearnedForces]:

@@ -83,6 +83,7 @@ def effect_json(effect: NamedEffect) -> dict[str, object]:
         "parameters": {name: _estimate_json(one) for name, one in effect.parameters.items()},
         "confidence": jsonable(effect.confidence),
         "native": effect.native,
+        "evidence": jsonable(effect.evidence),
     }
 
 

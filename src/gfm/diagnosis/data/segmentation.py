@@ -76,12 +76,12 @@ def make_problem(
             joints are not those of the others.
         UnknownNameError: a model lacks a recorded joint.
     """
-    problem = all_stretches(specs, recordings, noise, given=given, windows_s=windows_s)
+    problem = all_segments(specs, recordings, noise, given=given, windows_s=windows_s)
     problem = with_suitable_steps(problem.subset(problem.sample(most_s, of_each=1)))
     return timed(with_state_basis(problem), ())
 
 
-def all_stretches(
+def all_segments(
     specs: Mapping[CommandKind, mujoco.MjSpec],
     recordings: Sequence[Trajectory],
     noise: Noise | None = None,

@@ -13,8 +13,9 @@ import numpy as np
 from gfm.core.checks import Array
 from gfm.diagnosis.data.quality.finding import correlation
 from gfm.diagnosis.evidence.torques import Signals
-from gfm.diagnosis.former.adequate import ADEQUATE_RATIO
 
+#: RMS error, in noise floors, that is as small as noise.
+ADEQUATE_RATIO = 1.25
 #: Autocorrelation of neighbours up to which a residual is as uneven as noise. It is the share of
 #: its power that changes slowly: a tenth of it is a third of the noise's size.
 WHITE = 0.1

@@ -19,9 +19,8 @@ import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.evidence.torques import TorqueDomain
-from gfm.diagnosis.former.attribution import Attribution
-from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.search.naming import describe, twins
+from gfm.diagnosis.search.trace import Move, SearchResult
 from gfm.effects import EffectInstance, Key
 
 #: Share of the missing torque from which on a regression on it says anything: below, it is made of
@@ -85,7 +84,7 @@ class _Candidate:
 
 
 def two_domains(
-    domain: TorqueDomain, found: Attribution, named: Sequence[EffectInstance]
+    domain: TorqueDomain, found: SearchResult, named: Sequence[EffectInstance]
 ) -> tuple[TwoDomains, ...]:
     """Returns named effects, and the best that were not, before both witnesses."""
     fitted = _fitted(found)
@@ -101,32 +100,22 @@ def two_domains(
     return (*(_judged(c, row, beside) for c, row in pairs), *(row for _, row in beside))
 
 
-def torque_share(domain: TorqueDomain, fitted: Fit) -> float:
-    """Returns which share of the missing torque the newest effect of a fit explains.
-
-    On its joints, while they move, beside the effects before it.
-    """
-    *base, newest = fitted.effects
-    joints, moving = domain.touched(newest), domain.moving()
-
-    def column(torque: Array) -> Array:
-        return np.asarray((moving * torque)[:, joints].ravel())
-
-    others = [column(domain.response(instance)) for instance in base]
-    return regressed(column(domain.missing()), column(domain.response(newest)), others)[0]
-
-
-def _fitted(found: Attribution) -> dict[Key, _Candidate]:
+def _fitted(found: SearchResult) -> dict[Key, _Candidate]:
     """Returns every candidate that was fitted, in the round in which it explained most."""
     best: dict[Key, _Candidate] = {}
-    for number, this in enumerate(found.rounds):
-        for one in this.fits[1:] if this.together else this.fits:
-            *base, newest = one.effects
-            share = float(np.clip(1.0 - one.cost / this.before, 0.0, 1.0))
-            before = best.get(newest.key)
+    for number, step in enumerate(found.steps):
+        for tried in step.ranked if step.move is not Move.REMOVE else ():
+            if len(tried.new) > 1:
+                continue
+            base = [e for e in tried.fit.effects if e.key != tried.new[0].key]
+            share = float(np.clip(1.0 - tried.fit.cost / step.before, 0.0, 1.0))
+            before = best.get(tried.new[0].key)
             if before is None or share > (before.share or 0.0):
-                best[newest.key] = _Candidate(
-                    instance=newest, round=number, base=tuple(e.key for e in base), share=share
+                best[tried.new[0].key] = _Candidate(
+                    instance=tried.new[0],
+                    round=number,
+                    base=tuple(e.key for e in base),
+                    share=share,
                 )
     return best
 

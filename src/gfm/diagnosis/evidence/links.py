@@ -16,8 +16,8 @@ from gfm.diagnosis.evidence.energy import EnergyBalance, energy_balance
 from gfm.diagnosis.evidence.localisation import JointRegions, localisation
 from gfm.diagnosis.evidence.stopping import Stopping, stopping
 from gfm.diagnosis.evidence.torques import torque_domain
-from gfm.diagnosis.former.attribution import Attribution
 from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance, Scope
 
 
@@ -45,7 +45,7 @@ class EvidenceChain:
 def evidence_chain(
     problem: Problem,
     holdout: Sequence[Trajectory],
-    found: Attribution | None,
+    found: SearchResult | None,
     effects: Sequence[EffectInstance],
     errors: tuple[Sequence[Array], Sequence[Array]],
 ) -> EvidenceChain:

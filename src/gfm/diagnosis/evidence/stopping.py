@@ -1,4 +1,4 @@
-"""Why the search for effects ended where it ended, and how often such a search finds too much."""
+"""The steps of a search, why it ended there, and how often such a search finds too much."""
 
 from __future__ import annotations
 
@@ -6,42 +6,38 @@ from dataclasses import dataclass
 
 from scipy.stats import beta
 
-from gfm.diagnosis.former.adequate import FAR_LESS, enough
-from gfm.diagnosis.former.attribution import MOST_ROUNDS, OBVIOUS, Attribution, Round, price
-from gfm.diagnosis.inference.fitting import LEAST_GAIN, Fit, at_bound
+from gfm.diagnosis.inference.fitting import at_bound
 from gfm.diagnosis.search.naming import describe, twins
+from gfm.diagnosis.search.trace import Move, SearchResult, Step
 
-#: Simulated robots without any hidden effect that were diagnosed (of docs/results, 75 of
-#: known_truth*.md, 10 of run_random_effects.md), and those of them on which anything was named.
+#: Simulated robots without any hidden effect that were diagnosed (docs/results/known_truth.md), and
+#: those of them on which anything was named.
 CLEAN_ROBOTS, FALSE_ALARMS = 85, 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class RoundRow:
-    """One round of the search.
+class StepRow:
+    """One step of the search.
 
     Attributes:
+        move: What was tried.
         before: Mean squared residual that was left, in units of the noise.
-        best: The candidate that explains most, in words; empty where none was fitted.
-        explained: Share of what was left that it explains.
-        needed: Share that it has to explain: for all its parameters, or, of several effects
-            together, far more than the best alone.
-        accepted: Whether it was.
-        stretches: How many stretches the round was about, those that stayed far off; 0 for all.
-        restated: Whether what the model itself says of its joints was fitted anew.
-        answers: How many answers to steps it was about, beside the rollouts; 0 for none.
-        instead_of: What made way for the best candidate, in words; empty if nothing did.
+        best: What predicts best, in words; empty where nothing was fitted.
+        gain: By how much it predicts better, nats.
+        error: Standard error of that.
+        chosen: Whether the search went on with it.
+        replaced: What made way for it, or was removed, in words; empty if nothing.
+        segments: How many segments the step was about, those that stayed far off; 0 for all.
     """
 
+    move: str
     before: float
     best: str
-    explained: float
-    needed: float
-    accepted: bool
-    stretches: int = 0
-    restated: bool = False
-    answers: int = 0
-    instead_of: str = ""
+    gain: float
+    error: float
+    chosen: bool
+    replaced: str = ""
+    segments: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,18 +45,20 @@ class Stopping:
     """How the search went and ended.
 
     Attributes:
-        rounds: First to last.
+        steps: First to last.
         left: Mean squared residual in the end, in units of the noise.
-        enough: That at which it ends: nothing is left to explain.
+        room: By how much any other hypothesis could predict better at most, nats.
+        room_error: Standard error of that.
         reason: Why it ended, in words.
-        taken_out: What was accepted, and is not among the accepted in the end, with the reason.
+        taken_out: What was found and is not among the effects in the end, with the reason.
         clean_robots: Robots without a hidden effect that were diagnosed to see how often it errs.
         false_alarms: Those of them on which anything was named.
     """
 
-    rounds: tuple[RoundRow, ...]
+    steps: tuple[StepRow, ...]
     left: float
-    enough: float
+    room: float
+    room_error: float
     reason: str
     taken_out: tuple[str, ...] = ()
     clean_robots: int = CLEAN_ROBOTS
@@ -77,74 +75,56 @@ def largest_rate(errors: int, cases: int) -> float:
     return 1.0 if errors >= cases else float(beta.ppf(0.95, errors + 1, cases - errors))
 
 
-def stopping(found: Attribution) -> Stopping:
+def stopping(found: SearchResult) -> Stopping:
     """Returns how a search went and why it ended."""
-    at_most = enough(found.nominal_cost, found.fit.effects)
     return Stopping(
-        rounds=tuple(_row(this) for this in found.rounds),
+        steps=tuple(_row(step) for step in found.steps),
         left=found.fit.cost,
-        enough=at_most,
-        reason=_reason(found, at_most),
+        room=found.room.nats,
+        room_error=found.room.error,
+        reason=_reason(found),
         taken_out=_taken_out(found),
     )
 
 
-def _taken_out(found: Attribution) -> tuple[str, ...]:
+def _row(step: Step) -> StepRow:
+    best = step.chosen or (step.ranked[0] if step.ranked else None)
+    return StepRow(
+        move=str(step.move),
+        before=step.before,
+        best="" if best is None or step.move is Move.REMOVE else _in_words(best.new),
+        gain=0.0 if best is None else best.gain.nats,
+        error=0.0 if best is None else best.gain.error,
+        chosen=step.chosen is not None,
+        replaced=describe(step.replaced) if step.replaced else "",
+        segments=step.segments,
+    )
+
+
+def _in_words(new: tuple[object, ...]) -> str:
+    return f"{len(new)} effects together" if len(new) > 1 else describe(new[0])  # type: ignore[arg-type]
+
+
+def _taken_out(found: SearchResult) -> tuple[str, ...]:
     left = {e.key for e in found.fit.effects} | {twin.key for twin, _ in twins(found.fit.effects)}
-    won = [e for this in found.rounds if this.accepted is not None for e in this.new]
-    accepted = (*won, *found.unsupported)  # what came with another joint's has no round of its own
-    gone = {describe(e): found.why_taken_out(e) for e in accepted if e.key not in left}
+    gone = {
+        describe(step.replaced): "it predicts as well without"
+        if step.move is Move.REMOVE
+        else f"{describe(step.chosen.new[0])} predicts better, or as well and is simpler"
+        for step in found.steps
+        if step.replaced and step.chosen and step.replaced.key not in left
+    }
     return tuple(f"{words}: {why}" for words, why in gone.items())
 
 
-def _row(this: Round) -> RoundRow:
-    if not this.fits:
-        return RoundRow(before=this.before, best="", explained=0.0, needed=0.0, accepted=False)
-    best, alone = this.fits[0], this.fits[1].cost if len(this.fits) > 1 else this.before
-    together = f"{len(this.new)} effects together"
-    return RoundRow(
-        before=this.before,
-        best=together if this.together else describe(best.effects[-1]),
-        explained=1.0 - best.cost / this.before,
-        needed=_needed(this, best, alone),
-        accepted=this.accepted is not None,
-        stretches=this.stretches,
-        restated=this.restated,
-        answers=0 if this.late_s is None else len(this.late_s[0]),
-        instead_of=describe(this.instead_of) if this.instead_of else "",
-    )
-
-
-def _needed(this: Round, best: Fit, alone: float) -> float:
-    """Returns the share of what was left that had to be explained."""
-    if this.restated:
-        return 1.0 - FAR_LESS if this.late_s is None else LEAST_GAIN
-    if this.together:
-        return 1.0 - FAR_LESS * alone / this.before
-    return OBVIOUS if this.stretches else price(best)
-
-
-def _reason(found: Attribution, at_most: float) -> str:
-    played = [this for this in found.rounds if not this.instead_of and not this.restated]
-    rounds = [this for this in played if not this.stretches]
-    if not rounds:
-        return "the nominal model leaves no more than noise: nothing was looked for"
-    last = rounds[-1]
-    if last.accepted is not None:
-        if len(played) >= MOST_ROUNDS:
-            return f"{MOST_ROUNDS} rounds were played, the most there are"
+def _reason(found: SearchResult) -> str:
+    if found.out_of_time:
+        return "its time was over: this is the best answer so far"
+    if not found.room.clear:
         return (
-            f"what is left is noise, or as little as the laws are inexact (at most {at_most:.3g})"
+            "what any other effect could still gain is not visible beside what a right model leaves"
         )
-    if not last.fits:
-        return (
-            "no candidate explains enough, or more than what is adequate may leave, or holds for "
-            "recordings it was not fitted to"
-        )
-    if at_bound(last.fits[0].effects[-1]):
-        best = describe(last.fits[0].effects[-1])
-        return f"{best} explains most, but its amount is next to none, or has no end"
-    return (
-        "no candidate explains enough of what is left, which is "
-        f"{100.0 * LEAST_GAIN:.0f} % for each of its parameters"
-    )
+    best = [step.ranked[0] for step in found.steps if step.ranked and step.chosen is None]
+    if best and any(map(at_bound, best[-1].new)):
+        return f"{_in_words(best[-1].new)} predicts best, but its amount is none, or has no end"
+    return "no candidate predicts clearly better"

@@ -10,13 +10,13 @@ import numpy as np
 
 from gfm.core import ConfigError, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.former.attribution import Attribution
 from gfm.diagnosis.objects.find import Found, find, friction_cost
 from gfm.diagnosis.objects.problem import ObjectProblem, predicted
 from gfm.diagnosis.objects.stage import make_stage, run
 from gfm.diagnosis.objects.stretches import Stretch, cut, make_scene
 from gfm.diagnosis.objects.track import plane_noise, track_of
 from gfm.diagnosis.output.result import ErrorSummary, EvidencePlot, NamedEffect, Series
+from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance
 from gfm.effects.objects import free_body
 from gfm.excitation.blind_spots import BlindSpot
@@ -52,7 +52,7 @@ class ObjectPart:
         notes: What a reader should know.
     """
 
-    found: Attribution
+    found: SearchResult
     problem: ObjectProblem
     overall: ErrorSummary
     errors: tuple[ErrorSummary, ErrorSummary]
@@ -160,7 +160,7 @@ def _with_cone(problem: ObjectProblem, cone: int) -> ObjectProblem:
 def _part(
     problem: ObjectProblem, judged: ObjectProblem, found: Found, own: int, held: bool
 ) -> ObjectPart:
-    effects, cone = found.attribution.fit.effects, int(problem.spec.option.cone)
+    effects, cone = found.result.fit.effects, int(problem.spec.option.cone)
     before = _with_cone(judged, own).settled(())
     after = _with_cone(judged, cone).settled(effects)
     parts = [before.parts(()), after.parts(effects)]
@@ -175,7 +175,7 @@ def _part(
         for columns, unit in ((slice(0, 2), "m"), (slice(2, 3), "rad"))
     )
     return ObjectPart(
-        found=found.attribution,
+        found=found.result,
         problem=problem.settled(effects),
         overall=ErrorSummary(before=rms[0], after=rms[1], noise_floor=1.0, unit="noise"),
         errors=(place, yaw),

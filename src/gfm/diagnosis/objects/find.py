@@ -1,7 +1,7 @@
-"""Which effect of the object is missing: the few there are, fitted, weighed, and put to the test.
+"""Which effect of the object is missing: the few there are, fitted, and weighed by the score.
 
-All candidates are fitted in every round; one is accepted that explains enough, holds for stretches
-that it was not fitted to, and beats its rivals. What poses cannot tell is not fitted at all.
+All candidates are fitted in every step; one is chosen that predicts clearly better. What poses
+cannot tell is not fitted at all.
 
 Shape letters: N numbers of a residual, P parameters.
 """
@@ -15,11 +15,13 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from gfm.core.checks import Array
-from gfm.diagnosis.former.attribution import Attribution, Round, price
-from gfm.diagnosis.inference.fitting import Fit, at_bound
+from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.inference.score import blocks_of, difference, predictive, room
 from gfm.diagnosis.objects.problem import ObjectProblem
 from gfm.diagnosis.objects.stage import make_stage
-from gfm.effects import Effect, EffectInstance, Scope, effect_library
+from gfm.diagnosis.search.moves.add import best_of
+from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step, Tried
+from gfm.effects import Effect, EffectInstance, Key, Scope, effect_library
 
 #: Steps of a fit at most, and the relative gain below which it ends.
 FIT_STEPS, FIT_TOLERANCE = 6, 3e-3
@@ -27,18 +29,10 @@ FIT_STEPS, FIT_TOLERANCE = 6, 3e-3
 TURNS, ENOUGH = 5, 0.01
 #: Derivatives are taken over this share of a parameter's scale.
 STEP = 0.3
-#: Mean squared residual, in units of the noise, at which nothing is left to explain.
-ADEQUATE = 1.3
 #: An effect is seen where an amount of its scale changes all residuals together by so much.
 SEEN = 6.0
 #: Share of the best first-order gain from which an effect is fitted.
 RIVAL = 0.2
-#: Share of the nominal misfit above the noise that has to be explained where some is left.
-NEARLY_ALL = 0.95
-#: Squared residuals, in units of the noise, that an effect must take away for each parameter.
-LEAST_EVIDENCE = 15.0
-#: Share of what an effect explains where it was fitted that it must explain elsewhere.
-HOLDS = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,11 +40,11 @@ class Found:
     """What was found, and what could not have been.
 
     Attributes:
-        attribution: All rounds.
+        result: The search.
         unseen: Effects on which the stretches do not depend.
     """
 
-    attribution: Attribution
+    result: SearchResult
     unseen: tuple[Effect, ...]
 
 
@@ -61,20 +55,25 @@ def find(problem: ObjectProblem) -> Found:
     columns = [_response(problem, one, scales) for one in effects]
     pairs = list(zip(effects, columns, strict=True))
     seen = [e for e, c in pairs if np.linalg.norm(c, axis=0).max() > SEEN]
-    base = fit(problem, (), scales)
     likely = _likely(problem, [(e, c) for e, c in pairs if e in seen])
-    nominal, rounds = base.cost, []
-    while base.cost > ADEQUATE and len(base.effects) < len(likely):
+    blocks = blocks_of(problem)
+    base = fit(problem, (), scales)
+    nominal, steps = base.cost, []
+    while room(blocks, predictive(blocks, base)).clear and len(base.effects) < len(likely):
         robust = problem.robust(base.effects)
-        this = _round(robust, fit(robust, base.effects, scales), likely, scales)
-        rounds.append(this)
-        if this.accepted is None:
+        step = _step(robust, fit(robust, base.effects, scales), likely, scales)
+        steps.append(step)
+        if step.chosen is None:
             break
-        base = this.accepted
-    if not _explains(nominal, base.cost):
-        base = fit(problem, (), scales)
+        base = step.chosen.fit
     return Found(
-        attribution=Attribution(nominal_cost=nominal, fit=base, rounds=tuple(rounds)),
+        result=SearchResult(
+            nominal_cost=nominal,
+            fit=base,
+            room=room(blocks, predictive(blocks, base)),
+            steps=tuple(steps),
+            evidence=_evidence(problem, base, likely, scales),
+        ),
         unseen=tuple(one for one in effects if one not in seen),
     )
 
@@ -105,15 +104,6 @@ def _scale(effect: Effect, scales: Mapping[str, float]) -> Array:
     return np.array([scales[f"{effect.name}.{p.name}"] for p in effect.parameters])
 
 
-def _explains(nominal: float, cost: float) -> bool:
-    """Returns whether what was accepted leaves nothing, or next to nothing.
-
-    There are few candidates, and contacts bend: a wrong one explains much of what a right one
-    would. Where something stays unexplained, nothing is named.
-    """
-    return cost <= ADEQUATE or nominal - cost >= NEARLY_ALL * (nominal - 1.0)
-
-
 def _response(problem: ObjectProblem, effect: Effect, scales: Mapping[str, float]) -> Array:
     """Returns by how much amounts of an effect's scale change residuals, shape (N, P)."""
     start = (_instance(effect, np.zeros(len(effect.parameters))),)
@@ -137,46 +127,54 @@ def _instance(effect: Effect, values: Array) -> EffectInstance:
     return EffectInstance(effect=effect, joints=(), values=amounts)
 
 
-def _round(
-    problem: ObjectProblem, base: Fit, seen: Sequence[Effect], scales: Mapping[str, float]
-) -> Round:
+def _step(
+    problem: ObjectProblem, base: Fit, likely: Sequence[Effect], scales: Mapping[str, float]
+) -> Step:
     """Returns every effect that is not there yet, fitted beside those that are."""
+    blocks = blocks_of(problem)
+    start = predictive(blocks, base)
     there = {instance.effect.name for instance in base.effects}
-    fits = []
-    for effect in (one for one in seen if one.name not in there):
-        start = (*base.effects, _instance(effect, np.zeros(len(effect.parameters))))
-        fits.append(fit(problem, start, scales))
-    fits.sort(key=lambda fitted: fitted.cost * (1.0 + price(fitted)))
-    best = fits[0]
-    good = _worth_it(base, best) and _holds(problem, base, best, scales)
-    return Round(before=base.cost, screened=(), fits=tuple(fits), accepted=best if good else None)
+    tried = []
+    for effect in (one for one in likely if one.name not in there):
+        new = _instance(effect, np.zeros(len(effect.parameters)))
+        fitted = fit(problem, (*base.effects, new), scales)
+        gain = difference(blocks, predictive(blocks, fitted), start)
+        tried.append(Tried(new=fitted.effects[-1:], fit=fitted, gain=gain))
+    return Step(
+        move=Move.ADD,
+        before=base.cost,
+        ranked=tuple(sorted(tried, key=lambda one: -one.gain.nats)),
+        chosen=best_of(blocks, tried),
+    )
 
 
-def _worth_it(base: Fit, fitted: Fit) -> bool:
-    newest = fitted.effects[-1]
-    gain = (base.cost - fitted.cost) * len(fitted.residual)
-    enough = gain > LEAST_EVIDENCE * len(newest.effect.parameters)
-    return enough and fitted.cost < (1.0 - price(fitted)) * base.cost and not at_bound(newest)
-
-
-def _holds(problem: ObjectProblem, base: Fit, fitted: Fit, scales: Mapping[str, float]) -> bool:
-    """Returns whether an effect explains stretches that it was not fitted to.
-
-    Every other one; of several recordings the first halves of their stretches are not alike.
-    """
-    count = len(problem.stretches)
-    if count < 2:
-        return False
-    rows, gained, expected = problem.slices(), 0.0, 0.0
-    for part in (range(0, count, 2), range(1, count, 2)):
-        others = [i for i in range(count) if i not in part]
-        here = fit(problem.subset(part), fitted.effects, scales)
-        (elsewhere,) = problem.subset(others).settled(here.effects).residuals([here.effects])
-        before = np.concatenate([base.residual[rows[i]] for i in others])
-        whole = np.concatenate([fitted.residual[rows[i]] for i in others])
-        gained += float(np.sum(before**2) - np.sum(elsewhere**2))
-        expected += float(np.sum(before**2) - np.sum(whole**2))
-    return gained > HOLDS * expected
+def _evidence(
+    problem: ObjectProblem, fitted: Fit, likely: Sequence[Effect], scales: Mapping[str, float]
+) -> dict[Key, Evidence]:
+    """Returns what speaks for each effect: against none in its place, and against every other."""
+    if not fitted.effects:
+        return {}
+    robust = problem.robust(fitted.effects)
+    blocks = blocks_of(robust)
+    whole = fit(robust, fitted.effects, scales)
+    told = predictive(blocks, whole)
+    nominal = max(fit(robust, (), scales).cost - 1.0, 1e-9)
+    names = {one.effect.name for one in fitted.effects}
+    found = {}
+    for instance in fitted.effects:
+        rest = tuple(one for one in whole.effects if one.key != instance.key)
+        others = [_instance(e, np.zeros(len(e.parameters))) for e in likely if e.name not in names]
+        instead = [fit(robust, (*rest, other), scales) for other in others]
+        pairs = [(difference(blocks, told, predictive(blocks, f)), f) for f in instead]
+        over, rival = min(pairs, key=lambda pair: pair[0].nats, default=(None, None))
+        found[instance.key] = Evidence(
+            without=difference(blocks, told, predictive(blocks, fit(robust, rest, scales))),
+            rival=over,
+            by=rival.effects[-1] if rival else None,
+            left=max(whole.cost - 1.0, 0.0) / nominal,
+            halves=0.0,
+        )
+    return found
 
 
 def fit(

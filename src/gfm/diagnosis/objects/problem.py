@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 
 from gfm.core.checks import Array
+from gfm.diagnosis.inference.score import SegmentShape
 from gfm.diagnosis.objects.stage import Setting, Stage, make_stage, run
 from gfm.diagnosis.objects.stretches import Stretch, own_velocity
 from gfm.diagnosis.objects.track import in_plane, turned
@@ -82,6 +83,23 @@ class ObjectProblem:
 
     def _counted(self, parts: Sequence[Array]) -> Array:
         return bounded(np.concatenate(parts), self.outlying_from)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """What a pose has: its place in the plane, and its yaw."""
+        return "x", "y", "yaw"
+
+    def layout(self) -> list[SegmentShape]:
+        """Returns what each stretch's numbers are."""
+        return [
+            SegmentShape(
+                recording=stretch.recording,
+                duration_s=float(stretch.time_s[-1] - stretch.time_s[0]),
+                channels=1,
+                measurements=len(stretch.time_s),
+            )
+            for stretch in self.stretches
+        ]
 
     def slices(self) -> list[slice]:
         """Returns where each stretch's numbers lie in a residual."""

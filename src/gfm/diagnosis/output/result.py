@@ -58,6 +58,7 @@ class NamedEffect:
         parameters: Estimates by parameter name.
         confidence: 0..1.
         native: Whether plain MuJoCo expresses it in `corrected.xml`.
+        evidence: The figures from which its confidence comes.
     """
 
     effect: str
@@ -65,6 +66,7 @@ class NamedEffect:
     parameters: Mapping[str, ParameterEstimate]
     confidence: float
     native: bool
+    evidence: Mapping[str, float] = field(default_factory=dict)
 
     def instance(self) -> EffectInstance:
         """Returns the effect with its estimated amounts, to be put into a model."""
@@ -85,6 +87,8 @@ class Suspect:
         reason: Why it was not accepted, in words with figures.
         decided_by: The motion that would decide, in words; empty where none is needed.
         gain: Share of the squared residual that it alone would explain, 0..1.
+        confidence: Of one that was found and is more likely wrong than right; None for others.
+        evidence: The figures from which that comes.
     """
 
     effect: str
@@ -92,6 +96,8 @@ class Suspect:
     reason: str
     decided_by: str = ""
     gain: float = 0.0
+    confidence: float | None = None
+    evidence: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)

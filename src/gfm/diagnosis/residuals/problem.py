@@ -23,6 +23,7 @@ from scipy.signal import savgol_filter
 from gfm.core import CommandKind
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import mean_square
+from gfm.diagnosis.inference.score import SegmentShape
 from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
 from gfm.effects import EffectInstance
 from gfm.effects.effect import MOTOR_SIDE
@@ -306,6 +307,18 @@ class Problem:
     def _size(self, segment: Segment) -> int:
         both = segment.effort is not None and segment.effort_noise is not None
         return segment.position.size * (2 if both else 1)
+
+    def layout(self) -> list[SegmentShape]:
+        """Returns what each segment's numbers are."""
+        return [
+            SegmentShape(
+                recording=segment.recording,
+                duration_s=float(segment.time_s[-1]),
+                channels=self._size(segment) // segment.position.size,
+                measurements=len(segment.position),
+            )
+            for segment in self.segments
+        ]
 
     def subset(self, keep: Sequence[int]) -> Problem:
         """Returns the same problem with some of its segments only."""

@@ -6,57 +6,47 @@ Shape letters: N numbers of a residual.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import Fit, orthonormal
+from gfm.diagnosis.inference.fitting import Fit, mean_square, orthonormal
+from gfm.diagnosis.inference.score import Difference, blocks_of, difference, predictive
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import Place
+from gfm.diagnosis.search.hypothesis import Hypothesis
 from gfm.effects import Effect, EffectInstance, Scales, Scope
 
 T = TypeVar("T")
 
-#: Candidates that are fitted in earnest in each round, places of one effect among them, and values
-#: from which the fit of one begins.
-SHORTLIST, SHORTLIST_PER_EFFECT, STARTS = 6, 2, 3
-#: Gain from which an effect of the whole robot is fitted in any case.
-WHOLE_GAIN = 0.2
-#: Recorded time on which candidates are screened.
-SCREENING_S = 24.0
-#: A joint is suspected when its misfit is at least this share of the worst joint's.
-SUSPECT_JOINT = 0.02
-#: Joints that are suspected in any case.
-LEAST_SUSPECTS = 2
 
-
-@dataclass(frozen=True, kw_only=True)
-class Screened:
+class Screened(NamedTuple):
     """A candidate with the amount that fits best to first order.
 
-    `gain` is the share of the squared residual that it would explain, to first order or, if that is
-    more, in a rollout with that amount: far from the truth, first order says little of a law that
-    makes joints stick.
+    `gain` is by how much it would predict better, to first order or, if that is more, in a rollout
+    with that amount: far from the truth, first order says little of a law that makes joints stick.
     """
 
     instance: EffectInstance
-    gain: float
+    gain: Difference
 
 
-def suspected(problem: Problem, candidates: Sequence[Place], base: Fit) -> list[Place]:
-    """Returns the candidates not yet accepted that touch a joint with something to explain."""
-    costs = problem.joint_costs(base.residual) - 1.0
-    worst = np.argsort(-costs)
-    joints = {
-        problem.joints[j]
-        for rank, j in enumerate(worst)
-        if rank < LEAST_SUSPECTS or costs[j] > SUSPECT_JOINT * costs[worst[0]]
-    }
+@dataclass(frozen=True, kw_only=True)
+class _Response:
+    """A candidate's best amount, and what it changes of the residual, shape (N,)."""
+
+    instance: EffectInstance
+    change: Array
+
+
+def open_to(before: Hypothesis, candidates: Sequence[Place]) -> list[Place]:
+    """Returns the candidates not yet there that touch a joint with something to explain."""
+    problem, joints = before.problem, set(before.open_joints)
     given = [e for e in problem.given if not e.joints]  # a tilt is no amount to add to another
-    taken = {instance.key for instance in (*given, *base.effects)}
-    separated = {e.joints for e in base.effects if e.effect.separates_motor} | problem.separated
+    taken = {instance.key for instance in (*given, *before.effects)}
+    separated = {e.joints for e in before.effects if e.effect.separates_motor} | problem.separated
     return [
         place
         for place in candidates
@@ -68,32 +58,71 @@ def suspected(problem: Problem, candidates: Sequence[Place], base: Fit) -> list[
 
 
 def screen(
-    problem: Problem, candidates: Sequence[Place], scales: Sequence[Scales], base: Fit
+    before: Hypothesis, candidates: Sequence[Place], scales: Sequence[Scales], sample_s: float
 ) -> list[Screened]:
-    """Returns the candidates with their best amounts to first order, best first."""
-    sample = problem.sample(SCREENING_S)
-    fast, here = problem.subset(sample).coarse(), _rows(problem, sample)
-    there = replace(base, jacobian=base.jacobian[here], residual=base.residual[here])
-    found = _to_first_order(fast, candidates, scales, there)
-    return sorted(_tried(fast, found, there), key=lambda s: -s.gain)
+    """Returns the candidates with their best amounts to first order, best first.
+
+    Args:
+        before: Beside what they would be.
+        candidates: Where effects may act.
+        scales: Of every joint's signals.
+        sample_s: Recorded time on which they are looked at, s (of an arm of seven joints).
+    """
+    sample = before.problem.sample(sample_s, of_each=1)
+    fast = before.problem.subset(sample).coarse()
+    base = _rows_of(before, sample)
+    responses = _responses(fast, candidates, scales, base)
+    blocks = blocks_of(fast)
+    start = predictive(blocks, base)
+
+    def weighed(one: _Response, left: Array) -> Difference:
+        jacobian = np.concatenate([base.jacobian, one.change[:, None]], axis=1)
+        told = Fit(effects=(), cost=0.0, jacobian=jacobian, residual=left)
+        return difference(blocks, predictive(blocks, told), start)
+
+    found = [
+        Screened(one.instance, weighed(one, left)) for one, left in _tried(fast, responses, base)
+    ]
+    return sorted(found, key=lambda s: -s.gain.nats)
 
 
-def _to_first_order(
+def _rows_of(before: Hypothesis, segments: Sequence[int]) -> Fit:
+    """Returns the fit of a hypothesis on some segments only."""
+    slices = before.problem.slices()
+    mask = np.zeros(slices[-1].stop, dtype=bool)
+    for i in segments:
+        mask[slices[i]] = True
+    fitted = before.fit
+    residual = fitted.residual[mask]
+    return Fit(
+        effects=fitted.effects,
+        cost=mean_square(residual),
+        jacobian=fitted.jacobian[mask],
+        residual=residual,
+    )
+
+
+def _responses(
     problem: Problem, candidates: Sequence[Place], scales: Sequence[Scales], base: Fit
-) -> list[Screened]:
-    """Returns what each candidate explains to first order beside `base`."""
+) -> list[_Response]:
+    """Returns what each candidate explains to first order beside `base`, its valleys apart."""
     groups = list(probes(problem, candidates, scales))
     basis = orthonormal(base.jacobian)
     residual = base.residual - basis @ (basis.T @ base.residual)
-    best: dict[tuple[object, ...], Screened] = {}
+    best: dict[tuple[object, ...], tuple[float, _Response]] = {}
     for place, group, columns in _columns(problem, groups, base.effects):
-        found = weigh(place, group, columns - basis @ (basis.T @ columns), residual)
+        beside = columns - basis @ (basis.T @ columns)
+        weighed = weigh(place, group, beside, residual)
+        if weighed is None:
+            continue
+        instance, explained = weighed
+        left = float(np.sum((residual - explained) ** 2))
         # A fit cannot go from one valley to another: each is a candidate.
         apart = (*place.effect.fixed, *place.effect.valleys)
         variant = (place.key, *(group[0].values[name] for name in apart))
-        if found and (variant not in best or found.gain > best[variant].gain):
-            best[variant] = found
-    return list(best.values())
+        if variant not in best or left < best[variant][0]:
+            best[variant] = left, _Response(instance=instance, change=-explained)
+    return [response for _, response in best.values()]
 
 
 def _columns(
@@ -120,31 +149,23 @@ def _on_same_steps(items: Sequence[T], effect: Callable[[T], Effect]) -> list[li
     return [alike for alike in both if alike]
 
 
-def _tried(problem: Problem, found: Sequence[Screened], base: Fit) -> list[Screened]:
-    """Returns the candidates with what their amounts explain in a rollout, if that is more.
+def _tried(
+    problem: Problem, found: Sequence[_Response], base: Fit
+) -> Iterator[tuple[_Response, Array]]:
+    """Yields candidates with what they leave: to first order, or in a rollout if that is less.
 
     The effects of `base` make up for it to first order.
     """
     basis = orthonormal(base.jacobian)
-    tried = []
     for alike in _on_same_steps(found, lambda one: one.instance.effect):
         sets = [base.effects, *((*base.effects, one.instance) for one in alike)]
-        residuals = problem.residuals(sets)
-        left = np.sum((residuals - (residuals @ basis) @ basis.T) ** 2, axis=1)
-        tried += [
-            replace(one, gain=max(one.gain, float(1.0 - after / left[0])))
-            for one, after in zip(alike, left[1:], strict=True)
-        ]
-    return tried
-
-
-def _rows(problem: Problem, segments: Sequence[int]) -> Array:
-    """Returns a mask of the numbers that belong to some segments, shape (N,)."""
-    slices = problem.slices()
-    mask = np.zeros(slices[-1].stop, dtype=bool)
-    for i in segments:
-        mask[slices[i]] = True
-    return mask
+        before, *after = problem.residuals(sets)
+        for one, rolled in zip(alike, after, strict=True):
+            # What fast integration alone changes is no gain of a candidate.
+            left = base.residual + rolled - before
+            left -= basis @ (basis.T @ left)
+            straight = base.residual + one.change
+            yield one, min(left, straight, key=np.linalg.norm)
 
 
 def probes(
@@ -165,55 +186,31 @@ def probes(
 
 def weigh(
     place: Place, group: Sequence[EffectInstance], columns: Array, residual: Array
-) -> Screened | None:
-    """Returns a candidate with the weights of its probes that explain most, or None."""
+) -> tuple[EffectInstance, Array] | None:
+    """Returns a candidate with the weights of its probes that explain most, and what they explain.
+
+    None where the effect has no such amounts.
+    """
     amplitudes = np.linalg.lstsq(columns, residual, rcond=1e-6)[0]
     explained = columns @ amplitudes
-    gain = 1.0 - float(np.sum((residual - explained) ** 2) / np.sum(residual**2))
     values = place.effect.combine([i.values for i in group], [float(a) for a in amplitudes])
     if values is None and place.least:
-        values, gain = _taken_off(place, group[0], float(amplitudes[0])), 0.0
-    if values is None or not np.isfinite(gain):
+        values = _taken_off(place, group[0], float(amplitudes[0]))
+        explained = np.zeros_like(residual)  # half a damping is twice the speed: a rollout tells
+    if values is None or not np.isfinite(explained).all():
         return None
     instance = EffectInstance(
         effect=place.effect, joints=place.joints, values=values, least=place.least
     )
-    return Screened(instance=instance, gain=gain)
+    return instance, np.asarray(explained)
 
 
 def _taken_off(place: Place, probe: EffectInstance, amplitude: float) -> dict[str, float] | None:
-    """Returns what takes off as much as explains most, and no more than there is; None for more.
-
-    How much that explains, first order does not tell: half a damping is twice the speed.
-    """
+    """Returns what takes off as much as explains most, and no more than there is; None for more."""
     if not amplitude < 0.0:
         return None
     taken = {name: max(amplitude * probe.values[name], most) for name, most in place.least.items()}
     return {**probe.values, **taken}
-
-
-def shortlist(screened: Sequence[Screened]) -> list[Screened]:
-    """Returns the best candidates, not too many of them of one effect.
-
-    Effects of the whole robot come in beside them: with several parameters that act together, they
-    look worse to first order than a torque offset on the joint that they load most.
-    """
-    whole: list[Screened] = []
-    for candidate in screened:
-        starts = [c.instance.key for c in whole].count(candidate.instance.key)
-        if is_whole(candidate.instance.effect) and candidate.gain > WHOLE_GAIN and starts < STARTS:
-            whole.append(candidate)
-    chosen: list[Screened] = []
-    for candidate in screened:
-        key = candidate.instance.key
-        keys = [c.instance.key for c in chosen]
-        places = {k for k in keys if k[0] == key[0]}
-        new = len(set(keys)) < SHORTLIST and len(places) < SHORTLIST_PER_EFFECT
-        room = keys.count(key) < STARTS if key in places else new
-        taken = key in {c.instance.key for c in whole}
-        if room and candidate.gain > 0.0 and not taken:
-            chosen.append(candidate)
-    return sorted([*whole, *chosen], key=lambda c: -c.gain)
 
 
 def is_whole(effect: Effect) -> bool:

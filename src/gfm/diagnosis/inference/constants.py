@@ -1,0 +1,28 @@
+"""The constants that decide whether a name is given, each with what it was calibrated on.
+
+All of them are figures of the score (`gfm.diagnosis.inference.score`) and of the confidence that
+is made from it. They come from robots whose truth is known, by `benchmarks/calibrate.py`; whatever
+else the search has as a number only decides how long it takes.
+"""
+
+from __future__ import annotations
+
+#: Standard errors by which a hypothesis has to predict better than a simpler one.
+CLEARLY = 2.0
+#: RMS of what a right model leaves beside the noise, in units of it: integrators, time steps and
+#: stamps alone make as much.
+LEAST_DISCREPANCY = 0.75
+#: Correlation between the discrepancies of two blocks: a wrong model is wrong alike everywhere, so
+#: that many blocks tell no more than one over this.
+WRONG_ALIKE = 0.05
+#: Degrees of freedom of the predictive density: blocks differ in how far a model is off.
+DEGREES_OF_FREEDOM = 4.0
+#: Of a name: intercept, and weights of the logarithms of four figures (see `output.claims`): by how
+#: many standard errors the hypothesis predicts better than without it, and than with its best
+#: rival; the share of the squared gap that stays; and by how many errors two halves disagree.
+CONFIDENCE = (-3.0, 1.0, 2.0, -0.8, -0.7)
+#: Confidence from which on a name is given: below it is a suspect.
+LEAST_CONFIDENCE = 0.5
+#: Held-out error, in noise floors, up to which a model is adequate; and the share of a gap that
+#: laws may leave by not being quite exact. They decide no name, but the verdict.
+ADEQUATE_RATIO, INEXACT_SHARE = 2.0, 3e-3

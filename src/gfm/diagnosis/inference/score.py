@@ -1,0 +1,277 @@
+"""The one score by which hypotheses are compared: how well they predict what they were not told.
+
+A residual is cut into blocks in time, and each block is turned into frequencies (DCT), where what
+is correlated in time is not. A cell is one channel and joint in one octave of frequencies. In every
+cell the residual has a variance: sensor noise and the discrepancy of a model that is not quite
+right. The latter is estimated, cell by cell, from all other blocks; blocks differ in how far a
+model is off, so that their density is Student's t. Amounts are those that the other recordings
+alone would give, to first order. The score is the logarithm of that density, summed up.
+
+A wrong model is wrong in the same way in many blocks. They tell less together than as many
+independent ones would: each cell counts by its effective number of coefficients, as in cluster
+sampling (Kish 1965).
+
+Shape letters: N numbers of a residual, P parameters, B blocks, C cells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+
+from gfm.core.checks import Array
+from gfm.diagnosis.inference.constants import (
+    CLEARLY,
+    DEGREES_OF_FREEDOM,
+    LEAST_DISCREPANCY,
+    WRONG_ALIKE,
+)
+from gfm.diagnosis.inference.fitting import Fit
+
+#: Longest block, s, fewest measurements of one, and lower edges of the octaves, Hz.
+BLOCK_S, BLOCK_LEAST, OCTAVES_HZ = 2.0, 8, (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)
+#: Steps in which the scale of a cell is found.
+SCALE_STEPS = 12
+#: Ridge that keeps amounts finite where one part of the data alone tells of them.
+RIDGE = 1e-3
+#: Largest coefficient that counts, in units of the noise.
+LARGEST = 1e6
+
+
+class SegmentShape(NamedTuple):
+    """What one segment's numbers are: channels x measurements x joints of them, in this order."""
+
+    recording: int
+    duration_s: float
+    channels: int
+    measurements: int
+
+
+class Segmented(Protocol):
+    """What has a residual in segments: see `gfm.diagnosis.residuals.problem.Problem`."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The measured joints."""
+
+    def layout(self) -> Sequence[SegmentShape]:
+        """Returns what each segment's numbers are."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Blocks:
+    """How the numbers of a residual are divided.
+
+    Attributes:
+        pieces: Rows of each block, shape (channels, T, J).
+        fold: The part of the data to which each number belongs, shape (N,).
+        block: Its block, shape (N,).
+        cell: Its cell, shape (N,).
+        joint: The joint of each cell, shape (C,).
+        count: Coefficients of each cell in each block, shape (B, C).
+        floor: Mean square that no right model falls below, shape (B, C).
+    """
+
+    pieces: tuple[NDArray[np.intp], ...]
+    fold: NDArray[np.intp]
+    block: NDArray[np.intp]
+    cell: NDArray[np.intp]
+    joint: NDArray[np.intp]
+    count: Array
+    floor: Array
+
+    def spectrum(self, residual: Array) -> Array:
+        """Returns a residual in frequencies, block by block, shape (N,)."""
+        out = np.empty_like(residual)
+        for rows in self.pieces:
+            out[rows] = dct(residual[rows], axis=1, norm="ortho")
+        return np.asarray(np.clip(out, -LARGEST, LARGEST))
+
+    def sums(self, values: Array) -> Array:
+        """Returns the sum of values, shape (N,), over each block's cells, shape (B, C)."""
+        index = self.block * self.count.shape[1] + self.cell
+        sums = np.bincount(index, weights=values, minlength=self.count.size)
+        return np.asarray(sums.reshape(self.count.shape))
+
+
+def blocks_of(problem: Segmented) -> Blocks:
+    """Returns how a problem's residual is divided.
+
+    Its parts are recordings where there are several, else every other segment.
+    """
+    layout, joints = problem.layout(), len(problem.joints)
+    recordings = sorted({segment.recording for segment in layout})
+    places = joints * max(segment.channels for segment in layout)
+    size = sum(segment.channels * segment.measurements * joints for segment in layout)
+    fold, block, cell = (np.empty(size, dtype=np.intp) for _ in range(3))
+    pieces: list[NDArray[np.intp]] = []
+    start = 0
+    for index, segment in enumerate(layout):
+        part = recordings.index(segment.recording) if len(recordings) > 1 else index % 2
+        for rows, octave in _pieces(segment, joints):
+            rows = rows + start
+            channel_and_joint = np.arange(rows.shape[0] * joints).reshape(-1, 1, joints)
+            fold[rows], block[rows] = part, len(pieces)
+            cell[rows] = channel_and_joint * len(OCTAVES_HZ) + octave[:, None]
+            pieces.append(rows)
+        start += segment.channels * segment.measurements * joints
+    count = _counts(block, cell, (len(pieces), places * len(OCTAVES_HZ)))
+    return Blocks(
+        pieces=tuple(pieces),
+        fold=fold,
+        block=block,
+        cell=cell,
+        joint=np.arange(count.shape[1]) // len(OCTAVES_HZ) % joints,
+        count=count,
+        floor=1.0 + LEAST_DISCREPANCY**2 * _of_joint(count) / np.maximum(count, 1.0),
+    )
+
+
+def _pieces(segment: SegmentShape, joints: int) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Returns a segment's blocks: their rows (channels, T, J), and the octave of each T."""
+    shape = (segment.channels, segment.measurements, joints)
+    rows = np.arange(np.prod(shape)).reshape(shape)
+    most = segment.measurements // BLOCK_LEAST
+    many = max(min(round(segment.duration_s / BLOCK_S), most), 1)
+    parts = np.array_split(rows, many, axis=1)
+    per_s = segment.measurements / max(segment.duration_s, 1e-9)
+    hertz = [0.5 * np.arange(p.shape[1]) / p.shape[1] * per_s for p in parts]
+    octaves = [np.searchsorted(OCTAVES_HZ, one, side="right") - 1 for one in hertz]
+    return list(zip(parts, octaves, strict=True))
+
+
+def _counts(block: NDArray[np.intp], cell: NDArray[np.intp], shape: tuple[int, int]) -> Array:
+    counts = np.bincount(block * shape[1] + cell, minlength=shape[0] * shape[1])
+    return np.asarray(counts.reshape(shape).astype(float))
+
+
+def _of_joint(count: Array) -> Array:
+    """Returns how many numbers a cell's channel and joint have in each block, shape (B, C)."""
+    octaves = len(OCTAVES_HZ)
+    whole = count.reshape(len(count), -1, octaves).sum(axis=2)
+    return np.repeat(whole, octaves, axis=1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Predictive:
+    """How well a hypothesis predicts each part of the data from the others.
+
+    Attributes:
+        spectrum: What it leaves there, in frequencies, shape (N,).
+        mean_square: The same in each block's cells, not below what a right model leaves, (B, C).
+        scale: Variance of each cell, noise and discrepancy, shape (C,).
+        density: Its log predictive density, shape (B, C).
+    """
+
+    spectrum: Array
+    mean_square: Array
+    scale: Array
+    density: Array
+
+
+class Difference(NamedTuple):
+    """By how much one hypothesis predicts better than another: nats, and their standard error."""
+
+    nats: float
+    error: float
+
+    @property
+    def errors(self) -> float:
+        """The difference in standard errors."""
+        return self.nats / max(self.error, 1e-9)
+
+    @property
+    def clear(self) -> bool:
+        """Whether it is more than chance and a common discrepancy make."""
+        return self.nats > CLEARLY * self.error
+
+
+def predictive(blocks: Blocks, fitted: Fit) -> Predictive:
+    """Returns how well effects, fitted to all other parts, predict each part of the data."""
+    return _predictive(blocks, blocks.spectrum(_left_elsewhere(blocks, fitted)))
+
+
+def _predictive(blocks: Blocks, spectrum: Array) -> Predictive:
+    square = blocks.sums(spectrum**2) / np.maximum(blocks.count, 1.0)
+    square = np.maximum(square, blocks.floor)
+    scale, others = _scales(square, blocks.count)
+    freedom = DEGREES_OF_FREEDOM
+    density = -0.5 * blocks.count * np.log(others) - 0.5 * (freedom + blocks.count) * np.log1p(
+        blocks.count * square / (freedom * others)
+    )
+    return Predictive(spectrum=spectrum, mean_square=square, scale=scale, density=density)
+
+
+def _left_elsewhere(blocks: Blocks, fitted: Fit) -> Array:
+    """Returns the residual of each part with amounts from all others, to first order, (N,)."""
+    left = fitted.residual.copy()
+    if not fitted.jacobian.shape[1]:
+        return left
+    size = np.linalg.norm(fitted.jacobian, axis=0) + 1e-9
+    columns = fitted.jacobian / size
+    whole = columns.T @ columns + RIDGE * np.eye(len(size))
+    for part in np.unique(blocks.fold):
+        rows = blocks.fold == part
+        own = columns[rows]
+        left[rows] += own @ np.linalg.lstsq(whole - own.T @ own, own.T @ left[rows], rcond=None)[0]
+    return left
+
+
+def _scales(square: Array, count: Array) -> tuple[Array, Array]:
+    """Returns the variance of each cell (C,), and the same without each block, (B, C).
+
+    The most likely scale of Student's t, by expectation and maximisation.
+    """
+    total = np.maximum(count.sum(axis=0), 1.0)
+    scale = (count * square).sum(axis=0) / total
+    freedom = DEGREES_OF_FREEDOM
+    for _ in range(SCALE_STEPS):
+        weight = (freedom + count) / (freedom + count * square / np.maximum(scale, 1e-12))
+        scale = np.maximum((weight * count * square).sum(axis=0) / total, 1.0)
+    own = weight * count * square
+    others = (own.sum(axis=0) - own) / np.maximum(total - count, 1.0)
+    return scale, np.maximum(others, 1.0)
+
+
+def effective(blocks: Blocks, scale: Array) -> Array:
+    """Returns the number of independent coefficients in each cell, shape (C,).
+
+    As in cluster sampling: of the discrepancy, blocks have a part in common.
+    """
+    number = blocks.count.sum(axis=0)
+    discrepancy = 1.0 - 1.0 / scale
+    return np.asarray(number / (1.0 + np.maximum(number - 1.0, 0.0) * WRONG_ALIKE * discrepancy**2))
+
+
+def difference(blocks: Blocks, one: Predictive, other: Predictive) -> Difference:
+    """Returns by how much `one` predicts better than `other`.
+
+    The standard error has two parts: how blocks differ, and what a discrepancy that all blocks
+    have in common lets appear better by chance.
+    """
+    scale = np.minimum(one.scale, other.scale)
+    number = effective(blocks, scale)
+    share = number / np.maximum(blocks.count.sum(axis=0), 1.0)
+    by_block = (share * (one.density - other.density)).sum(axis=1)
+    sizes = [blocks.sums(p.spectrum**2).sum(axis=0) for p in (one, other)]
+    both = blocks.sums(one.spectrum * other.spectrum).sum(axis=0)
+    alike = both**2 / np.maximum(sizes[0] * sizes[1], 1e-12)
+    common = float(number @ np.clip(1.0 - alike, 0.0, 1.0))
+    return Difference(float(by_block.sum()), float(np.sqrt(by_block @ by_block + common)))
+
+
+def room(blocks: Blocks, one: Predictive) -> Difference:
+    """Returns by how much any other hypothesis can predict better at most."""
+    number = effective(blocks, one.scale)
+    share = number / np.maximum(blocks.count.sum(axis=0), 1.0)
+    best = _predictive(blocks, np.zeros_like(one.spectrum))
+    by_block = (share * (best.density - one.density)).sum(axis=1)
+    left = 1.0 - (blocks.count * best.mean_square).sum(axis=0) / np.maximum(
+        (blocks.count * one.mean_square).sum(axis=0), 1.0
+    )
+    return Difference(float(by_block.sum()), float(np.sqrt(by_block @ by_block + number @ left)))

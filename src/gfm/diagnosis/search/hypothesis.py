@@ -1,0 +1,136 @@
+"""A hypothesis: effects with their amounts, and how well they predict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gfm.diagnosis.inference.fitting import Fit, fit, free_parameters
+from gfm.diagnosis.inference.score import (
+    Blocks,
+    Difference,
+    Predictive,
+    blocks_of,
+    difference,
+    predictive,
+    room,
+)
+from gfm.diagnosis.residuals.problem import Problem, ringing_springs, settled, unsettled
+from gfm.diagnosis.residuals.time_steps import with_suitable_steps
+from gfm.effects import EffectInstance
+
+#: Times that initial states and amounts are looked for in turn at most.
+IN_TURN = 4
+#: Mean square from which on initial states may be held back by a model that was wrong.
+FAR_OFF = 100.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hypothesis:
+    """Effects that were fitted to a problem.
+
+    Attributes:
+        problem: Whose residual it is.
+        fit: The effects.
+        blocks: How the residual is divided.
+    """
+
+    problem: Problem
+    fit: Fit
+    blocks: Blocks
+
+    @property
+    def effects(self) -> tuple[EffectInstance, ...]:
+        """The effects with their amounts."""
+        return self.fit.effects
+
+    @cached_property
+    def predictive(self) -> Predictive:
+        """How well it predicts each part of the data from the others."""
+        return predictive(self.blocks, self.fit)
+
+    @cached_property
+    def room(self) -> Difference:
+        """By how much any other hypothesis could predict better at most."""
+        return room(self.blocks, self.predictive)
+
+    def over(self, other: Fit) -> Difference:
+        """Returns by how much it predicts better than another fit to the same residual."""
+        return difference(self.blocks, self.predictive, predictive(self.blocks, other))
+
+    def gain_of(self, other: Fit) -> Difference:
+        """Returns by how much another fit to the same residual predicts better."""
+        gain = self.over(other)
+        return Difference(-gain.nats, gain.error)
+
+    def fitted(self, effects: Sequence[EffectInstance], tolerance: float) -> Fit:
+        """Returns other effects, fitted to the same residual."""
+        return fit(self.problem, effects, tolerance=tolerance)
+
+    @property
+    def open_joints(self) -> tuple[str, ...]:
+        """Joints on which something can still be gained, most of it first."""
+        mean = self.predictive.mean_square
+        excess = self.blocks.count * np.log(mean / self.blocks.floor)
+        by_joint = np.bincount(self.blocks.joint, weights=excess.sum(axis=0))
+        return tuple(self.problem.joints[j] for j in np.argsort(-by_joint) if by_joint[j] > 0.0)
+
+
+def hypothesis(problem: Problem, fitted: Fit) -> Hypothesis:
+    """Returns a fit to a problem as a hypothesis."""
+    return Hypothesis(problem=problem, fit=fitted, blocks=blocks_of(problem))
+
+
+def parameters_of(effects: Sequence[EffectInstance]) -> int:
+    """Returns how many numbers effects have; a number of periods, found among many, counts too."""
+    return sum(len(e.effect.parameters) for e in effects)
+
+
+def settled_hypothesis(problem: Problem, effects: Sequence[EffectInstance]) -> Hypothesis:
+    """Returns effects fitted to a problem whose initial states suit them.
+
+    States and amounts are looked for in turn. Where much is left, the states that suited what was
+    found before may be the reason: those measured are tried, too.
+    """
+    problem = with_suitable_steps(problem, effects)
+    there, found = _in_turn(problem, effects)
+    if found.cost <= FAR_OFF or all(s.measured is None for s in there.segments):
+        return hypothesis(there, found)
+    begun = unsettled(there, found.effects)
+    again, other = _in_turn(begun, fit(begun, found.effects).effects)
+    better = _unbounded(again, other) < _unbounded(there, found)
+    return hypothesis(again, other) if better else hypothesis(there, found)
+
+
+def _unbounded(problem: Problem, fitted: Fit) -> float:
+    """Returns the cost of a fit if what is outlying counts in full."""
+    plain = replace(problem, outlying_from=None)
+    return float(np.mean(plain.residuals([fitted.effects])[0] ** 2))
+
+
+def _in_turn(problem: Problem, effects: Sequence[EffectInstance]) -> tuple[Problem, Fit]:
+    """Returns initial states and amounts, each looked for anew where the other was found."""
+    before = np.inf
+    for _ in range(IN_TURN):
+        problem = settled(problem, effects).robust(effects)
+        found = fit(problem, effects)
+        effects = found.effects
+        # What rings is far from linear: a little in a stiffness is much in how it began.
+        least = 0.9 if ringing_springs(problem, effects) else 0.5
+        if (
+            found.cost > least * before
+            or not room(blocks := blocks_of(problem), predictive(blocks, found)).clear
+        ):
+            break
+        before = found.cost
+    return problem, found
+
+
+def columns_of(fitted: Fit, instance: EffectInstance) -> NDArray[np.bool_]:
+    """Returns which free parameters of a fit are those of one of its effects, shape (P,)."""
+    index = fitted.effects.index(instance)
+    return np.array([i == index for i, _ in free_parameters(fitted.effects)], dtype=bool)

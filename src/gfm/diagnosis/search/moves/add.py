@@ -1,0 +1,139 @@
+"""Add an effect, on one joint or on all that lack it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from gfm.diagnosis.inference.fitting import ROUGH, Fit, at_bound, fit
+from gfm.diagnosis.inference.score import Blocks, difference, predictive
+from gfm.diagnosis.search.candidates import Place
+from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
+from gfm.diagnosis.search.naming import describe, first_of_each
+from gfm.diagnosis.search.screening import Screened, is_whole, open_to, screen
+from gfm.diagnosis.search.trace import Move, Step, Tried
+from gfm.effects import EffectInstance, Scales, Scope
+from gfm.sim.plant import acts_on_command
+
+#: Recorded time on which all candidates are looked at, and on which the best of them are, s.
+GLANCE_S, SCREENING_S = 6.0, 24.0
+#: Candidates that are looked at again, that are fitted, places of one effect among those, amounts
+#: from which the fit of one begins, and kinds that are tried on several joints.
+LOOKED_AT, FITTED, PLACES, STARTS, KINDS = 16, 4, 2, 2, 1
+
+
+def add(
+    before: Hypothesis,
+    candidates: Sequence[Place],
+    scales: Sequence[Scales],
+    report: Callable[[str], None],
+) -> Step:
+    """Returns the step that adds what predicts best, or none where nothing does clearly.
+
+    What takes long to simulate is looked at only where all else leaves something to explain.
+    """
+    here = open_to(before, candidates)
+    ranked: list[Tried] = []
+    for costly in (False, True):
+        tier = [p for p in here if (p.effect.costly or p.effect.separates_motor) is costly]
+        report(f"screening {len(tier)} candidates (misfit {before.fit.cost:.3g})")
+        screened = _screened(before, tier, scales)
+        ranked += [
+            tried
+            for start in (*_shortlist(screened), *_kinds(screened))
+            if (tried := _tried(before, start, report)) is not None
+        ]
+        best = best_of(before.blocks, ranked)
+        if best is not None and not _leaves_room(before, best):
+            break
+    return Step(
+        move=Move.ADD,
+        before=before.fit.cost,
+        ranked=tuple(sorted(ranked, key=lambda one: -one.gain.nats)),
+        chosen=best_of(before.blocks, ranked),
+    )
+
+
+def best_of(blocks: Blocks, tried: Sequence[Tried]) -> Tried | None:
+    """Returns what predicts best, or as well with fewer parameters; None where nothing is clear."""
+    clear = [one for one in tried if one.gain.clear and not any(map(at_bound, one.new))]
+    if not clear:
+        return None
+    best = max(clear, key=lambda one: one.gain.nats)
+    told = predictive(blocks, best.fit)
+
+    def as_good(other: Tried) -> bool:
+        less = difference(blocks, told, predictive(blocks, other.fit))
+        return not less.clear
+
+    simpler = [o for o in clear if parameters_of(o.new) < parameters_of(best.new) and as_good(o)]
+    return min(simpler, key=lambda o: (parameters_of(o.new), -o.gain.nats), default=best)
+
+
+def _leaves_room(before: Hypothesis, one: Tried) -> bool:
+    """Returns whether more can be gained beside a fit than it gained itself."""
+    after = Hypothesis(problem=before.problem, fit=one.fit, blocks=before.blocks)
+    return after.room.clear and after.room.nats > one.gain.nats
+
+
+def _screened(
+    before: Hypothesis, places: Sequence[Place], scales: Sequence[Scales]
+) -> list[Screened]:
+    """Returns the candidates that promise something, best first: at a glance, then the best."""
+    glanced = screen(before, places, scales, GLANCE_S)
+    keys = list(dict.fromkeys(one.instance.key for one in glanced if one.gain.nats > 0.0))
+    again = {*keys[:LOOKED_AT]}
+    looked = screen(before, [p for p in places if p.key in again], scales, SCREENING_S)
+    return [one for one in looked if one.gain.errors > 1.0]
+
+
+def _shortlist(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
+    """Returns the best candidates, not too many of one effect, and the best of the whole robot."""
+    whole = [one for one in screened if is_whole(one.instance.effect)][:1]
+    taken: list[Screened] = list(whole)
+    for one in screened:
+        key = one.instance.key
+        keys = {other.instance.key for other in taken}
+        places = {k for k in keys if k[0] == key[0]}
+        starts = sum(other.instance.key == key for other in taken)
+        new = key not in keys and len(keys) < FITTED and len(places) < PLACES
+        if one not in whole and (new or 0 < starts < STARTS):
+            taken.append(one)
+    return [(one.instance,) for one in sorted(taken, key=lambda one: -one.gain.nats)]
+
+
+def _kinds(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
+    """Returns the kinds of effects that promise most on several joints, each on all of those."""
+    kinds: dict[str, list[Screened]] = {}
+    for one in first_of_each(screened, lambda one: one.instance.key):
+        effect = one.instance.effect
+        if effect.scope is Scope.JOINT and not effect.separates_motor:
+            kinds.setdefault(effect.name, []).append(one)
+    several = [kind for kind in kinds.values() if len(kind) > 1]
+    several.sort(key=lambda kind: -sum(one.gain.nats for one in kind))
+    return [tuple(one.instance for one in kind) for kind in several[:KINDS]]
+
+
+def _tried(
+    before: Hypothesis, new: tuple[EffectInstance, ...], report: Callable[[str], None]
+) -> Tried | None:
+    """Returns new effects fitted beside those that are there; None where a fit leads nowhere."""
+    more = f" and {len(new) - 1} more" if len(new) > 1 else ""
+    report(f"fitting {describe(new[0])}{more}")
+    fits = [before.fitted(effects, ROUGH) for effects in _beginnings(before, new)]
+    best: Fit = min(fits, key=lambda f: f.cost)
+    return Tried(new=best.effects[len(before.effects) :], fit=best, gain=before.gain_of(best))
+
+
+def _beginnings(
+    before: Hypothesis, new: tuple[EffectInstance, ...]
+) -> list[tuple[EffectInstance, ...]]:
+    """Returns the effects with the amounts from which a fit begins.
+
+    An effort beside the command of its stamp jumps when a delay goes past it; a position does not:
+    what makes commands late is fitted from positions alone, too.
+    """
+    effects = (*before.effects, *new)
+    begun = [effects]
+    if before.problem.has_efforts and any(acts_on_command(one) for one in new):
+        begun.append(fit(before.problem.positions_alone(), effects, tolerance=ROUGH).effects)
+    return begun

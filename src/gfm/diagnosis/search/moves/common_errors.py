@@ -1,0 +1,150 @@
+"""Add what most models of real robots get wrong at once: gains, friction, inertia, a delay.
+
+Where everything is a little wrong, no single effect explains much, and the one that explains most
+may be none of those that are missing. Then common errors are fitted on all joints together, from
+the best of a coarse grid; a model may also say too much of a joint. What does not earn its place
+is removed later, by the score.
+
+Shape letters: G values of a grid, J joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gfm.core.checks import Array
+from gfm.diagnosis.inference.fitting import ROUGH, fit
+from gfm.diagnosis.search.candidates import Place
+from gfm.diagnosis.search.hypothesis import Hypothesis
+from gfm.diagnosis.search.trace import Move, Step, Tried
+from gfm.effects import EffectInstance, Scales, Scope, find_effect
+
+#: Times that the grid is gone through.
+PASSES = 2
+#: Shares of a typical size at which amounts are tried, and of what a model says that is taken off.
+SHARES, TAKEN_OFF = (0.0, 0.1, 0.3, 1.0, 3.0), (-1.0, -0.7, -0.4)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Common:
+    """An effect that a model may lack on any joint.
+
+    Attributes:
+        name: Of the effect, which has one parameter.
+        none: Its value without the effect.
+        grid: Values to begin with, for a joint with these scales.
+    """
+
+    name: str
+    none: float
+    grid: Callable[[Scales], Sequence[float]]
+
+
+COMMON = (
+    Common(name="command_delay", none=0.0, grid=lambda _: (0.0, 0.01, 0.02, 0.04, 0.08)),
+    Common(name="actuator_gain", none=1.0, grid=lambda _: (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)),
+    Common(name="coulomb_friction", none=0.0, grid=lambda s: [x * s.torque_nm for x in SHARES]),
+    Common(
+        name="viscous_friction",
+        none=0.0,
+        grid=lambda s: [x * s.torque_nm / s.velocity_rad_s for x in SHARES],
+    ),
+    Common(name="armature", none=0.0, grid=lambda s: [x * s.inertia for x in SHARES]),
+)
+
+
+def common_errors(
+    before: Hypothesis,
+    candidates: Sequence[Place],
+    scales: Sequence[Scales],
+    report: Callable[[str], None],
+) -> Step:
+    """Returns the step that adds common errors on all joints that something is missing on."""
+    report("looking for common errors on all joints")
+    new = _from_grid(before, candidates, scales)
+    report(f"fitting {len(new)} effects together")
+    effects = (*before.effects, *new)
+    problem = before.problem.robust(effects)
+    begun = fit(problem, effects, tolerance=ROUGH).effects
+    fitted = before.fitted(begun, ROUGH)
+    tried = Tried(
+        new=fitted.effects[len(before.effects) :], fit=fitted, gain=before.gain_of(fitted)
+    )
+    good = tried.gain.clear and bool(new)
+    return Step(
+        move=Move.COMMON_ERRORS,
+        before=before.fit.cost,
+        ranked=(tried,),
+        chosen=tried if good else None,
+    )
+
+
+def _from_grid(
+    before: Hypothesis, candidates: Sequence[Place], scales: Sequence[Scales]
+) -> tuple[EffectInstance, ...]:
+    """Returns every common error on every open joint, with the best of its grid.
+
+    All joints are tried side by side: each takes what leaves least on itself. What is there already
+    is left out, and what comes to none.
+    """
+    problem, taken = before.problem, {e.key for e in before.effects}
+    places = [
+        p for p in candidates if p.key not in taken and (set(p.joints) & set(before.open_joints))
+    ]
+    chosen = {one.name: np.full(len(problem.joints), one.none) for one in COMMON}
+    for _ in range(PASSES):
+        for one in COMMON:
+            grid = _grid(one, places, problem.joints, scales)
+            sets = [
+                (*before.effects, *_instances(places, problem.joints, {**chosen, one.name: row}))
+                for row in grid
+            ]
+            costs = np.stack([problem.joint_costs(r) for r in problem.coarse().residuals(sets)])
+            if find_effect(one.name).scope is not Scope.JOINT:
+                costs[:] = costs.mean(axis=1, keepdims=True)
+            chosen[one.name] = grid[costs.argmin(axis=0), np.arange(len(scales))]
+    return tuple(_instances(places, problem.joints, chosen))
+
+
+def _grid(
+    one: Common, places: Sequence[Place], joints: Sequence[str], scales: Sequence[Scales]
+) -> Array:
+    """Returns the values to try on each joint, shape (G, J), what can be taken off among them."""
+    least = {
+        place.joints: min(place.least.values())
+        for place in places
+        if place.effect.name == one.name and place.least
+    }
+    rows = [
+        [*one.grid(scale), *(-x * least.get((joint,), 0.0) for x in TAKEN_OFF)]
+        for joint, scale in zip(joints, scales, strict=True)
+    ]
+    return np.array(rows).T
+
+
+def _instances(
+    places: Sequence[Place], joints: Sequence[str], values: dict[str, Array]
+) -> list[EffectInstance]:
+    """Returns the effects of which there is something, with these amounts by joint."""
+    none = {one.name: one.none for one in COMMON}
+    found = []
+    for place in places:
+        name = place.effect.name
+        if name not in none:
+            continue
+        amount = float(values[name][joints.index(place.joints[0])])
+        if amount == none[name]:
+            continue
+        parameter = place.effect.parameters[0].name
+        found.append(
+            EffectInstance(
+                effect=place.effect,
+                joints=place.joints,
+                values={parameter: amount},
+                least=place.least,
+            )
+        )
+    return found

@@ -1,0 +1,113 @@
+"""Add what acts now and then only: a surface that the robot runs onto, a limit that it reaches.
+
+It explains nearly all of a few segments and nothing of the others. Segments that stay far off are
+screened by themselves, with what was found held as it is; whether the effect predicts better is
+told by all of them together, by the score.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gfm.diagnosis.inference.fitting import ROUGH, at_bound, nothing
+from gfm.diagnosis.residuals.outliers import OUTLYING
+from gfm.diagnosis.residuals.problem import Problem, settled, with_state_basis
+from gfm.diagnosis.search.candidates import Place
+from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis
+from gfm.diagnosis.search.moves.add import SCREENING_S
+from gfm.diagnosis.search.naming import describe, first_of_each
+from gfm.diagnosis.search.screening import open_to, screen
+from gfm.diagnosis.search.trace import Move, Step, Tried
+from gfm.effects import EffectInstance, Scales
+
+#: Fewest segments that are looked into: fewer are an accident.
+LEAST_SEGMENTS = 4
+#: Recorded time of the segments that are looked into at most, and candidates that are fitted.
+FAR_S, FITTED = 48.0, 3
+
+
+def intermittent(
+    before: Hypothesis,
+    everything: Problem,
+    candidates: Sequence[Place],
+    scales: Sequence[Scales],
+    report: Callable[[str], None],
+) -> tuple[Step, Problem] | None:
+    """Returns the step that adds such an effect, and the segments that told of it.
+
+    None where too few segments stay far off.
+
+    Args:
+        before: What was found so far.
+        everything: All segments of the recordings.
+        candidates: What may explain them.
+        scales: Of every joint's signals.
+        report: Told what is happening, in words.
+    """
+    everything = replace(everything, after_command=before.problem.after_command)
+    far = far_off(everything, before.effects)
+    if not far:
+        return None
+    report(f"looking into {len(far)} segments that stay far off")
+    part = with_state_basis(everything.subset(far), before.effects)
+    held = replace(part, given=(*part.given, *before.effects))
+    held = settled(held, ()).robust(())
+    alone = hypothesis(held, nothing(held))
+    screened = screen(alone, open_to(before, candidates), scales, SCREENING_S)
+    likely = first_of_each([s.instance for s in screened if s.gain.clear], lambda e: e.key)
+    tried = [_tried(alone, before.effects, one, report) for one in likely[:FITTED]]
+    ranked = tuple(sorted(tried, key=lambda one: -one.gain.nats))
+    good = [one for one in ranked if one.gain.clear and not at_bound(one.new[0])]
+    step = Step(
+        move=Move.INTERMITTENT,
+        before=alone.fit.cost,
+        ranked=ranked,
+        chosen=good[0] if good else None,
+        segments=len(far),
+    )
+    return step, part
+
+
+def _tried(
+    alone: Hypothesis,
+    held: Sequence[EffectInstance],
+    instance: EffectInstance,
+    report: Callable[[str], None],
+) -> Tried:
+    report(f"fitting {describe(instance)}")
+    fitted = alone.fitted((instance,), ROUGH)
+    whole = replace(fitted, effects=(*held, *fitted.effects))
+    return Tried(new=fitted.effects, fit=whole, gain=alone.gain_of(fitted))
+
+
+def far_off(everything: Problem, effects: Sequence[EffectInstance]) -> list[int]:
+    """Returns the segments that `effects` leave far off, by their numbers; none if they are few.
+
+    Far beyond what is left of a typical segment.
+    """
+    residual = replace(everything, outlying_from=None).residuals([effects])[0]
+    costs = np.array([np.mean(residual[rows] ** 2) for rows in everything.slices()])
+    far = np.flatnonzero(costs > OUTLYING**2 * max(float(np.median(costs)), OUTLYING**2))
+    if len(far) < LEAST_SEGMENTS:
+        return []
+    return [int(far[i]) for i in everything.subset(far.tolist()).sample(FAR_S)]
+
+
+def with_segments(before: Hypothesis, step: Step, part: Problem) -> tuple[Problem, Problem]:
+    """Returns the problem with the segments that an effect changes, and these alone."""
+    if step.chosen is None:
+        return before.problem, part
+    instance = step.chosen.new[0]
+    sets = [before.effects, (*before.effects, instance)]
+    without, beside = part.residuals(sets)
+    own = [
+        i
+        for i, rows in enumerate(part.slices())
+        if np.sum((beside[rows] - without[rows]) ** 2) > np.sum(without[rows] ** 2) / OUTLYING**2
+    ]
+    part = part.subset(own)
+    joined = settled(before.problem.joined(part), (*before.effects, instance))
+    return joined, part

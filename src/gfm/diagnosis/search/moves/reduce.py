@@ -1,0 +1,194 @@
+"""Remove what a hypothesis predicts as well without, and exchange what something else says better.
+
+What came first was chosen while others were missing, and may stand for them, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+
+from gfm.diagnosis.inference.fitting import ROUGH, Fit, at_bound, fit, mean_square, without_each
+from gfm.diagnosis.inference.score import Difference
+from gfm.diagnosis.search.candidates import Place
+from gfm.diagnosis.search.hypothesis import Hypothesis, columns_of, hypothesis, parameters_of
+from gfm.diagnosis.search.naming import describe, first_of_each
+from gfm.diagnosis.search.screening import is_whole, screen
+from gfm.diagnosis.search.trace import Move, Step, Tried
+from gfm.effects import EffectInstance, Key, Scales
+
+#: Recorded time on which rivals of an effect are looked at, s, and how many are fitted.
+RIVALS_S, RIVALS = 12.0, 2
+
+
+def remove(
+    here: Hypothesis, kept: Collection[Key], report: Callable[[str], None]
+) -> tuple[Hypothesis, list[Step]]:
+    """Returns a hypothesis without what it predicts as well without, that first which says least.
+
+    Args:
+        here: With all effects.
+        kept: Keys of those that are judged by a few segments only.
+        report: Told what is happening, in words.
+    """
+    steps: list[Step] = []
+    while len(here.effects) > 1:
+        step = next(_removals(here, kept), None)
+        if step is None or step.chosen is None or step.replaced is None:
+            break
+        report(f"going on without {describe(step.replaced)}")
+        steps.append(step)
+        here = hypothesis(here.problem, step.chosen.fit)
+    return here, steps
+
+
+def _removals(here: Hypothesis, kept: Collection[Key]) -> Iterator[Step]:
+    """Yields the steps that take out one effect, that which says least to first order first."""
+    for gain, instance in sorted(gains_of_each(here), key=lambda pair: pair[0].errors):
+        if instance.key in kept or (gain.clear and not at_bound(instance)):
+            continue
+        rest = [e for e in here.effects if e is not instance]
+        without = here.fitted(rest, ROUGH)
+        if at_bound(instance) or not here.over(without).clear:
+            tried = Tried(new=(instance,), fit=without, gain=here.gain_of(without))
+            yield Step(move=Move.REMOVE, before=here.fit.cost, chosen=tried, replaced=instance)
+
+
+def gains_of_each(here: Hypothesis) -> list[tuple[Difference, EffectInstance]]:
+    """Returns by how much a hypothesis predicts better than without each of its effects.
+
+    The others make up for it to first order.
+    """
+    if not here.effects:
+        return []
+    rests = without_each(here.problem, here.fit)
+    rows = zip(here.effects, rests, here.problem.residuals(rests), strict=True)
+    gains = []
+    for instance, rest, residual in rows:
+        jacobian = here.fit.jacobian[:, ~columns_of(here.fit, instance)]
+        told = Fit(effects=rest, cost=mean_square(residual), jacobian=jacobian, residual=residual)
+        gains.append((here.over(told), instance))
+    return gains
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rivals:
+    """Where the rivals of an effect come from.
+
+    Attributes:
+        candidates: All there are.
+        scales: Of every joint's signals.
+        steps: Of the search so far: what was weighed beside an effect rivals it.
+    """
+
+    candidates: Sequence[Place]
+    scales: Sequence[Scales]
+    steps: Sequence[Step]
+
+    def of(self, instance: EffectInstance, rest: Hypothesis) -> list[EffectInstance]:
+        """Returns the best rivals of an effect beside the others, best first."""
+        taken = {instance.key, *(e.key for e in rest.effects)}
+        known = [
+            tried.new[0]
+            for step in self.steps
+            if step.chosen is not None and instance.key in {e.key for e in step.chosen.new}
+            for tried in step.ranked
+            if len(tried.new) == 1
+        ]
+        found = [one for one in known if one.key not in taken]
+        if rest.effects:  # rivals of then stood beside other effects
+            alike = [p for p in self.candidates if p.key not in taken and _near(p, instance)]
+            found = [one.instance for one in screen(rest, alike, self.scales, RIVALS_S)] + found
+        return first_of_each(found, lambda one: one.key)[:RIVALS]
+
+
+def _near(place: Place, instance: EffectInstance) -> bool:
+    """Returns whether a candidate may be taken for an effect: on its joints, or of the whole robot.
+
+    What takes long to simulate is no rival of what does not.
+    """
+    effect = place.effect
+    costly = effect.costly or effect.separates_motor
+    here = place.joints == instance.joints or is_whole(effect)
+    like = effect.name in instance.effect.confused_with
+    return (here and not costly) or (like and (here or is_whole(instance.effect)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compared:
+    """An effect and the best in its place.
+
+    Attributes:
+        instance: The effect.
+        over: By how much the hypothesis predicts better with it; None where nothing rivals it.
+        rival: The rival.
+        fit: The hypothesis with that.
+    """
+
+    instance: EffectInstance
+    over: Difference | None = None
+    rival: EffectInstance | None = None
+    fit: Fit | None = None
+
+    @property
+    def better(self) -> bool:
+        """Whether the rival takes the place: it predicts better, or as well and is simpler."""
+        if self.over is None or self.rival is None or self.fit is None or at_bound(self.rival):
+            return False
+        more = parameters_of([self.rival]) - parameters_of([self.instance])
+        back = Difference(-self.over.nats, self.over.error)
+        if more > 0:
+            return back.clear
+        return back.nats > 0.0 if more == 0 else not self.over.clear
+
+
+def compared(here: Hypothesis, instance: EffectInstance, rivals: Rivals) -> Compared:
+    """Returns an effect of a hypothesis beside the best of its rivals."""
+    others = tuple(e for e in here.effects if e is not instance)
+    rest = hypothesis(here.problem, here.fitted(others, ROUGH))
+    fits = [
+        fit(here.problem, (*others, rival), tolerance=ROUGH) for rival in rivals.of(instance, rest)
+    ]
+    if not fits:
+        return Compared(instance=instance)
+    best = min(fits, key=lambda f: here.over(f).nats)
+    return Compared(instance=instance, over=here.over(best), rival=best.effects[-1], fit=best)
+
+
+def exchange(
+    here: Hypothesis, kept: Collection[Key], rivals: Rivals, report: Callable[[str], None]
+) -> tuple[Hypothesis, list[Step], list[Compared]]:
+    """Returns a hypothesis with what rivals say better, the steps, and every effect's best rival.
+
+    What replaced another is not exchanged back.
+    """
+    steps: list[Step] = []
+    told: list[Compared] = []
+    gone: set[Key] = set()
+    for key in [e.key for e in here.effects]:
+        instance = next((e for e in here.effects if e.key == key), None)
+        if instance is None or key in kept:
+            continue
+        report(f"looking for rivals of {describe(instance)}")
+        pair = compared(here, instance, rivals)
+        back = pair.rival is not None and pair.rival.key in gone
+        if pair.better and not back and pair.fit is not None:
+            gone.add(key)
+            steps.append(_step(here, pair))
+            here = hypothesis(here.problem, fit(here.problem, pair.fit.effects))
+        else:
+            told.append(pair)
+    return here, steps, told
+
+
+def _step(here: Hypothesis, pair: Compared) -> Step:
+    assert pair.fit is not None
+    assert pair.rival is not None
+    tried = Tried(new=(pair.rival,), fit=pair.fit, gain=here.gain_of(pair.fit))
+    return Step(
+        move=Move.EXCHANGE,
+        before=here.fit.cost,
+        ranked=(tried,),
+        chosen=tried,
+        replaced=pair.instance,
+    )

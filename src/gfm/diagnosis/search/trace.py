@@ -1,0 +1,101 @@
+"""What a search leaves behind: its steps, and what it found. The report reads nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.inference.score import Difference
+from gfm.diagnosis.residuals.problem import Problem
+from gfm.effects import EffectInstance, Key
+
+
+class Move(StrEnum):
+    """How one hypothesis becomes another."""
+
+    ADD = "add"
+    COMMON_ERRORS = "common errors"
+    INTERMITTENT = "intermittent"
+    EXCHANGE = "exchange"
+    REMOVE = "remove"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tried:
+    """A hypothesis that was weighed in a step.
+
+    Attributes:
+        new: Effects that the one before did not have; what it lacks, of a removal.
+        fit: All of its effects.
+        gain: By how much it predicts better than the one before.
+    """
+
+    new: tuple[EffectInstance, ...]
+    fit: Fit
+    gain: Difference
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """One step of a search.
+
+    Attributes:
+        move: What was tried.
+        before: Mean squared residual before, in units of the noise.
+        ranked: What was weighed, best first.
+        chosen: What the search went on with; None where nothing predicted clearly better.
+        replaced: What made way for it.
+        segments: How many segments it was about; 0 for all.
+    """
+
+    move: Move
+    before: float
+    ranked: tuple[Tried, ...] = ()
+    chosen: Tried | None = None
+    replaced: EffectInstance | None = None
+    segments: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What speaks for one effect of a hypothesis.
+
+    Attributes:
+        without: By how much the hypothesis predicts better than without it.
+        rival: By how much it predicts better than with the best rival in its place; None where
+            nothing rivals it.
+        by: That rival.
+        left: Share of the squared gap, on its joints, that the whole hypothesis leaves.
+        halves: By how many standard errors its amounts differ between two halves of the data.
+    """
+
+    without: Difference
+    rival: Difference | None
+    by: EffectInstance | None
+    left: float
+    halves: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchResult:
+    """What was found, and how.
+
+    Attributes:
+        nominal_cost: Mean squared residual of the nominal model, in units of the noise.
+        fit: The hypothesis in the end.
+        room: By how much any other one could predict better at most.
+        steps: First to last.
+        evidence: Of every effect of the hypothesis.
+        segments: That told of what acts now and then only.
+        out_of_time: Whether the search ended because its time was over.
+    """
+
+    nominal_cost: float
+    fit: Fit
+    room: Difference
+    steps: tuple[Step, ...] = ()
+    evidence: Mapping[Key, Evidence] = field(default_factory=dict)
+    segments: tuple[Problem, ...] = ()
+    out_of_time: bool = False
