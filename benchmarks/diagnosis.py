@@ -52,7 +52,7 @@ def diagnose(name: str, folder: Path) -> None:
     words = ["diagnose", *recordings, *models, "--out", str(out), "--holdout", *held_out]
     began = time.monotonic()
     out.parent.mkdir(parents=True, exist_ok=True)
-    status = _run(["-m", "gfm.cli", *words], out.with_suffix(".log"), LIMIT_S, {})
+    status = run_python(["-m", "gfm.cli", *words], out.with_suffix(".log"), LIMIT_S, {})
     if status:
         print(f"{name}: gfm diagnose ended with status {status}, see {out}.log")
         return
@@ -69,7 +69,7 @@ def ask(peer: str, name: str, folder: Path) -> None:
         case = str(folder / "cases" / name)
         words = [str(PEER), "--peer", peer, "--case", case, "--out", str(out)]
         began = time.monotonic()
-        _run(words, log, PEER_LIMIT_S, {"PYTHONPATH": str(PEER_PACKAGES)})
+        run_python(words, log, PEER_LIMIT_S, {"PYTHONPATH": str(PEER_PACKAGES)})
         made.write_text(str(time.monotonic() - began))
 
 
@@ -86,7 +86,7 @@ def peer_scored(peer: str, name: str, folder: Path) -> Score | None:
     return score(truth, report, float(made.read_text()))
 
 
-def _run(words: Sequence[str], log: Path, limit_s: float, more: dict[str, str]) -> int:
+def run_python(words: Sequence[str], log: Path, limit_s: float, more: dict[str, str]) -> int:
     """Runs Python with one thread and returns its exit status; that of a kill if it takes long."""
     with log.open("w") as out:
         try:
