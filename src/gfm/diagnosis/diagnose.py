@@ -14,6 +14,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis.data.quality import all_findings, doubts
 from gfm.diagnosis.data.segmentation import (
     LONG,
+    SHORT,
     WHOLE,
     all_segments,
     check_recordings,
@@ -54,10 +55,9 @@ from gfm.sim.plant import native_spec
 
 #: Less motion or time than this says nothing about dynamics.
 LEAST_MOTION_RAD, LEAST_TIME_S, LEAST_RATE_HZ = 0.01, 1.5, 10.0
-#: Recorded time in which effects are looked for, and on which amounts are settled (of an arm; of
-#: smaller robots more).
-SEARCHED_S, SETTLED_S = 32.0, 72.0
-#: Recorded time on which the profiles of amounts are drawn (of an arm; of smaller robots more).
+#: Recorded time in which effects are looked for, and on which amounts are settled, s.
+SEARCHED_S, SETTLED_S = 24.0, 48.0
+#: Recorded time on which the profiles of amounts are drawn, s.
 PROFILED_S = 12.0
 
 
@@ -212,9 +212,11 @@ def _found(case: _Case, report: Callable[[str], None], in_time: Callable[[], boo
     report("measuring the nominal model")
     specs, recordings = case.beside, case.recordings
     short = make_problem(specs, recordings, given=case.given, most_s=SEARCHED_S)
-    long = make_problem(
-        specs, recordings, short.noise, given=case.given, windows_s=LONG, most_s=SETTLED_S
-    )
+    long = short
+    if any(LONG[kind] > SHORT[kind] for kind in specs):
+        long = make_problem(
+            specs, recordings, short.noise, given=case.given, windows_s=LONG, most_s=SETTLED_S
+        )
     if case.lack:
         return _Found(short=short, long=long, result=None)
     everything = all_segments(specs, recordings, short.noise, given=case.given)
@@ -255,7 +257,7 @@ def _judged(
         joints=_joint_errors(errors),
         recordings=tuple(
             replace(row, warnings=doubts(findings, row.name))
-            for row in _inputs(found.long, case.recordings, errors, case.holdout, instances)
+            for row in _inputs(found.short, case.recordings, errors, case.holdout, instances)
         ),
         findings=findings,
         blind_spots=blind_spots(case.recordings),

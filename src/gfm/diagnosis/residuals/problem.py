@@ -50,9 +50,6 @@ SLOW_ORDER = 4
 #: How far a spring is bent at most, in units of what its drive's largest torque bends it: what
 #: rings for long has been driven at its own frequency.
 MOST_BENT = 10.0
-#: Joints of the arm to which durations of samples refer, and how much longer they are at most for
-#: robots with fewer: those take less time to simulate.
-ARM_JOINTS, MOST_LONGER = 7, 2.0
 #: Largest residual that counts, in units of the noise: a simulation that runs away stays finite.
 LARGEST = 1e5
 
@@ -344,7 +341,7 @@ class Problem:
         """Returns segments, spread over the recordings and kinds, of about so much time in all.
 
         Args:
-            simulated_s: For an arm of seven joints; fewer joints take less time to simulate.
+            simulated_s: Recorded time, s.
             of_each: Segments of each recording that are taken in any case.
         """
         by_recording = sorted(range(len(self.segments)), key=lambda i: self._turn(i))
@@ -352,7 +349,6 @@ class Problem:
 
     def first(self, order: Sequence[int], simulated_s: float, of_each: int = 0) -> list[int]:
         """Returns the first segments, in an order, of about so much time in all: see `sample`."""
-        simulated_s *= min(max(ARM_JOINTS / len(self.joints), 1.0), MOST_LONGER)
         chosen, total_s = [], 0.0
         taken: Counter[int] = Counter()
         for i in order:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gfm.diagnosis.inference.constants import INEXACT_SHARE, LEAST_DISCREPANCY
 from gfm.diagnosis.inference.fitting import Fit, fit, free_parameters
 from gfm.diagnosis.inference.score import (
     Blocks,
@@ -37,11 +38,13 @@ class Hypothesis:
         problem: Whose residual it is.
         fit: The effects.
         blocks: How the residual is divided.
+        nominal: Mean square that the nominal model leaves, in units of the noise.
     """
 
     problem: Problem
     fit: Fit
     blocks: Blocks
+    nominal: float
 
     @property
     def effects(self) -> tuple[EffectInstance, ...]:
@@ -57,6 +60,11 @@ class Hypothesis:
     def room(self) -> Difference:
         """By how much any other hypothesis could predict better at most."""
         return room(self.blocks, self.predictive)
+
+    @property
+    def far_from_exact(self) -> bool:
+        """Whether more is left than laws that explain the rest leave by not being quite exact."""
+        return self.fit.cost - 1.0 > INEXACT_SHARE * (self.nominal - 1.0) + LEAST_DISCREPANCY**2
 
     def over(self, other: Fit) -> Difference:
         """Returns by how much it predicts better than another fit to the same residual."""
@@ -80,9 +88,9 @@ class Hypothesis:
         return tuple(self.problem.joints[j] for j in np.argsort(-by_joint) if by_joint[j] > 0.0)
 
 
-def hypothesis(problem: Problem, fitted: Fit) -> Hypothesis:
+def hypothesis(problem: Problem, fitted: Fit, nominal: float) -> Hypothesis:
     """Returns a fit to a problem as a hypothesis."""
-    return Hypothesis(problem=problem, fit=fitted, blocks=blocks_of(problem))
+    return Hypothesis(problem=problem, fit=fitted, blocks=blocks_of(problem), nominal=nominal)
 
 
 def parameters_of(effects: Sequence[EffectInstance]) -> int:
@@ -90,7 +98,9 @@ def parameters_of(effects: Sequence[EffectInstance]) -> int:
     return sum(len(e.effect.parameters) for e in effects)
 
 
-def settled_hypothesis(problem: Problem, effects: Sequence[EffectInstance]) -> Hypothesis:
+def settled_hypothesis(
+    problem: Problem, effects: Sequence[EffectInstance], nominal: float
+) -> Hypothesis:
     """Returns effects fitted to a problem whose initial states suit them.
 
     States and amounts are looked for in turn. Where much is left, the states that suited what was
@@ -99,11 +109,11 @@ def settled_hypothesis(problem: Problem, effects: Sequence[EffectInstance]) -> H
     problem = with_suitable_steps(problem, effects)
     there, found = _in_turn(problem, effects)
     if found.cost <= FAR_OFF or all(s.measured is None for s in there.segments):
-        return hypothesis(there, found)
+        return hypothesis(there, found, nominal)
     begun = unsettled(there, found.effects)
     again, other = _in_turn(begun, fit(begun, found.effects).effects)
     better = _unbounded(again, other) < _unbounded(there, found)
-    return hypothesis(again, other) if better else hypothesis(there, found)
+    return hypothesis(*((again, other) if better else (there, found)), nominal)
 
 
 def _unbounded(problem: Problem, fitted: Fit) -> float:

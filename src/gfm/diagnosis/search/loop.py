@@ -15,7 +15,6 @@ from functools import reduce
 import numpy as np
 
 from gfm.core import Trajectory
-from gfm.diagnosis.data.segmentation import LONG, SHORT
 from gfm.diagnosis.inference.fitting import (
     acting,
     along_valley,
@@ -84,17 +83,17 @@ class Search:
             common = common_errors(here, always, self.scales, self.report)
             if _gain(common) > _gain(single):
                 step = common
-        if step.chosen is None and Move.INTERMITTENT in moves:
+        if step.chosen is None and Move.INTERMITTENT in moves and here.far_from_exact:
             return self._intermittent(here, single)
         self.steps.append(step)
         if step.chosen is None:
             return None
-        return settled_hypothesis(here.problem, step.chosen.fit.effects)
+        return settled_hypothesis(here.problem, step.chosen.fit.effects, here.nominal)
 
     def _gains_little(self, here: Hypothesis, single: Step) -> bool:
         """Returns whether more can be gained than the best single effect does."""
         tried = any(step.move is Move.COMMON_ERRORS for step in self.steps)
-        return not tried and _gain(single) < 0.5 * here.room.nats
+        return not tried and here.far_from_exact and _gain(single) < 0.5 * here.room.nats
 
     def _intermittent(self, here: Hypothesis, single: Step) -> Hypothesis | None:
         """Returns the hypothesis with what acts now and then only; None where nothing does."""
@@ -106,7 +105,7 @@ class Search:
         joined, own = with_segments(here, step, part)
         self.segments.append(own)
         self.held.add(chosen.new[0].key)
-        return settled_hypothesis(joined, chosen.fit.effects)
+        return settled_hypothesis(joined, chosen.fit.effects, here.nominal)
 
 
 def _gain(step: Step) -> float:
@@ -125,18 +124,19 @@ def search(
 
     Args:
         problem: Of short segments, in which effects are looked for.
-        long: Of long ones, in which amounts are settled; what keeps a rollout off slowly shows
-            there only.
+        long: Of long ones, in which amounts are settled; the same problem where long ones tell
+            no more.
         everything: All short segments there are.
         recordings: From which they were cut.
         report: Told what is happening, in words.
         in_time: Whether there is time left.
     """
+    longer = long is not problem
     report("looking at torques")
     scales = joint_scales(problem, torque_views(problem, recordings))
     problem = problem.robust(())
-    here = hypothesis(problem, nothing(problem))
-    nominal = here.fit.cost
+    nothing_yet = nothing(problem)
+    here = hypothesis(problem, nothing_yet, nothing_yet.cost)
     under_way = Search(
         candidates=_candidates(problem),
         scales=scales,
@@ -145,18 +145,19 @@ def search(
         everything=replace(everything, stepping=problem.stepping),
     )
     here = under_way.run(here, (Move.ADD, Move.COMMON_ERRORS, Move.INTERMITTENT))
-    report("settling amounts")
-    long = reduce(Problem.joined, under_way.segments, long)
-    final = settled_hypothesis(long, here.effects)
-    if any(LONG[kind] > SHORT[kind] for kind in problem.specs):
-        final = under_way.run(final, (Move.ADD,))
-    final, compared = _reduced(final, under_way)
+    if longer:
+        report("settling amounts")
+        long = reduce(Problem.joined, under_way.segments, long)
+        # What keeps a rollout off slowly, initial states of short segments make up for.
+        long_one = settled_hypothesis(long, here.effects, here.nominal)
+        here = under_way.run(long_one, (Move.ADD,))
+    final, compared = _reduced(here, under_way)
     final = _with_acting(final)
     evidence = _evidence(final, compared)
     fitted = fitly_named(final.fit, problem.specs)
     return (
         SearchResult(
-            nominal_cost=nominal,
+            nominal_cost=here.nominal,
             fit=fitted,
             room=final.room,
             steps=tuple(under_way.steps),
@@ -196,8 +197,8 @@ def _with_acting(here: Hypothesis) -> Hypothesis:
     """Returns a hypothesis without effects of which there is nothing, amounts settled."""
     some = acting(here.effects)
     if len(some) < len(here.effects):
-        return hypothesis(here.problem, measured(here.problem, some))
-    return hypothesis(here.problem, along_valley(here.problem, here.fit))
+        return hypothesis(here.problem, measured(here.problem, some), here.nominal)
+    return hypothesis(here.problem, along_valley(here.problem, here.fit), here.nominal)
 
 
 def _evidence(here: Hypothesis, compared: Sequence[Compared]) -> dict[Key, Evidence]:

@@ -15,7 +15,7 @@ from gfm.effects import EffectInstance, Scales, Scope
 from gfm.sim.plant import acts_on_command
 
 #: Recorded time on which all candidates are looked at, and on which the best of them are, s.
-GLANCE_S, SCREENING_S = 6.0, 24.0
+GLANCE_S, SCREENING_S = 8.0, 24.0
 #: Candidates that are looked at again, that are fitted, places of one effect among those, amounts
 #: from which the fit of one begins, and kinds that are tried on several joints.
 LOOKED_AT, FITTED, PLACES, STARTS, KINDS = 16, 4, 2, 2, 1
@@ -43,7 +43,7 @@ def add(
             if (tried := _tried(before, start, report)) is not None
         ]
         best = best_of(before.blocks, ranked)
-        if best is not None and not _leaves_room(before, best):
+        if not _worth_more(before, best):
             break
     return Step(
         move=Move.ADD,
@@ -69,10 +69,17 @@ def best_of(blocks: Blocks, tried: Sequence[Tried]) -> Tried | None:
     return min(simpler, key=lambda o: (parameters_of(o.new), -o.gain.nats), default=best)
 
 
-def _leaves_room(before: Hypothesis, one: Tried) -> bool:
-    """Returns whether more can be gained beside a fit than it gained itself."""
-    after = Hypothesis(problem=before.problem, fit=one.fit, blocks=before.blocks)
-    return after.room.clear and after.room.nats > one.gain.nats
+def _worth_more(before: Hypothesis, best: Tried | None) -> bool:
+    """Returns whether what is left is worth a look at what takes long to simulate.
+
+    More can be gained than the best so far gains, and more than laws are inexact.
+    """
+    if best is None:
+        return before.far_from_exact
+    after = Hypothesis(
+        problem=before.problem, fit=best.fit, blocks=before.blocks, nominal=before.nominal
+    )
+    return after.room.clear and after.room.nats > best.gain.nats
 
 
 def _screened(

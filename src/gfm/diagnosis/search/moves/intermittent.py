@@ -55,7 +55,7 @@ def intermittent(
     part = with_state_basis(everything.subset(far), before.effects)
     held = replace(part, given=(*part.given, *before.effects))
     held = settled(held, ()).robust(())
-    alone = hypothesis(held, nothing(held))
+    alone = hypothesis(held, nothing(held), before.nominal)
     screened = screen(alone, open_to(before, candidates), scales, SCREENING_S)
     likely = first_of_each([s.instance for s in screened if s.gain.clear], lambda e: e.key)
     tried = [_tried(alone, before.effects, one, report) for one in likely[:FITTED]]

@@ -38,7 +38,7 @@ def remove(
             break
         report(f"going on without {describe(step.replaced)}")
         steps.append(step)
-        here = hypothesis(here.problem, step.chosen.fit)
+        here = hypothesis(here.problem, step.chosen.fit, here.nominal)
     return here, steps
 
 
@@ -145,7 +145,7 @@ class Compared:
 def compared(here: Hypothesis, instance: EffectInstance, rivals: Rivals) -> Compared:
     """Returns an effect of a hypothesis beside the best of its rivals."""
     others = tuple(e for e in here.effects if e is not instance)
-    rest = hypothesis(here.problem, here.fitted(others, ROUGH))
+    rest = hypothesis(here.problem, here.fitted(others, ROUGH), here.nominal)
     fits = [
         fit(here.problem, (*others, rival), tolerance=ROUGH) for rival in rivals.of(instance, rest)
     ]
@@ -175,7 +175,7 @@ def exchange(
         if pair.better and not back and pair.fit is not None:
             gone.add(key)
             steps.append(_step(here, pair))
-            here = hypothesis(here.problem, fit(here.problem, pair.fit.effects))
+            here = hypothesis(here.problem, fit(here.problem, pair.fit.effects), here.nominal)
         else:
             told.append(pair)
     return here, steps, told
