@@ -128,10 +128,14 @@ class PositionDelay(Delay):
 
 @final
 class EffortDelay(Delay):
-    """Reported efforts are those of a moment ago; nothing moves otherwise."""
+    """Reported efforts are those of a moment ago; nothing moves otherwise.
+
+    A torque jumps with the command: efforts beside held commands fit best once in every period.
+    """
 
     name = "effort_delay"
     native = False
+    valleys = ("delay",)
     shown_by = "fast changes of the command, with measured efforts"
     shift = Shift(positions=0.0, efforts=1.0)
     not_stepped = "stepped simulations report efforts at once"
@@ -139,6 +143,15 @@ class EffortDelay(Delay):
     @override
     def effort_apart_s(self, values: Values) -> float:
         return -values["delay"]
+
+    @override
+    def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
+        return [[{"delay": delay}] for delay in (PROBE_S, 3.0 * PROBE_S, 6.0 * PROBE_S)]
+
+    @override
+    def combine(self, group: ProbeGroup, amplitudes: Sequence[float]) -> dict[str, float] | None:
+        # Past a period the answer is far from linear: a probe either looks like it or does not.
+        return dict(group[0]) if amplitudes[0] > 0.2 else None
 
 
 @final

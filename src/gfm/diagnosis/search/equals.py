@@ -28,9 +28,8 @@ class Recorded:
     Attributes:
         has_efforts: Whether drive torques were measured.
         has_feedback: Whether servos follow the commands; commanded torques feel no motion.
-        command_period_s: Of commanded torques beside whose stamps efforts were measured, else zero:
-            such an effort shows the command of its stamp or the one before, and a shift by less
-            than that is not seen.
+        command_period_s: Of commanded torques, where efforts show the command before that of their
+            own stamp, else zero: it is measured a moment earlier, or later by less than a period.
     """
 
     has_efforts: bool
@@ -39,14 +38,18 @@ class Recorded:
 
 
 def recorded(problem: Problem) -> Recorded:
-    """Returns what there is in the recordings of a problem that tells delays apart."""
+    """Returns what there is in the recordings of a problem that tells delays apart.
+
+    Beside which command efforts were taken is that of the problem, see `timed`.
+    """
     feedback = any(s.kind is not CommandKind.EFFORT for s in problem.segments)
     periods = [
         float(np.median(np.diff(s.command_time_s)))
         for s in problem.segments
         if s.same_stamp_s > 0.0 and len(s.command_time_s) > 1
     ]
-    alike = not feedback and len(periods) == len(problem.segments)
+    beside = len(periods) == len(problem.segments) and not problem.after_command
+    alike = beside and not feedback and problem.has_efforts
     return Recorded(
         has_efforts=problem.has_efforts,
         has_feedback=feedback,
