@@ -175,7 +175,9 @@ def test_there_are_enough_cases_of_every_kind() -> None:
 def test_the_vocabulary_is_that_of_the_library() -> None:
     objects = {"object_friction", "object_mass", "object_com", "object_damping"}
     # The simulated robots meet no surface; a pendulum that does is tested in test_stretches.py.
-    assert set(VOCABULARY) == set(effect_library()) - objects - {"surface_contact"}
+    # Delays of other places than the command's are tested in test_delays.py.
+    places = {"servo_delay", "position_delay", "effort_delay", "clock_offset"}
+    assert set(VOCABULARY) == set(effect_library()) - objects - places - {"surface_contact"}
 
 
 def quick(name: str) -> Plan:

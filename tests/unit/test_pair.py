@@ -68,6 +68,18 @@ CASES = {
         [TILT, OFFSET, LOAD],
         ["gravity_direction", "encoder_offset", "load_dependent_friction"],
     ),
+    "late servo and friction": (
+        [effect("servo_delay", "ab", delay=0.0037), LOAD],
+        ["servo_delay", "load_dependent_friction"],
+    ),
+    "late sensors and another clock": (
+        [
+            effect("position_delay", "ab", delay=0.0137),
+            effect("effort_delay", "ab", delay=0.004),
+            effect("clock_offset", "ab", offset=-0.003),
+        ],
+        ["position_delay", "effort_delay", "clock_offset"],
+    ),
     "backlash and friction": (
         [effect("backlash", "b", gap=0.02), effect("coulomb_friction", "b", torque=0.1), STRIBECK],
         ["backlash", "stribeck_friction"],
@@ -141,6 +153,12 @@ def test_the_pair_predicts_what_the_corrected_model_in_memory_predicts(case, tmp
     assert pair.effort == pytest.approx(in_memory.effort, abs=1e-2)
     nominal = predict([make_plant(spec, JOINTS)], [a_segment()])[0][0]
     assert np.abs(nominal.position - in_memory.position).max() > 1e-3
+
+
+def test_who_reads_the_pair_is_told_what_stepping_leaves_out(tmp_path):
+    file = read_model(written(tmp_path, CASES["late servo and friction"][0]))
+    assert any("servo_delay: stepped simulations take its commands late" in x for x in file.about)
+    assert hybrid(file.spec, file.effects).any_model.actuator_delay[0] == pytest.approx(0.0037)
 
 
 def recording_of(effects):

@@ -24,6 +24,7 @@ from gfm.diagnosis.evidence.torques import TorqueDomain, torque_domain
 from gfm.diagnosis.inference.fitting import LEAST_GAIN, Fit, at_bound, free_parameters
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import Place, joint_scales, places
+from gfm.diagnosis.search.equals import Recorded, looked_for
 from gfm.diagnosis.search.naming import fitly_named
 from gfm.effects import EffectInstance, Scales, effect_library
 from gfm.effects.effect import ProbeGroup
@@ -182,7 +183,9 @@ class _Search:
 
     def candidates(self) -> list[Place]:
         """Returns every effect at every place where it touches a joint that is asked."""
-        library = [e for e in effect_library().values() if e.twin is None]
+        # Along given positions all delays are late commands.
+        along = Recorded(has_efforts=False, has_feedback=False)
+        library = looked_for((e for e in effect_library().values() if e.twin is None), along)
         asked = {self.domain.joints[j] for j in self.asked}
         return [
             place

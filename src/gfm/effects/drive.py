@@ -11,13 +11,13 @@ import numpy as np
 from typing_extensions import override
 
 from gfm.core.checks import Array
+from gfm.effects.delays import LEAST_S
 from gfm.effects.effect import (
     Effect,
     Motion,
     Parameter,
     ProbeGroup,
     Scales,
-    Scope,
     Values,
     find_actuator,
 )
@@ -25,8 +25,6 @@ from gfm.effects.elements import add_cogging, add_constant_torque
 
 #: Activations that follow the command with a first-order lag.
 LAGS = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
-#: Shorter delays and lags are those of stamps and of a controller's own cycle, s.
-LEAST_S = 2e-4
 
 
 @final
@@ -54,35 +52,6 @@ class ActuatorGain(Effect):
         # To first order a weak drive looks like minus infinity of it: keep the sign of the answer.
         values["scale"] = max(values["scale"], 0.2)
         return values
-
-
-@final
-class CommandDelay(Effect):
-    """Commands take effect later, on all joints that share the line."""
-
-    name = "command_delay"
-    needs_drive = True
-    confused_with = ("actuator_lag",)
-    scope = Scope.ROBOT
-    shares_joints = True
-    parameters = (Parameter(name="delay", unit="s", lower=0.0, upper=0.5, least=LEAST_S),)
-    shown_by = "fast changes of the command"
-
-    @override
-    def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
-        for joint in joints:
-            drive = find_actuator(spec, joint)
-            total = float(drive.delay) + values["delay"]
-            drive.delay = total
-            drive.nsample = max(math.ceil(total / spec.option.timestep - 1e-9) + 1, 1)
-
-    @override
-    def retime(self, time_s: Array, values: Values) -> Array:
-        return time_s + values["delay"]
-
-    @override
-    def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
-        return [[{"delay": 0.004}]]
 
 
 @final

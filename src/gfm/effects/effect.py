@@ -5,6 +5,8 @@ An effect changes a model in one or more of these ways, and the simulation of a 
 
 * `apply` edits an MjSpec: everything that MuJoCo can express natively;
 * `retime` and `lag_s` transform what is commanded before the model sees it;
+* `servo_late_s` makes a drive's torque late with all that it depends on;
+* `effort_apart_s` says that efforts were measured at other times than positions of their stamps;
 * `extra_friction` is a level that MuJoCo cannot express and that is therefore set at every step;
 * `torque` is, where `stepwise` says so, put on the joint at every step, for the same reason;
 * `compensation` says how a controller that cancels gravity errs under it.
@@ -122,6 +124,25 @@ class Compensation:
     moved: tuple[int, int] | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Shift:
+    """How a delay moves what was recorded against the commands, in units of the delay.
+
+    Recordings tell two delays apart by this alone: where they move alike what was recorded, they
+    are one and the same under two names.
+
+    Attributes:
+        positions: By how much later than commanded positions are reported.
+        efforts: By how much later than commanded efforts are reported.
+        feedback: Whether a servo's feedback is late, too: where there is feedback, that is a law of
+            its own, and no shift.
+    """
+
+    positions: float
+    efforts: float
+    feedback: bool = False
+
+
 #: Probes of one effect at one place: a group of parameter values whose responses span, to first
 #: order, all that the effect can do near nothing.
 ProbeGroup = Sequence[Values]
@@ -166,6 +187,10 @@ class Effect(ABC):
     confused_with: ClassVar[tuple[str, ...]] = ()
     #: The effect whose law it is under another name, if there is one: only that is looked for.
     twin: ClassVar[str | None] = None
+    #: Of a delay: what it moves, and so which other delays it is in which recordings.
+    shift: ClassVar[Shift | None] = None
+    #: What stepped simulations leave out of it, in words, if that is known and no error.
+    not_stepped: ClassVar[str | None] = None
 
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:  # noqa: B027
         """Adds the effect to `spec` in place. Nothing by default."""
@@ -177,6 +202,16 @@ class Effect(ABC):
 
     def lag_s(self, values: Values) -> float:
         """Returns the time constant with which the drive follows its command. Zero by default."""
+        del values
+        return 0.0
+
+    def servo_late_s(self, values: Values) -> float:
+        """Returns by how much later the drive feels its own motion. At once by default."""
+        del values
+        return 0.0
+
+    def effort_apart_s(self, values: Values) -> float:
+        """Returns how much later than positions of the same stamp efforts were measured, s."""
         del values
         return 0.0
 

@@ -14,7 +14,10 @@ from gfm.effects.effect import Effect, Parameter, Scales, Scope
 ENTRY_POINT_GROUP = "gfm.effects"
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 #: What an effect can change; one that changes none of them is no effect.
-_WAYS = ("apply", "retime", "lag_s", "extra_friction", "compensation")
+_WAYS = (
+    *("apply", "retime", "lag_s", "servo_late_s", "effort_apart_s"),
+    *("extra_friction", "compensation"),
+)
 #: Over what a law may be drawn.
 SIGNALS = ("velocity", "position", "drive")
 #: An ordinary joint, on which probes are tried.

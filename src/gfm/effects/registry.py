@@ -6,11 +6,11 @@ from functools import cache
 
 from gfm.core.errors import UnknownNameError
 from gfm.effects.contact import SurfaceContact
+from gfm.effects.delays import ClockOffset, CommandDelay, EffortDelay, PositionDelay, ServoDelay
 from gfm.effects.drive import (
     ActuatorGain,
     ActuatorLag,
     CoggingTorque,
-    CommandDelay,
     TorqueOffset,
     TorqueSaturation,
 )
@@ -44,6 +44,10 @@ _KINDS: tuple[type[Effect], ...] = (
     Armature,
     ActuatorGain,
     CommandDelay,
+    ServoDelay,
+    PositionDelay,
+    EffortDelay,
+    ClockOffset,
     ActuatorLag,
     TorqueSaturation,
     TorqueOffset,

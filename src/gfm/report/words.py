@@ -131,6 +131,10 @@ EFFECTS = {
     "armature": EffectWords(law="inertia of the motor side, seen at the joint"),
     "actuator_gain": EffectWords(law="drive torque times scale (1 = as in the model)"),
     "command_delay": EffectWords(law="commands take effect later"),
+    "servo_delay": EffectWords(law="the drive's torque acts later, feedback included"),
+    "position_delay": EffectWords(law="reported positions are those of a moment ago"),
+    "effort_delay": EffectWords(law="reported efforts are those of a moment ago"),
+    "clock_offset": EffectWords(law="measurements are stamped by another clock than commands"),
     "actuator_lag": EffectWords(law="first-order lag of the command"),
     "torque_saturation": EffectWords(law="drive torque limited: |drive| ≤ limit"),
     "torque_offset": EffectWords(

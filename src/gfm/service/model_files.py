@@ -47,6 +47,9 @@ class ModelFile:
                 f"{e.effect.name} on {', '.join(e.joints) or 'all'}" for e in self.effects
             )
             lines.append(f"with {effects_path(self.path).name} beside it: {named}")
+        lines += [
+            f"{e.effect.name}: {e.effect.not_stepped}" for e in self.effects if e.effect.not_stepped
+        ]
         if self.called:
             drives = ", ".join(
                 f"{name or 'an actuator without a name'} for {joint}"

@@ -13,11 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gfm.core.checks import Array
+from gfm.effects.delays import MOST_S
 from gfm.sim.plant import Plant
 from gfm.sim.segment import Segment
 
 #: How long before a segment commands are looked at: delays and lags remember them, s.
 HISTORY_S = 0.6
+#: How long after it: their clock may be behind that of the measurements, s.
+AHEAD_S = MOST_S
 #: Time over which commands are averaged at an instant, s: predictions are smooth in a delay, and no
 #: drive tells when it takes a command more exactly.
 UNCERTAIN_S = 5e-4

@@ -14,6 +14,9 @@ import numpy as np
 from mujoco import rollout
 
 from gfm.core.checks import Array
+from gfm.effects.effect import MOTOR_SIDE
+from gfm.sim.plant import Plant
+from gfm.sim.segment import Segment
 
 
 def states_at(model: mujoco.MjModel, initial: Array, rows: Array, place: Array) -> Array:
@@ -43,6 +46,25 @@ def states_at(model: mujoco.MjModel, initial: Array, rows: Array, place: Array) 
     # What the cubic has beside the straight line (Hermite's form).
     bend = [step_s * row[:, velocity] - change[:, position] for row in (before, after)]
     states[:, position] += share * (1.0 - share) * ((1.0 - share) * bend[0] - share * bend[1])
+    return states
+
+
+def states_before(plant: Plant, segment: Segment, initial: Array, at_s: Array) -> Array:
+    """Returns the states at times before the first, which are less than none, shape (T, S).
+
+    Joints and their motor sides have come there with the acceleration with which the segment
+    begins.
+    """
+    states = np.tile(initial, (len(at_s), 1))
+    bend, nq = segment.initial_acceleration(), plant.model.nq
+    for j, name in enumerate(plant.joints):
+        sides = [plant.model.joint(name).id]
+        if plant.motor_qpos[j] >= 0:
+            sides.append(plant.model.joint(name + MOTOR_SIDE).id)
+        for side in sides:
+            q, v = 1 + plant.model.jnt_qposadr[side], 1 + nq + plant.model.jnt_dofadr[side]
+            states[:, q] += (initial[v] + 0.5 * bend[j] * at_s) * at_s
+            states[:, v] += bend[j] * at_s
     return states
 
 

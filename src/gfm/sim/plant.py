@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gfm.core import CommandKind, ConfigError, UnknownNameError
+from gfm.core.checks import Array
 from gfm.effects import Effect, EffectInstance, find_effect
 from gfm.effects.drive import LAGS
 from gfm.effects.effect import MOTOR_SIDE, Compensation
@@ -51,7 +52,21 @@ class Plant:
     @property
     def stepwise(self) -> tuple[EffectInstance, ...]:
         """The effects that have to be evaluated at every step."""
-        return tuple(e for e in self.effects if acts_at_every_step(e))
+        return tuple(e for e in self.effects if acts_at_every_step(e) or acts_on_servo(e))
+
+    @property
+    def servo_late_s(self) -> Array:
+        """By how much later each drive feels its own motion, s, shape (J,)."""
+        late_s = np.zeros(len(self.joints))
+        for instance in self.effects:
+            here = np.isin(self.joints, instance.joints)
+            late_s += here * instance.effect.servo_late_s(instance.values)
+        return late_s
+
+    @property
+    def effort_apart_s(self) -> float:
+        """How much later than positions of the same stamp efforts were measured, s."""
+        return sum(e.effect.effort_apart_s(e.values) for e in self.effects)
 
     @property
     def on_commands(self) -> tuple[Hashable, ...]:
@@ -148,6 +163,11 @@ def acts_on_command(instance: EffectInstance) -> bool:
     return changes and not instance.in_model
 
 
+def acts_on_servo(instance: EffectInstance) -> bool:
+    """Returns whether an effect makes drives late with all that they depend on: by its law, too."""
+    return type(instance.effect).servo_late_s is not Effect.servo_late_s
+
+
 def check_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
     """Raises UnknownNameError for the first joint that lacks itself or its actuator in `spec`."""
     there = [joint.name for joint in spec.joints]
@@ -238,14 +258,16 @@ def stepping_spec(spec: mujoco.MjSpec, effects: Sequence[EffectInstance]) -> muj
     """Returns a copy of `spec` with all that MuJoCo expresses of `effects`, commands included.
 
     What is left of them is up to who steps it (`gfm.sim.batch`). Where that is dry friction which
-    depends on the drive, sensors tell the torque of every drive.
+    depends on the drive, sensors tell the torque of every drive. What is late in the channels of
+    sensors and in the feedback of servos is left out (`Effect.not_stepped`).
 
     Raises:
         ConfigError: an effect changes commands in a way that MuJoCo cannot express.
     """
     changed = spec.copy()
     for instance in in_order([e for e in effects if not e.in_model]):
-        if acts_on_command(instance) and not instance.effect.native:
+        known = instance.effect.native or instance.effect.not_stepped is not None
+        if acts_on_command(instance) and not known:
             raise ConfigError(
                 f"{instance.effect.name} changes commands in a way that MuJoCo cannot express: "
                 "recordings can be predicted with it, simulations cannot be stepped"

@@ -18,7 +18,8 @@ from mujoco import batch, rollout
 from gfm.core.checks import Array
 from gfm.sim.commands import commands_at, stepping_commands
 from gfm.sim.compensation import CompensationError, compensation_error
-from gfm.sim.instants import sensors_at, states_at
+from gfm.sim.instants import sensors_at, states_at, states_before
+from gfm.sim.late_servos import Feedback, LateServos, late_servos
 from gfm.sim.motor_sides import ahead_of_link, motor_of
 from gfm.sim.plant import Plant, with_servo_gain
 from gfm.sim.segment import Prediction, Segment
@@ -37,11 +38,13 @@ class _Job:
     place: tuple[int, int]
     steps: int
     model: mujoco.MjModel = field(init=False)
+    servos: LateServos | None = field(init=False)
     compensation: CompensationError | None = field(init=False)
 
     def __post_init__(self) -> None:
         here, segment = self.plant, self.segment
-        self.model = with_servo_gain(here.model, here.actuator, segment.kind, segment.servo_gain)
+        model = with_servo_gain(here.model, here.actuator, segment.kind, segment.servo_gain)
+        self.model, self.servos = late_servos(here, model)
         self.compensation = compensation_error(self.plant, self.segment.position)
 
 
@@ -87,7 +90,8 @@ def _batches(plants: Sequence[Plant], segments: Sequence[Segment]) -> Iterator[l
     for p, plant in enumerate(plants):
         names = tuple(effect.key for effect in plant.stepwise)
         for s, segment in enumerate(segments):
-            steps = int(np.ceil(segment.time_s[-1] / plant.model.opt.timestep - 1e-6)) + 1
+            end_s = segment.time_s[-1] + max(plant.effort_apart_s, 0.0)
+            steps = int(np.ceil(end_s / plant.model.opt.timestep - 1e-6)) + 1
             key = (plant.layout, names, bool(plant.compensations), steps.bit_length())
             groups[key].append(_Job(plant, segment, (p, s), steps))
     for jobs in groups.values():
@@ -194,22 +198,25 @@ def _controls(jobs: list[_Job], steps: int) -> Array:
     return np.stack([_as_control(job, command) for job, command in zip(jobs, told, strict=True)])
 
 
-def _measured_controls(jobs: list[_Job], after_command: bool) -> Array:
-    """Returns the controls under which efforts are measured, shape (T of all jobs, nu)."""
+def _measured_controls(jobs: list[_Job], after_command: bool) -> list[Array]:
+    """Returns the controls under which efforts of every job are measured, shape (T, nu) each."""
 
     def at_measurements(job: _Job) -> Array:
         apart = (1.0 if after_command else -1.0) * job.segment.same_stamp_s
-        at = job.segment.time_s + apart
+        at = job.segment.time_s + job.plant.effort_apart_s + apart
         return commands_at(job.plant, job.segment, at, after=after_command)
 
     told = _commanded(jobs, at_measurements)
-    return np.concatenate([_as_control(*one) for one in zip(jobs, told, strict=True)])
+    return [_as_control(*one) for one in zip(jobs, told, strict=True)]
 
 
 def _commanded(jobs: list[_Job], commands: Callable[[_Job], Array]) -> list[Array]:
     """Returns the commands of every job; those that differ in something else share them."""
     known: dict[Hashable, Array] = {}
-    keys = [(job.place[1], job.model.opt.timestep, job.plant.on_commands) for job in jobs]
+    keys = [
+        (job.place[1], job.model.opt.timestep, job.plant.on_commands, job.plant.effort_apart_s)
+        for job in jobs
+    ]
     for job, key in zip(jobs, keys, strict=True):
         if key not in known:
             known[key] = commands(job)
@@ -223,7 +230,11 @@ def _as_control(job: _Job, command: Array) -> Array:
 
 
 def _predictions(
-    jobs: list[_Job], initial: Array, rows: Array, settings: _Settings
+    jobs: list[_Job],
+    initial: Array,
+    rows: Array,
+    settings: _Settings,
+    feedback: Feedback | None = None,
 ) -> list[Prediction]:
     """Returns the predictions from the states before the first and after every step.
 
@@ -232,13 +243,28 @@ def _predictions(
         initial: shape (N, S).
         rows: shape (N, K, S).
         settings: How it is told.
+        feedback: What late drives felt, if there are any.
     """
-    states = [
-        states_at(job.model, first, own, job.segment.time_s / job.model.opt.timestep)
-        for job, first, own in zip(jobs, initial, rows, strict=True)
+    simulated = list(zip(jobs, initial, rows, strict=True))
+    states = [_states(*one, one[0].segment.time_s) for one in simulated]
+    at_efforts = [
+        _states(*one, one[0].segment.time_s + apart)
+        if (apart := one[0].plant.effort_apart_s)
+        else s
+        for one, s in zip(simulated, states, strict=True)
     ]
-    told = zip(jobs, rows, states, _efforts(jobs, states, settings), strict=True)
+    efforts = _efforts(jobs, at_efforts, settings, feedback)
+    told = zip(jobs, rows, states, efforts, strict=True)
     return [_prediction(*one) for one in told]
+
+
+def _states(job: _Job, initial: Array, rows: Array, at_s: Array) -> Array:
+    """Returns the states at given times, also before the first, shape (T, S)."""
+    states = states_at(job.model, initial, rows, np.maximum(at_s, 0.0) / job.model.opt.timestep)
+    before = at_s < 0.0
+    if before.any():
+        states[before] = states_before(job.plant, job.segment, initial, at_s[before])
+    return states
 
 
 def _prediction(job: _Job, rows: Array, states: Array, effort: Array) -> Prediction:
@@ -250,7 +276,9 @@ def _prediction(job: _Job, rows: Array, states: Array, effort: Array) -> Predict
     )
 
 
-def _efforts(jobs: list[_Job], states: list[Array], settings: _Settings) -> list[Array]:
+def _efforts(
+    jobs: list[_Job], states: list[Array], settings: _Settings, feedback: Feedback | None
+) -> list[Array]:
     """Returns the drive torques of every job in given states, N m, shape (T, J) each."""
     efforts = [
         np.full((len(here), len(job.plant.joints)), np.nan)
@@ -259,10 +287,14 @@ def _efforts(jobs: list[_Job], states: list[Array], settings: _Settings) -> list
     asked = [i for i, job in enumerate(jobs) if settings.efforts or job.segment.effort is not None]
     if not asked:
         return efforts
+    controls = _measured_controls([jobs[i] for i in asked], settings.after_command)
+    if feedback is not None:
+        for i, own in zip(asked, controls, strict=True):
+            feedback.write_at(i, jobs[i].segment.time_s + jobs[i].plant.effort_apart_s, own)
     sensors = sensors_at(
         [jobs[i].model for i in asked for _ in states[i]],
         np.concatenate([states[i] for i in asked]),
-        _measured_controls([jobs[i] for i in asked], settings.after_command),
+        np.concatenate(controls),
         threads=settings.threads,
     )
     ends = np.cumsum([len(states[i]) for i in asked])[:-1]
@@ -295,8 +327,11 @@ def _step_by_step(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
     qacc, step_s = sims.bind("qacc"), jobs[0].model.opt.timestep
     sensordata, ctrl = sims.bind("sensordata"), sims.bind("ctrl")
     moving = [sims.bind(name) for name in ("time", "qpos", "qvel", "act")]
+    feedback = _feedback(jobs, initial, steps)
     with _quiet():
         for k in range(steps):
+            if feedback is not None:
+                feedback.write(k, controls[k])
             ctrl[:], applied[:] = controls[k], forces[k]
             if laws is not None:
                 sims.forward()  # the drives' torques under this step's commands
@@ -306,7 +341,18 @@ def _step_by_step(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
             sims.step(nstep=1)
             told = np.concatenate([np.reshape(m, (len(jobs), -1)) for m in moving], axis=1)
             rows[:, k, : told.shape[1]] = told
-        return _predictions(jobs, initial, rows, settings)
+            if feedback is not None:
+                feedback.note(k, qpos, qvel)
+        return _predictions(jobs, initial, rows, settings, feedback)
+
+
+def _feedback(jobs: list[_Job], initial: Array, steps: int) -> Feedback | None:
+    """Returns what the late drives of all jobs feel; None where no drive is late."""
+    servos = [job.servos for job in jobs if job.servos is not None]
+    if not servos:
+        return None
+    plants, segments = [job.plant for job in jobs], [job.segment for job in jobs]
+    return Feedback(plants, segments, servos, initial, steps)
 
 
 def _stepping_batch(models: list[mujoco.MjModel], threads: int) -> batch.Batch:

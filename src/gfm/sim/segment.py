@@ -7,8 +7,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from gfm.core import CommandKind
 from gfm.core.checks import Array
+
+#: Time over which a segment tells with which acceleration it begins, s, and the measurements that
+#: takes at least.
+FIRST_S, FIRST = 0.05, 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,6 +56,12 @@ class Segment:
     initial_motor: Array | None = None
     object_pose: Array | None = None
     measured: Segment | None = None
+
+    def initial_acceleration(self) -> Array:
+        """Returns the measured acceleration at first, rad/s^2, shape (J,); none at rest."""
+        first = max(int(np.searchsorted(self.time_s, FIRST_S, side="right")), FIRST)
+        bend = np.polyfit(self.time_s[:first], self.position[:first], 2)[0]
+        return np.where(self.initial_velocity == 0.0, 0.0, 2.0 * bend)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,7 @@ from gfm.diagnosis.residuals.problem import Noise, Problem, timed, with_state_ba
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance
 from gfm.effects.elements import let_friction_hold
-from gfm.sim.commands import HISTORY_S
+from gfm.sim.commands import AHEAD_S, HISTORY_S
 from gfm.sim.plant import check_joints
 from gfm.sim.segment import Segment
 from gfm.sim.still import unrecorded, with_still_joints
@@ -286,9 +286,11 @@ def between(
 def _commands(recording: Trajectory, start_s: float, end_s: float) -> tuple[Array, Array]:
     """Returns the commands in force between two times, and those shortly before for delays.
 
+    And those shortly after: their clock may be behind.
+
     First when each took effect, from the first time on, s, shape (C,), then what, shape (C, J).
     """
     time_s = recording.command_time_s
     first = max(int(np.searchsorted(time_s, start_s - HISTORY_S, side="right")) - 1, 0)
-    last = max(int(np.searchsorted(time_s, end_s, side="right")), first + 1)
+    last = max(int(np.searchsorted(time_s, end_s + AHEAD_S, side="right")), first + 1)
     return time_s[first:last] - start_s, recording.command[first:last]

@@ -182,6 +182,7 @@ def at_bound(instance: EffectInstance) -> bool:
     return any(
         min(abs(instance.values[p.name] - p.lower), abs(p.upper - instance.values[p.name]))
         < max(AT_BOUND * min(p.upper - p.lower, abs(instance.values[p.name]) + 1e-9), p.least)
+        or abs(instance.values[p.name]) < p.least
         for p in found
     )
 
@@ -193,7 +194,9 @@ def acting(effects: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
 
 def _is_none(instance: EffectInstance) -> bool:
     first = instance.effect.parameters[0]
-    return first.lower == 0.0 and 0.0 <= instance.values[first.name] <= first.least
+    value = instance.values[first.name]
+    either_way = first.least > 0.0 and abs(value) <= first.least
+    return either_way or (first.lower == 0.0 and value == 0.0)
 
 
 def amounts(effects: Sequence[EffectInstance]) -> Array:
