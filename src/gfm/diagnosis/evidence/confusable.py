@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 from gfm.diagnosis.inference.constants import CLEARLY
 from gfm.diagnosis.search.hypothesis import parameters_of
-from gfm.diagnosis.search.naming import twins
 from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance
 
@@ -77,7 +76,7 @@ def confusable_sets(
 
 
 def _alternatives(instance: EffectInstance, found: SearchResult) -> tuple[Alternative, ...]:
-    others = [_alternative(other, instance, 0.0) for other, _ in twins([instance])]
+    others = [_alternative(other, instance, 0.0) for other in found.names_of(instance)[1:]]
     told = found.evidence.get(instance.key)
     if told is not None and told.rival is not None and told.by is not None:
         others.append(_alternative(told.by, instance, max(told.rival.errors, 0.0)))

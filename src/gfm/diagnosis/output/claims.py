@@ -26,7 +26,7 @@ from gfm.diagnosis.output.result import (
     Suspect,
     Verdict,
 )
-from gfm.diagnosis.search.naming import describe, twins
+from gfm.diagnosis.search.naming import describe
 from gfm.diagnosis.search.trace import Evidence, SearchResult, Step, Tried
 from gfm.effects import EffectInstance
 
@@ -162,7 +162,7 @@ def _estimate(value: float, unit: str, width: float, *, holds: bool) -> Paramete
 
 def suspects_of(found: SearchResult, named: Sequence[EffectInstance]) -> tuple[Suspect, ...]:
     """Returns what was weighed and is not named: equals, doubtful names, and what lost."""
-    taken = {instance.key for instance in named} | {twin.key for twin, _ in twins(named)}
+    taken = {other.key for instance in named for other in found.names_of(instance)}
     doubtful = [
         replace(
             _suspect(e, f"more likely wrong than right (confidence {_confidence(found, e):.2f})"),
@@ -175,10 +175,11 @@ def suspects_of(found: SearchResult, named: Sequence[EffectInstance]) -> tuple[S
     ]
     equal = [
         replace(
-            _suspect(twin, f"equal to {describe(instance)}: the same torque under another name"),
+            _suspect(other, f"equal to {describe(instance)}: the same under another name"),
             gain=_explained(instance, found),
         )
-        for twin, instance in twins(named)
+        for instance in named
+        for other in found.names_of(instance)[1:]
     ]
     rivals = _rivals(found, named)
     lost = _lost(found)
@@ -244,7 +245,7 @@ def _reason(tried: Tried, step: Step) -> str:
 
 def _explained(instance: EffectInstance, found: SearchResult) -> float:
     """Returns the share of the squared residual that an effect explained when it was found."""
-    keys = {instance.key, *(twin.key for twin, _ in twins([instance]))}
+    keys = {other.key for other in found.names_of(instance)}
     shares = [
         1.0 - step.chosen.fit.cost / step.before
         for step in found.steps

@@ -26,6 +26,7 @@ from gfm.diagnosis.inference.fitting import (
 from gfm.diagnosis.inference.intervals import disagreement
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import Place, joint_scales, places, torque_views
+from gfm.diagnosis.search.equals import equals_of, looked_for, recorded
 from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis, settled_hypothesis
 from gfm.diagnosis.search.moves.add import add
 from gfm.diagnosis.search.moves.common_errors import common_errors
@@ -162,6 +163,7 @@ def search(
             room=final.room,
             steps=tuple(under_way.steps),
             evidence=_also_by_other_names(evidence, fitted.effects),
+            equals=_equals(final.problem, fitted.effects),
             segments=tuple(under_way.segments),
             out_of_time=not in_time(),
         ),
@@ -170,12 +172,23 @@ def search(
 
 
 def _candidates(problem: Problem) -> list[Place]:
-    looked_for = [effect for effect in effect_library().values() if effect.twin is None]
+    library = (effect for effect in effect_library().values() if effect.twin is None)
     return [
         with_room(problem, place)
-        for effect in looked_for
+        for effect in looked_for(library, recorded(problem))
         for place in places(effect, problem.joints, problem.driven, pushing=problem.pushing)
     ]
+
+
+def _equals(
+    problem: Problem, effects: Sequence[EffectInstance]
+) -> dict[Key, tuple[EffectInstance, ...]]:
+    """Returns the other names of effects that recordings do not tell from them."""
+    seen = recorded(problem)
+    same = {instance.key: twin for twin, instance in twins(effects)}
+    return {
+        e.key: (*((same[e.key],) if e.key in same else ()), *equals_of(e, seen)) for e in effects
+    }
 
 
 def _reduced(here: Hypothesis, under_way: Search) -> tuple[Hypothesis, list[Compared]]:

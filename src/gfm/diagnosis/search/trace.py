@@ -88,6 +88,7 @@ class SearchResult:
         room: By how much any other one could predict better at most.
         steps: First to last.
         evidence: Of every effect of the hypothesis.
+        equals: Other names of each effect that the recordings do not tell from it.
         segments: That told of what acts now and then only.
         out_of_time: Whether the search ended because its time was over.
     """
@@ -97,5 +98,10 @@ class SearchResult:
     room: Difference
     steps: tuple[Step, ...] = ()
     evidence: Mapping[Key, Evidence] = field(default_factory=dict)
+    equals: Mapping[Key, tuple[EffectInstance, ...]] = field(default_factory=dict)
     segments: tuple[Problem, ...] = ()
     out_of_time: bool = False
+
+    def names_of(self, instance: EffectInstance) -> tuple[EffectInstance, ...]:
+        """Returns an effect and its other names."""
+        return instance, *self.equals.get(instance.key, ())
