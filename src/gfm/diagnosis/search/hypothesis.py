@@ -20,12 +20,13 @@ from gfm.diagnosis.inference.score import (
     predictive,
     room,
 )
-from gfm.diagnosis.residuals.problem import Problem, ringing_springs, settled, unsettled
+from gfm.diagnosis.residuals.problem import Problem, settled, unsettled
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance
 
-#: Times that initial states and amounts are looked for in turn at most.
-IN_TURN = 4
+#: Times that initial states and amounts are looked for in turn at most, and the share of what was
+#: left that one turn may leave for another.
+IN_TURN, TURN_LEAVES = 4, 0.9
 #: Mean square from which on initial states may be held back by a model that was wrong.
 FAR_OFF = 100.0
 
@@ -79,6 +80,23 @@ class Hypothesis:
         """Returns other effects, fitted to the same residual."""
         return fit(self.problem, effects, tolerance=tolerance)
 
+    def fitted_out(self, begun: Fit) -> Fit:
+        """Returns a fit from initial states of its own, if that leaves less.
+
+        Those of the problem suit what was found before, and among close rivals that which changes
+        least beside it.
+        """
+        own, best = self.problem, begun
+        for _ in range(IN_TURN):
+            there = settled(own, best.effects)
+            if there.segments == own.segments:
+                return best
+            other = fit(there, best.effects)
+            if other.cost > TURN_LEAVES * best.cost:
+                return min(best, other, key=lambda f: f.cost)
+            own, best = there, other
+        return best
+
     @property
     def open_joints(self) -> tuple[str, ...]:
         """Joints on which something can still be gained, most of it first."""
@@ -129,12 +147,8 @@ def _in_turn(problem: Problem, effects: Sequence[EffectInstance]) -> tuple[Probl
         problem = settled(problem, effects).robust(effects)
         found = fit(problem, effects)
         effects = found.effects
-        # What rings is far from linear: a little in a stiffness is much in how it began.
-        least = 0.9 if ringing_springs(problem, effects) else 0.5
-        if (
-            found.cost > least * before
-            or not room(blocks := blocks_of(problem), predictive(blocks, found)).clear
-        ):
+        blocks = blocks_of(problem)
+        if found.cost > TURN_LEAVES * before or not room(blocks, predictive(blocks, found)).clear:
             break
         before = found.cost
     return problem, found

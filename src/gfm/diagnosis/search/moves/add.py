@@ -19,6 +19,10 @@ GLANCE_S, SCREENING_S = 8.0, 24.0
 #: Candidates that are looked at again, that are fitted, places of one effect among those, amounts
 #: from which the fit of one begins, and kinds that are tried on several joints.
 LOOKED_AT, FITTED, PLACES, STARTS, KINDS = 16, 4, 2, 2, 1
+#: Fits in front that are compared from initial states of their own.
+FRONT = 2
+#: Standard errors by which a candidate must seem to predict better, to first order, to be fitted.
+PROMISING = 0.5
 
 
 def add(
@@ -42,15 +46,26 @@ def add(
             for start in (*_shortlist(screened), *_kinds(screened))
             if (tried := _tried(before, start, report)) is not None
         ]
+        ranked = _with_front_fitted_out(before, ranked)
         best = best_of(before.blocks, ranked)
         if not _worth_more(before, best):
             break
     return Step(
         move=Move.ADD,
         before=before.fit.cost,
-        ranked=tuple(sorted(ranked, key=lambda one: -one.gain.nats)),
+        ranked=tuple(ranked),
         chosen=best_of(before.blocks, ranked),
     )
+
+
+def _with_front_fitted_out(before: Hypothesis, tried: Sequence[Tried]) -> list[Tried]:
+    """Returns what was tried, best first, those in front from initial states of their own."""
+    ranked = sorted(tried, key=lambda one: -one.gain.nats)
+    for i, one in enumerate(ranked[:FRONT]):
+        fitted = before.fitted_out(one.fit)
+        new = fitted.effects[len(before.effects) :]
+        ranked[i] = Tried(new=new, fit=fitted, gain=before.gain_of(fitted))
+    return sorted(ranked, key=lambda one: -one.gain.nats)
 
 
 def best_of(blocks: Blocks, tried: Sequence[Tried]) -> Tried | None:
@@ -90,7 +105,7 @@ def _screened(
     keys = list(dict.fromkeys(one.instance.key for one in glanced if one.gain.nats > 0.0))
     again = {*keys[:LOOKED_AT]}
     looked = screen(before, [p for p in places if p.key in again], scales, SCREENING_S)
-    return [one for one in looked if one.gain.errors > 1.0]
+    return [one for one in looked if one.gain.errors > PROMISING]
 
 
 def _shortlist(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
