@@ -119,6 +119,14 @@ def _means(one: Report, hidden: Report, report: Report) -> bool:
     return _same(one, hidden) or _is_equal(one, hidden, report)
 
 
+def is_right(one: Report, truth: Report, report: Report) -> bool:
+    """Returns whether a name or a suspect is hidden, on its joints.
+
+    What cannot be told apart counts as in `score`.
+    """
+    return any(_means(one, hidden, report) for hidden in truth["effects"])
+
+
 def _named(one: Report, hidden: Report, report: Report) -> bool:
     return bool(one["effect"] == hidden["effect"]) or _is_equal(one, hidden, report)
 
