@@ -177,9 +177,9 @@ def document(told: Sequence[Told], reports: int, figure: str) -> str:
     suspected = [t for t in told if t.suspect]
     sections = [
         "# Whether confidences are what they say",
-        f"Names told in {reports} reports about simulated robots whose truth is known, on the "
-        "right joints or not. A name that physics cannot tell from the truth is right if the truth "
-        "stands beside it as its equal.",
+        f"Names told about simulated robots whose truth is known (reports: {reports}). A name is "
+        "right if it is hidden there on these joints, or if physics cannot tell it from the truth "
+        "and the truth stands beside it as its equal.",
         f"![share of right names over confidence; bars are 95 % intervals, numbers count names]"
         f"({figure})",
         "## Effects and suspects",
