@@ -42,9 +42,8 @@ def generate(plans: Sequence[Plan], folder: Path, discrepancy: float | None = No
         folder: Where they are written.
         discrepancy: Of another hand, in units of the sensor noise; None for the own hand.
     """
-    hand = "own" if discrepancy is None else "other"
     for plan in plans:
-        _check_hand(folder / "truth" / f"{plan.name}.json", hand)
+        _check_hand(folder / "truth" / f"{plan.name}.json", discrepancy)
     missing = [plan for plan in plans if not (folder / "truth" / f"{plan.name}.json").exists()]
     builds = dict.fromkeys(plan.setup.robot.joints for plan in missing)
     for build in builds:
@@ -54,11 +53,18 @@ def generate(plans: Sequence[Plan], folder: Path, discrepancy: float | None = No
             _write_all(some, _works(some, discrepancy), folder)
 
 
-def _check_hand(file: Path, hand: str) -> None:
+def _check_hand(file: Path, discrepancy: float | None) -> None:
     """Refuses to take a case for another hand's."""
-    made = json.loads(file.read_text()).get("hand", "own") if file.exists() else hand
-    if made != hand:
-        raise ValueError(f"{file} was simulated by hand {made!r}, asked for {hand!r}")
+    truth = json.loads(file.read_text()) if file.exists() else {}
+    made = truth.get("discrepancy", {}).get("asked")
+    if truth and made != discrepancy:
+        raise ValueError(f"{file} is by {_hand(made)}, asked for is {_hand(discrepancy)}")
+
+
+def _hand(discrepancy: float | None) -> str:
+    if discrepancy is None:
+        return "the own hand"
+    return f"another hand with discrepancy {discrepancy:g}"
 
 
 def _portions(drafts: Sequence[Draft]) -> Iterator[list[Draft]]:

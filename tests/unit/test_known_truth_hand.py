@@ -158,6 +158,7 @@ def test_the_discrepancy_changes_the_motion_by_what_is_asked(case, asked):
     assert all(run.explicit and run.planted is not None for run in work.runs)
 
 
+@pytest.mark.slow
 def test_a_case_tells_by_whose_hand_it_is(case, tmp_path, monkeypatch):
     monkeypatch.setattr(generation, "simulate", partial(simulate, settling_s=0.1))
     generation.generate([case], tmp_path, discrepancy=3.0)
@@ -167,8 +168,23 @@ def test_a_case_tells_by_whose_hand_it_is(case, tmp_path, monkeypatch):
     (recording, *_) = read_recordings(sorted((tmp_path / "cases" / case.name).glob("held*.mcap")))
     uneven = np.diff(recording.stamp_ns) % round(1e9 * STEP_S)
     assert len(set(uneven.tolist())) > 50
-    with pytest.raises(ValueError, match="simulated by hand 'other', asked for 'own'"):
-        generation.generate([case], tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("made", "asked", "words"),
+    [
+        (3.0, None, "is by another hand with discrepancy 3, asked for is the own hand"),
+        (None, 1.0, "is by the own hand, asked for is another hand with discrepancy 1"),
+        (3.0, 1.0, "discrepancy 3, asked for is another hand with discrepancy 1"),
+    ],
+)
+def test_a_case_is_not_taken_for_another_hands(made, asked, words, case, tmp_path):
+    told = {"hand": "own"} if made is None else {"hand": "other", "discrepancy": {"asked": made}}
+    file = tmp_path / "truth" / f"{case.name}.json"
+    file.parent.mkdir()
+    file.write_text(json.dumps(told))
+    with pytest.raises(ValueError, match=words):
+        generation.generate([case], tmp_path, asked)
 
 
 def test_stamps_err_by_what_is_said(tmp_path):
