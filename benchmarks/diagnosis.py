@@ -1,6 +1,7 @@
 """What the diagnosis makes of robots whose truth is known: cases, scores, tables.
 
     python benchmarks/diagnosis.py --out runs/known_truth
+    python benchmarks/diagnosis.py --out runs/known_truth_other --hand other --discrepancy 3.0
 
 Cases are drawn from a seed, simulated by `known_truth` (which shares nothing with gfm: own
 dynamics, own integrator, own files) and diagnosed by the command that a user has. Cases whose
@@ -32,7 +33,11 @@ from peer import PEERS
 
 import gfm
 
-PAGE = Path(__file__).parents[1] / "docs" / "results" / "known_truth.md"
+PAGES = Path(__file__).parents[1] / "docs" / "results"
+#: Where pages go, by whose hand simulated.
+PAGE = {"own": PAGES / "known_truth.md", "other": PAGES / "known_truth_other_hand.md"}
+#: What another hand's discrepancy changes, in units of the sensor noise.
+DISCREPANCY = 3.0
 #: A diagnosis that takes longer is broken off, s; and a peer.
 LIMIT_S, PEER_LIMIT_S = 1800, 600
 PEER = Path(__file__).with_name("peer.py")
@@ -138,12 +143,34 @@ def chosen(arguments: argparse.Namespace) -> list[Plan]:
     return [matching[int(i * step)] for i in range(arguments.cases)]
 
 
+def planted(arguments: argparse.Namespace) -> float | None:
+    """Returns what another hand's discrepancy is to change; None for the own hand."""
+    if arguments.hand == "own":
+        return None
+    return DISCREPANCY if arguments.discrepancy is None else float(arguments.discrepancy)
+
+
+def simulated_by(discrepancy: float | None) -> str:
+    """Returns how the robots were simulated: by the own hand, or by another."""
+    if discrepancy is None:
+        return """own integrator (implicit midpoint, 0.5 ms; dry friction as impulses),
+own encoders, noise and clocks."""
+    return f"""by another hand than the one that found the sizes: explicit
+midpoint at 0.25 ms (dry friction as impulses), samples and commands off the grid of 0.5 ms, stamps
+with 30 us of noise, gears whose ripple changes the motion by a sensor noise at most, and on every
+joint a smooth random torque of position, speed and slow time that no effect of the vocabulary can
+say: by itself it changes the motion by about {discrepancy:g} sensor noises (RMS over joints in
+open-loop segments of 0.5 s). "Floor" is here what a right model leaves at
+best: noise and that together."""
+
+
 def document(
     scores: Sequence[Score],
     planned: int,
     peers: Mapping[str, Sequence[Score]],
     words: str,
     commits: Sequence[str],
+    discrepancy: float | None = None,
 ) -> str:
     """Returns the page with all tables."""
     wrong = [one for one in scores if page.is_wrong(one)]
@@ -151,9 +178,9 @@ def document(
 
 {complete(len(scores), planned)} Three robots (a servo pendulum, a
 planar arm of two joints, a spatial arm of seven) are simulated apart from everything that judges
-them: own rigid-body dynamics, own integrator (implicit midpoint, 0.5 ms; dry friction as impulses),
-own encoders, noise and clocks. Every robot is drawn anew: lengths, masses, gains, motions, sizes of
-effects. Diagnosed by `gfm diagnose`, which is given recordings and nominal model only. Written by
+them: own rigid-body dynamics, {simulated_by(discrepancy)}
+Every robot is drawn anew: lengths, masses, gains, motions, sizes of effects. Diagnosed by
+`gfm diagnose`, which is given recordings and nominal model only. Written by
 
     {words}
 
@@ -199,6 +226,10 @@ def main() -> None:
     """Generates, diagnoses, scores and writes the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("runs/known_truth"), metavar="DIR")
+    parser.add_argument("--hand", choices=("own", "other"), default="own", help="that simulates")
+    parser.add_argument(
+        "--discrepancy", type=float, metavar="NOISES", help=f"of another hand ({DISCREPANCY:g})"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of everything that is drawn")
     parser.add_argument("--cases", type=int, metavar="N", help="only so many, spread over all")
     parser.add_argument("--only", default="*", metavar="GLOB", help="only cases of that name")
@@ -207,11 +238,14 @@ def main() -> None:
     parser.add_argument(
         "--score-only", action="store_true", help="run nothing: score what is there"
     )
-    parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE")
+    parser.add_argument("--page", type=Path, metavar="FILE")
     arguments = parser.parse_args()
+    if arguments.hand == "own" and arguments.discrepancy is not None:
+        parser.error("--discrepancy is another hand's: give --hand other, too")
+    discrepancy = planted(arguments)
     cases = chosen(arguments)
     if not arguments.score_only:
-        generate(cases, arguments.out)
+        generate(cases, arguments.out, discrepancy)
         with ThreadPoolExecutor(arguments.jobs) as pool:
             for name in pool.map(lambda plan: _told(plan.name, arguments.out), cases):
                 print(name, flush=True)
@@ -224,9 +258,10 @@ def main() -> None:
     }
     commits = sorted({made_at(one.name, arguments.out) for one in scores})
     words = shlex.join(["python", "benchmarks/diagnosis.py", *sys.argv[1:]])
-    arguments.page.parent.mkdir(parents=True, exist_ok=True)
-    arguments.page.write_text(
-        document(scores, len(cases), answers, words, commits), encoding="utf-8"
+    file = arguments.page or PAGE[arguments.hand]
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(
+        document(scores, len(cases), answers, words, commits, discrepancy), encoding="utf-8"
     )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from known_truth.amounts import Amounts
 from known_truth.robots import Array
-from known_truth.run import STEP_S, Run
+from known_truth.run import Run
 
 
 @final
@@ -24,15 +24,16 @@ class Commands:
         self._first = np.array([[run.first_command_step] for run in runs])
         self._every = np.array([[run.command_every] for run in runs])
         self._last = np.array([[len(run.reference) - 1] for run in runs])
-        self._delay = hidden.delay / STEP_S
+        step_s = runs[0].step_s
+        self._delay = hidden.delay / step_s
         self.values = np.zeros((len(runs), int(self._last.max()) + 1, hidden.delay.shape[1]))
         for i, run in enumerate(runs):
             self.values[i, : len(run.reference)] = run.reference
         self._rows, self._columns = np.ogrid[: len(runs), : hidden.delay.shape[1]]
         self._lagged = hidden.lag > 0.0
         lag = np.maximum(hidden.lag, 1e-12)
-        self._decay = np.where(self._lagged, np.exp(-STEP_S / lag), 0.0)
-        self._share = np.where(self._lagged, lag / STEP_S * (1.0 - self._decay), 0.0)
+        self._decay = np.where(self._lagged, np.exp(-step_s / lag), 0.0)
+        self._share = np.where(self._lagged, lag / step_s * (1.0 - self._decay), 0.0)
         self._followed: Array | None = None
 
     def due(self, step: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -14,10 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+from known_truth.another_hand import Work, by_another_hand
 from known_truth.draft import TRIED, Draft, draft
 from known_truth.mjcf import mjcf
 from known_truth.plans import Plan
-from known_truth.recordings import write_recording
+from known_truth.recordings import Sensors, write_recording
 from known_truth.run import STEP_S, Course, Run
 from known_truth.simulation import simulate
 from known_truth.truth import truth
@@ -31,18 +32,39 @@ _TRIED_S = 5.0
 _RUNAWAY = 3.0
 
 
-def generate(plans: Sequence[Plan], folder: Path) -> None:
+def generate(plans: Sequence[Plan], folder: Path, discrepancy: float | None = None) -> None:
     """Writes the cases that are not there yet: `cases/NAME`, and what they hide, `truth/NAME.json`.
 
     What is judged is told of the first alone.
+
+    Args:
+        plans: The cases.
+        folder: Where they are written.
+        discrepancy: Of another hand, in units of the sensor noise; None for the own hand.
     """
+    for plan in plans:
+        _check_hand(folder / "truth" / f"{plan.name}.json", discrepancy)
     missing = [plan for plan in plans if not (folder / "truth" / f"{plan.name}.json").exists()]
     builds = dict.fromkeys(plan.setup.robot.joints for plan in missing)
     for build in builds:
         drafts = [draft(plan) for plan in missing if plan.setup.robot.joints == build]
         for some in _portions(drafts):
             _find_sizes(some)
-            _write_all(some, folder)
+            _write_all(some, _works(some, discrepancy), folder)
+
+
+def _check_hand(file: Path, discrepancy: float | None) -> None:
+    """Refuses to take a case for another hand's."""
+    truth = json.loads(file.read_text()) if file.exists() else {}
+    made = truth.get("discrepancy", {}).get("asked")
+    if truth and made != discrepancy:
+        raise ValueError(f"{file} is by {_hand(made)}, asked for is {_hand(discrepancy)}")
+
+
+def _hand(discrepancy: float | None) -> str:
+    if discrepancy is None:
+        return "the own hand"
+    return f"another hand with discrepancy {discrepancy:g}"
 
 
 def _portions(drafts: Sequence[Draft]) -> Iterator[list[Draft]]:
@@ -102,17 +124,31 @@ def _signal(one: Draft, courses: Sequence[Course]) -> float:
     return float(np.sqrt(np.mean(change**2, axis=0)).max() / one.sensors.position_std)
 
 
-def _write_all(drafts: Sequence[Draft], folder: Path) -> None:
-    runs = [replace(run, hidden=tuple(one.found)) for one in drafts for run in one.runs]
-    courses = iter(zip(runs, simulate(runs), strict=True))
-    for one in drafts:
-        place = folder / "cases" / one.plan.name
-        rng = np.random.default_rng([one.plan.seed, 2])
-        for name in one.names:
-            run, course = next(courses)
-            write_recording(place / f"{name}.mcap", run, course, one.sensors, rng)
-        for kind in one.plan.setup.kinds:
-            (place / f"model_{kind}.xml").write_text(mjcf(one.robot, kind))
+def _works(drafts: Sequence[Draft], discrepancy: float | None) -> Sequence[Work | None]:
+    return [None] * len(drafts) if discrepancy is None else by_another_hand(drafts, discrepancy)
+
+
+def _write_all(drafts: Sequence[Draft], works: Sequence[Work | None], folder: Path) -> None:
+    runs = [
+        work.runs if work else [replace(run, hidden=tuple(one.found)) for run in one.runs]
+        for one, work in zip(drafts, works, strict=True)
+    ]
+    courses = iter(simulate([run for each in runs for run in each]))
+    for one, work, each in zip(drafts, works, runs, strict=True):
+        sensors = work.sensors if work else one.sensors
+        _write_case(one, each, list(islice(courses, len(each))), sensors, folder)
         hidden = folder / "truth" / f"{one.plan.name}.json"
         hidden.parent.mkdir(exist_ok=True)
-        hidden.write_text(json.dumps(truth(one), indent=1) + "\n")
+        told = truth(one) | (work.told() if work else {"hand": "own"})
+        hidden.write_text(json.dumps(told, indent=1) + "\n")
+
+
+def _write_case(
+    one: Draft, runs: Sequence[Run], courses: Sequence[Course], sensors: Sensors, folder: Path
+) -> None:
+    place = folder / "cases" / one.plan.name
+    rng = np.random.default_rng([one.plan.seed, 2])
+    for name, run, course in zip(one.names, runs, courses, strict=True):
+        write_recording(place / f"{name}.mcap", run, course, sensors, rng)
+    for kind in one.plan.setup.kinds:
+        (place / f"model_{kind}.xml").write_text(mjcf(one.robot, kind))

@@ -10,7 +10,7 @@ import mcap_ros2.writer
 import numpy as np
 
 from known_truth.robots import Array
-from known_truth.run import STEP_S, Course, Run
+from known_truth.run import Course, Run
 
 _JOINT_STATE = """\
 std_msgs/Header header
@@ -40,12 +40,14 @@ class Sensors:
         encoder_noise: Standard deviation before rounding, rad.
         velocity_noise: rad/s; None where velocities are not reported.
         effort_noise: N m, shape (J,); None where efforts are not reported.
+        stamp_noise_s: Standard deviation of what is wrong with stamps, s.
     """
 
     encoder_step: float
     encoder_noise: float
     velocity_noise: float | None
     effort_noise: Array | None
+    stamp_noise_s: float = 0.0
 
     @property
     def position_std(self) -> float:
@@ -77,7 +79,12 @@ def write_recording(
         for at, row in zip(commanded_at[told], course.command[told], strict=True)
     ]
     messages = sorted([*commands, *states], key=lambda message: message[1])
-    _write(path, run.robot.joints, messages, start_ns=_EPOCH_S * 10**9 + int(rng.integers(10**15)))
+    start_ns = _EPOCH_S * 10**9 + int(rng.integers(10**15))
+    times_s = run.step_s * np.array([step for _, step, _ in messages])
+    if sensors.stamp_noise_s:
+        times_s = times_s + sensors.stamp_noise_s * rng.standard_normal(len(times_s))
+    stamps_ns = [start_ns + round(float(time_s) * 1e9) for time_s in times_s]
+    _write(path, run.robot.joints, messages, stamps_ns)
 
 
 def _rounded(values: Array, step: float) -> Array:
@@ -93,14 +100,13 @@ def _write(
     path: Path,
     joints: Sequence[str],
     messages: Sequence[tuple[str, int, Mapping[str, Array]]],
-    start_ns: int,
+    stamps_ns: Sequence[int],
 ) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
         writer = mcap_ros2.writer.Writer(file)
         schema = writer.register_msgdef("sensor_msgs/msg/JointState", _JOINT_STATE)
-        for topic, step, fields in messages:
-            stamp_ns = start_ns + round(step * STEP_S * 1e9)
+        for (topic, _, fields), stamp_ns in zip(messages, stamps_ns, strict=True):
             seconds, rest = divmod(stamp_ns, 10**9)
             message: dict[str, object] = {
                 "header": {"stamp": {"sec": seconds, "nanosec": rest}, "frame_id": ""},

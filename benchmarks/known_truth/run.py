@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from known_truth.amounts import Hidden
+from known_truth.planted import Planted
 from known_truth.robots import Array, Robot
 
-#: Time step, s. All times of commands and measurements are multiples of it.
+#: Time step, s. All times of commands and measurements are multiples of it, or of a finer one.
 STEP_S = 5e-4
 
 
@@ -32,6 +33,9 @@ class Run:
             positions that a controller is to follow, shape (C, J).
         control: Of that controller: N m/rad and N m s/rad, each of shape (J,).
         measured_at: Time steps of the measurements, increasing, shape (T,).
+        step_s: Time step in which all that counts, s.
+        explicit: Whether it is integrated explicitly (see `simulation`).
+        planted: Torques that nothing has a name for.
     """
 
     robot: Robot
@@ -43,6 +47,9 @@ class Run:
     reference: Array
     control: tuple[Array, Array]
     measured_at: NDArray[np.intp]
+    step_s: float = STEP_S
+    explicit: bool = False
+    planted: Planted | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -38,7 +38,7 @@ class Score:
         spread: Whether their spreads do, where no interval would hold.
         before: Held-out position RMSE of the nominal model, rad.
         after: The same of the corrected model, rad.
-        floor: Sensor noise, rad.
+        floor: Sensor noise, rad; of another hand with what its discrepancy changes.
         wall_s: Time that it took.
     """
 
@@ -90,9 +90,15 @@ def score(truth: Report, report: Report, wall_s: float) -> Score:
         spread=spread,
         before=report["error"]["before"],
         after=report["error"]["after"],
-        floor=report["error"]["noise_floor"],
+        floor=report["error"]["noise_floor"] * _floors(truth),
         wall_s=wall_s,
     )
+
+
+def _floors(truth: Report) -> float:
+    """Returns what a right model leaves at best, in units of the sensor noise."""
+    asked: float = truth.get("discrepancy", {}).get("asked", 0.0)
+    return math.hypot(1.0, asked)
 
 
 def _joints(one: Report) -> frozenset[str]:
@@ -111,6 +117,14 @@ def _is_equal(one: Report, hidden: Report, report: Report) -> bool:
 
 def _means(one: Report, hidden: Report, report: Report) -> bool:
     return _same(one, hidden) or _is_equal(one, hidden, report)
+
+
+def is_right(one: Report, truth: Report, report: Report) -> bool:
+    """Returns whether a name or a suspect is hidden, on its joints.
+
+    What cannot be told apart counts as in `score`.
+    """
+    return any(_means(one, hidden, report) for hidden in truth["effects"])
 
 
 def _named(one: Report, hidden: Report, report: Report) -> bool:

@@ -1,8 +1,8 @@
 """Many robots side by side, each with what it hides.
 
-Integrated by the implicit midpoint rule, linearised in stiffness and damping; dry friction is an
-impulse within its limits that stops a joint whenever it can (Moreau's time stepping), so that a
-joint at rest stays there.
+Integrated by the implicit midpoint rule, linearised in stiffness and damping, or by the explicit
+one in shorter steps; dry friction is an impulse within its limits that stops a joint whenever it
+can (Moreau's time stepping), so that a joint at rest stays there.
 
 Where a joint has play or a spring, its motor (armature, drive, friction) is a side of its own: the
 last degree of freedom of that robot.
@@ -21,13 +21,16 @@ from known_truth import dynamics
 from known_truth.amounts import amounts
 from known_truth.commands import Commands
 from known_truth.outside import SLIPPING, is_strange, outside
+from known_truth.planted import side_by_side
 from known_truth.robots import UPRIGHT, Array, Robot
-from known_truth.run import STEP_S, Course, Run
+from known_truth.run import Course, Run
 
 #: Time for which the first command is held before a recording begins, s.
 SETTLING_S = 1.0
 #: Sweeps over the joints with dry friction.
 _SWEEPS = 12
+#: How much softer the flanks of play are that are integrated explicitly.
+_SOFTER = 0.4
 #: Where a slipping load comes to lie, in multiples of where it was.
 _SLID = 0.3
 
@@ -36,17 +39,48 @@ def simulate(runs: Sequence[Run], settling_s: float = SETTLING_S) -> list[Course
     """Returns what robots of one build do, side by side.
 
     Args:
-        runs: The robots.
+        runs: The robots, all with the same time step and integrator.
         settling_s: Time for which the first command is held before measurements begin.
     """
     robots = _Robots(runs)
-    begin = -round(settling_s / STEP_S)
-    end = max(int(run.measured_at[-1]) for run in runs)
-    for step in range(begin, end + 1):
+    for step in _steps(runs, settling_s):
         robots.decide(step)
         robots.measure(step)
         robots.advance(step)
     return robots.courses()
+
+
+def simulate_beside(
+    leaders: Sequence[Run],
+    others: Sequence[Run],
+    segment_s: float,
+    settling_s: float = SETTLING_S,
+) -> list[tuple[Course, Course]]:
+    """Returns what robots do, and what others do that begin anew beside them every so often.
+
+    Others take the commands of their leaders, and begin each segment where these are: how far they
+    come apart is how far an open-loop prediction does.
+
+    Args:
+        leaders: The robots.
+        others: As many that differ from them.
+        segment_s: From one new beginning to the next, s.
+        settling_s: Time for which the first command is held before measurements begin.
+    """
+    robots = _Robots([*leaders, *others])
+    count, every = len(leaders), round(segment_s / leaders[0].step_s)
+    for step in _steps(leaders, settling_s):
+        robots.decide(step)
+        robots.follow(count, anew=step % every == 0)
+        robots.measure(step)
+        robots.advance(step)
+    courses = robots.courses()
+    return list(zip(courses[:count], courses[count:], strict=True))
+
+
+def _steps(runs: Sequence[Run], settling_s: float) -> range:
+    end = max(int(run.measured_at[-1]) for run in runs)
+    return range(-round(settling_s / runs[0].step_s), end + 1)
 
 
 @final
@@ -55,6 +89,8 @@ class _Robots:
 
     def __init__(self, runs: Sequence[Run]) -> None:
         self._runs = runs
+        self._step_s, self._explicit = runs[0].step_s, runs[0].explicit
+        self._planted = side_by_side([run.planted for run in runs])
         robots = [run.robot for run in runs]
         self._joints = len(robots[0].joints)
         named = [[h for h in run.hidden if not is_strange(h.effect)] for run in runs]
@@ -79,6 +115,8 @@ class _Robots:
         self._v = np.zeros_like(self._q)
         self._acceleration = np.zeros_like(self._q)
         self._impulse = np.zeros_like(self._q)
+        if self._explicit and self._dof > self._joints:
+            self._soften_flanks()
         self._set_measurements(runs)
 
     def _carried(self, runs: Sequence[Run]) -> dict[int, list[tuple[int, float, Array]]]:
@@ -90,7 +128,7 @@ class _Robots:
                 self._chains.add_point_mass(robot, values["mass"], com)
                 # A load that is here no more and elsewhere instead, as two point masses.
                 moves = [(robot, -values["mass"], com), (robot, values["mass"], _SLID * com)]
-                slips.setdefault(round(values["at_s"] / STEP_S), []).extend(moves)
+                slips.setdefault(round(values["at_s"] / self._step_s), []).extend(moves)
         return slips
 
     def _on_motors(self, values: Array) -> Array:
@@ -145,6 +183,31 @@ class _Robots:
         self._next = np.zeros(len(runs), dtype=np.intp)
         self._measured = np.zeros((4, len(runs), count, self._joints))
 
+    def _soften_flanks(self) -> None:
+        """Lets flanks give way as gears' do, and damps them by what they move: links may be light.
+
+        An explicit integrator follows neither stiffer ones nor a damping faster than they are.
+        """
+        rows = np.flatnonzero(self._apart)
+        self._has.elastic[rows] *= np.where(self._has.gap[rows] > 0.0, _SOFTER, 1.0)
+        self._passive(0, self._q, self._v)
+        inverse = np.linalg.inv(self._mass)[rows]
+        each, link = np.arange(len(rows)), self._has.separated[rows]
+        mobility = inverse[each, link, link] + inverse[each, -1, -1]
+        self._flank_damping[rows] = 1.4 * np.sqrt(self._has.elastic[rows] / mobility)
+
+    def follow(self, count: int, *, anew: bool) -> None:
+        """Gives the last robots what their leaders, the first `count`, are commanded.
+
+        Args:
+            count: How many lead.
+            anew: Whether they begin anew, where their leaders are.
+        """
+        self._commands.values[count:] = self._commands.values[:count]
+        if anew:
+            for state in (self._q, self._v, self._acceleration, self._impulse):
+                state[count:] = state[:count]
+
     def decide(self, step: int) -> None:
         """Lets the controllers of robots that take torques decide on their commands."""
         rows, number = self._commands.due(step)
@@ -188,7 +251,42 @@ class _Robots:
         """Lets one time step pass."""
         for robot, mass, com in self._slips.get(step, ()):
             self._chains.add_point_mass(robot, mass, com)
-        h, v = STEP_S, self._v
+        if self._explicit:
+            self._advance_explicitly(step)
+        else:
+            self._advance_implicitly(step)
+        for i, j, law in self._strange:
+            law.pass_time(self._step_s, float(self._v[i, self._motor[i, j]]))
+
+    def _advance_explicitly(self, step: int) -> None:
+        """Lets one time step pass by the explicit midpoint rule."""
+        h, q, v = self._step_s, self._q, self._v
+        command = self._commands.mean(step)
+        force, _ = self._pushed(step, q, v, command)
+        # Until the middle dry friction is what it was.
+        rate = np.linalg.solve(self._mass, (force + self._impulse / h)[..., None])[..., 0]
+        middle, half = q + 0.5 * h * v, v + 0.5 * h * rate
+        force, effort = self._pushed(step + 0.5, middle, half, command)
+        inverse = np.asarray(np.linalg.inv(self._mass), dtype=np.float64)
+        after = v + (inverse @ (h * force)[..., None])[..., 0]
+        if self._rough.size:
+            after = self._rubbed(after, inverse, middle, half, effort)
+        self._q, self._v = q + 0.5 * h * (v + after), after
+
+    def _pushed(self, step: float, q: Array, v: Array, command: Array) -> tuple[Array, Array]:
+        """Returns all forces but dry friction's, (B, N), and the drives', (B, J).
+
+        Also sets the mass matrix.
+        """
+        drive, _, _ = self._drive(step, q, v, command)
+        effort = drive + self._compensation(q)
+        force, _, _ = self._passive(step, q, v)
+        self._add_on_motors(force, effort)
+        return force, effort
+
+    def _advance_implicitly(self, step: int) -> None:
+        """Lets one time step pass by the implicit midpoint rule."""
+        h, v = self._step_s, self._v
         q = self._q + 0.5 * h * v
         drive, stiffness, damping = self._drive(step, q, v, self._commands.mean(step))
         effort = drive + self._compensation(q)
@@ -205,10 +303,8 @@ class _Robots:
         self._q = self._q + 0.5 * h * (v + after)
         self._acceleration = (after - v) / h
         self._v = after
-        for i, j, law in self._strange:
-            law.pass_time(h, float(after[i, self._motor[i, j]]))
 
-    def _drive(self, step: int, q: Array, v: Array, command: Array) -> tuple[Array, Array, Array]:
+    def _drive(self, step: float, q: Array, v: Array, command: Array) -> tuple[Array, Array, Array]:
         """Returns the servos' torques, and their stiffness and damping, each of shape (B, J)."""
         for i, j, law in self._strange:
             command[i, j] = law.command(float(command[i, j]))
@@ -218,7 +314,7 @@ class _Robots:
         free = np.abs(torque) < self._has.limit
         torque = np.clip(torque, -self._has.limit, self._has.limit)
         for i, j, law in self._strange:
-            torque[i, j] = law.drive(step * STEP_S, float(torque[i, j]))
+            torque[i, j] = law.drive(step * self._step_s, float(torque[i, j]))
         return torque, free * self._stiffness, free * self._damping
 
     def _compensation(self, q: Array) -> Array:
@@ -229,13 +325,13 @@ class _Robots:
         here = dynamics.pose(self._nominal, seen)
         return np.asarray(self._compensated * dynamics.weight(self._nominal, here, self._upright))
 
-    def _passive(self, step: int, q: Array, v: Array) -> tuple[Array, Array, Array]:
+    def _passive(self, step: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Returns all forces but the drives' and dry friction's, (B, N), and their slopes.
 
         Also sets the mass matrix.
         """
         has, joints = self._has, self._joints
-        link, extrapolated = q[:, :joints], v + 0.5 * STEP_S * self._acceleration
+        link, extrapolated = q[:, :joints], v + 0.5 * self._step_s * self._acceleration
         here = dynamics.pose(self._chains, link)
         force = np.zeros_like(q)
         force[:, :joints] -= dynamics.bias(
@@ -250,7 +346,9 @@ class _Robots:
         force[:, :joints] += has.offset - has.quadratic * speed * np.abs(speed)
         force[:, :joints] += has.cogging * np.sin(has.order * link + has.phase)
         for i, j, law in self._strange:
-            force[i, j] += law.torque(step * STEP_S, float(link[i, j]), float(speed[i, j]))
+            force[i, j] += law.torque(step * self._step_s, float(link[i, j]), float(speed[i, j]))
+        if self._planted is not None:
+            force[:, :joints] += self._planted.torque(step * self._step_s, link, speed)
         stiff, damp = np.zeros_like(self._mass), np.zeros_like(self._mass)
         stiff[:, diagonal[:joints], diagonal[:joints]] = has.spring
         damp[:, diagonal, diagonal] = self._friction_damping
@@ -307,8 +405,8 @@ class _Robots:
         for i, j, law in self._strange:
             level[i, j] += law.level(float(angle[i, j]), float(speed[i, j]))
         low, high = np.zeros_like(q), np.zeros_like(q)
-        low[self._rows, self._motor] = -STEP_S * (level + 0.5 * has.difference)
-        high[self._rows, self._motor] = STEP_S * (level - 0.5 * has.difference)
+        low[self._rows, self._motor] = -self._step_s * (level + 0.5 * has.difference)
+        high[self._rows, self._motor] = self._step_s * (level - 0.5 * has.difference)
         return low, high
 
 

@@ -240,3 +240,13 @@ def test_what_is_there_is_not_made_again(tmp_path: Path) -> None:
     there.write_text("{}")
     generation.generate([plan], tmp_path)
     assert not (tmp_path / "cases").exists()
+
+
+def test_of_another_hand_a_right_model_leaves_its_discrepancy() -> None:
+    error = {"before": 20.0, "after": 6.0, "noise_floor": 1.0}
+    report = {"effects": [], "suspects": [], "verdict": "no_gap", "error": error}
+    truth = {"name": "case", "setup": "planar", "category": "none", "effects": []}
+    assert score(truth, report, 1.0).floor == 1.0
+    assert score(truth | {"discrepancy": {"asked": 3.0}}, report, 1.0).floor == pytest.approx(
+        np.sqrt(10.0)
+    )

@@ -1,0 +1,103 @@
+"""Constants of the confidence: planted ones are recovered, and what is missing is counted."""
+
+import ast
+
+import calibrate
+import numpy as np
+import pytest
+from known_truth.told import Told
+
+PLANTED = np.array([-1.0, 1.5, 0.8, -0.5, -0.7])
+
+
+def evidence(rng):
+    """Returns figures as reports carry them."""
+    return {
+        "z_without": float(rng.uniform(-2.0, 30.0)),
+        "z_rival": float(rng.uniform(-2.0, 10.0)),
+        "left": float(10.0 ** rng.uniform(-5.0, 0.0)),
+        "halves": float(rng.exponential(2.0)),
+    }
+
+
+def told(case, right, figures, confidence=0.5):
+    return Told(
+        case=case,
+        effect="armature",
+        confidence=confidence,
+        right=bool(right),
+        suspect=False,
+        evidence=figures,
+    )
+
+
+def planted(count):
+    """Returns names that are right as often as the planted constants say."""
+    rng = np.random.default_rng(1)
+    figures = [evidence(rng) for _ in range(count)]
+    X = np.stack([calibrate.features(each) for each in figures])
+    right = (rng.random(count) < calibrate.probability(X @ PLANTED)).astype(float)
+    return X, right, figures
+
+
+def test_planted_constants_are_recovered():
+    X, right, _ = planted(20000)
+    assert calibrate.fit(X, right) == pytest.approx(PLANTED, abs=0.15)
+
+
+def test_at_the_fit_the_mean_confidence_is_the_share_of_right_names():
+    X, right, _ = planted(500)
+    mean = calibrate.probability(X @ calibrate.fit(X, right)).mean()
+    assert mean == pytest.approx(right.mean(), abs=1e-5)
+
+
+def test_names_that_can_be_parted_without_error_give_finite_constants():
+    X = np.stack([np.ones(20), np.linspace(-1.0, 1.0, 20)], axis=1)
+    amounts = calibrate.fit(X, (X[:, 1] > 0.0).astype(float))
+    assert 1.0 < amounts[1] < 20.0
+
+
+def test_features_are_logarithms_within_their_limits():
+    row = calibrate.features({"z_without": -3.0, "z_rival": np.e - 1.0, "left": 0.0, "halves": 0.0})
+    assert row == pytest.approx([1.0, 0.0, 1.0, -6.0, 0.0])
+
+
+@pytest.mark.parametrize("value", [None, float("nan"), float("inf")])
+def test_evidence_that_lacks_a_figure_is_none(value):
+    assert calibrate.features(evidence(np.random.default_rng(1)) | {"halves": value}) is None
+    assert calibrate.features(None) is None
+    assert calibrate.features({"left": 0.1}) is None
+
+
+def test_guessing_costs_ln_2_and_certain_errors_much_but_not_infinitely():
+    right = np.array([1.0, 0.0])
+    assert calibrate.log_loss(np.full(2, 0.5), right) == pytest.approx(np.log(2.0))
+    assert calibrate.log_loss(1.0 - right, right) == pytest.approx(-np.log(1e-3))
+
+
+def test_a_case_that_is_left_out_does_not_judge_itself():
+    X = np.ones((4, 1))
+    right, cases = np.array([1.0, 1.0, 0.0, 1.0]), ["a", "a", "b", "c"]
+    confidence = calibrate.left_out(X, right, cases)
+    # Without a, one of two others is right; without b or c, more or fewer are.
+    assert confidence[:2] == pytest.approx([0.5, 0.5], abs=1e-4)
+    assert confidence[3] == pytest.approx(2.0 / 3.0, abs=1e-4)
+    assert confidence[2] > 0.9
+
+
+def test_the_summary_counts_what_is_skipped_and_gives_a_line_to_paste():
+    _, right, figures = planted(60)
+    names = [told(f"case_{i // 3}", r, figures[i]) for i, r in enumerate(right)]
+    text = calibrate.summary([*names, told("bare", True, None)])
+    assert "1 of 61 names carry no evidence" in text
+    assert "60 names of 20 cases" in text
+    assert "log loss of what reports say    0.6931" in text
+    assert ast.literal_eval(text.splitlines()[-1].removeprefix("_LOGIT = ")).keys() == set(
+        calibrate.FEATURES
+    )
+
+
+def test_where_all_names_are_right_nothing_is_fitted():
+    figures = evidence(np.random.default_rng(2))
+    assert "nothing to fit" in calibrate.summary([told("a", True, figures)] * 3)
+    assert "nothing to fit" in calibrate.summary([])
