@@ -56,7 +56,7 @@ from gfm.sim.plant import native_spec
 #: Less motion or time than this says nothing about dynamics.
 LEAST_MOTION_RAD, LEAST_TIME_S, LEAST_RATE_HZ = 0.01, 1.5, 10.0
 #: Recorded time in which effects are looked for, and on which amounts are settled, s.
-SEARCHED_S, SETTLED_S = 24.0, 48.0
+SEARCHED_S, SETTLED_S = 24.0, 36.0
 #: Recorded time on which the profiles of amounts are drawn, s.
 PROFILED_S = 12.0
 

@@ -36,8 +36,8 @@ SHORT: Mapping[CommandKind, float] = {
 #: on track is told from first to last.
 LONG: Mapping[CommandKind, float] = {
     **SHORT,
-    CommandKind.POSITION: 12.0,
-    CommandKind.VELOCITY: 12.0,
+    CommandKind.POSITION: 6.0,
+    CommandKind.VELOCITY: 6.0,
 }
 WHOLE: Mapping[CommandKind, float] = {
     **SHORT,

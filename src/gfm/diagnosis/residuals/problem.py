@@ -185,6 +185,8 @@ class Problem:
         stepping = self.stepping.get(kind, own)
         if self.motors_apart(candidates):
             stepping = replace(stepping, step_s=own.step_s)
+        elif self.rough and not stepping.implicit:
+            stepping = replace(stepping, step_s=2.0 * stepping.step_s)
         if stepping.implicit:
             spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
         elif self.rough:

@@ -20,12 +20,12 @@ from gfm.diagnosis.residuals.problem import Problem, Stepping
 from gfm.effects import EffectInstance
 
 #: Longest step that is taken, s.
-LONGEST_S = 2e-3
+LONGEST_S = 4e-3
 #: Times that a model's own step is halved at most.
 MOST_HALVED = 4
 #: By how much a longer step may change what a joint leaves, RMS: in units of the noise, and as a
 #: share of it, whichever is more.
-HARDLY = (0.1, 0.01)
+HARDLY = (0.25, 0.02)
 #: The same of the model's own step, halved, from which on it is too long while something else does
 #: better, and from which on it is in any case.
 MUCH, TOO_MUCH = (0.5, 0.1), (10.0, 0.3)

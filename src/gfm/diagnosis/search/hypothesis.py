@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gfm.core.checks import Array
 from gfm.diagnosis.inference.constants import INEXACT_SHARE, LEAST_DISCREPANCY
 from gfm.diagnosis.inference.fitting import Fit, fit, free_parameters
 from gfm.diagnosis.inference.score import (
@@ -39,13 +40,14 @@ class Hypothesis:
         problem: Whose residual it is.
         fit: The effects.
         blocks: How the residual is divided.
-        nominal: Mean square that the nominal model leaves, in units of the noise.
+        nominal: Mean square that the nominal model leaves on each joint, in units of the noise,
+            shape (J,).
     """
 
     problem: Problem
     fit: Fit
     blocks: Blocks
-    nominal: float
+    nominal: Array
 
     @property
     def effects(self) -> tuple[EffectInstance, ...]:
@@ -63,9 +65,9 @@ class Hypothesis:
         return room(self.blocks, self.predictive)
 
     @property
-    def far_from_exact(self) -> bool:
-        """Whether more is left than laws that explain the rest leave by not being quite exact."""
-        return self.fit.cost - 1.0 > INEXACT_SHARE * (self.nominal - 1.0) + LEAST_DISCREPANCY**2
+    def is_open(self) -> bool:
+        """Whether something can still be gained that is visible beside the discrepancy."""
+        return bool(self.open_joints) and self.room.clear
 
     def over(self, other: Fit) -> Difference:
         """Returns by how much it predicts better than another fit to the same residual."""
@@ -99,14 +101,17 @@ class Hypothesis:
 
     @property
     def open_joints(self) -> tuple[str, ...]:
-        """Joints on which something can still be gained, most of it first."""
-        mean = self.predictive.mean_square
-        excess = self.blocks.count * np.log(mean / self.blocks.floor)
-        by_joint = np.bincount(self.blocks.joint, weights=excess.sum(axis=0))
-        return tuple(self.problem.joints[j] for j in np.argsort(-by_joint) if by_joint[j] > 0.0)
+        """Joints on which something can still be gained.
+
+        More than laws that explain the rest leave by not being quite exact.
+        """
+        costs = self.problem.joint_costs(self.fit.residual) - 1.0
+        least = LEAST_DISCREPANCY**2 + INEXACT_SHARE * (self.nominal - 1.0)
+        rows = zip(self.problem.joints, costs > least, strict=True)
+        return tuple(joint for joint, is_open in rows if is_open)
 
 
-def hypothesis(problem: Problem, fitted: Fit, nominal: float) -> Hypothesis:
+def hypothesis(problem: Problem, fitted: Fit, nominal: Array) -> Hypothesis:
     """Returns a fit to a problem as a hypothesis."""
     return Hypothesis(problem=problem, fit=fitted, blocks=blocks_of(problem), nominal=nominal)
 
@@ -117,7 +122,7 @@ def parameters_of(effects: Sequence[EffectInstance]) -> int:
 
 
 def settled_hypothesis(
-    problem: Problem, effects: Sequence[EffectInstance], nominal: float
+    problem: Problem, effects: Sequence[EffectInstance], nominal: Array
 ) -> Hypothesis:
     """Returns effects fitted to a problem whose initial states suit them.
 

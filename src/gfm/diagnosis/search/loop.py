@@ -39,6 +39,10 @@ from gfm.effects import EffectInstance, Key, Scales, Scope, effect_library
 
 #: Steps at most.
 MOST_STEPS = 24
+#: Share of the nominal misfit from which on common errors are looked for.
+MUCH = 0.1
+#: What long segments leave, in units of what short ones do, from which on they are searched, too.
+MORE_IN_LONG = 2.0
 
 
 @dataclass
@@ -67,7 +71,7 @@ class Search:
 
     def run(self, here: Hypothesis, moves: Sequence[Move]) -> Hypothesis:
         """Returns the best hypothesis that steps lead to."""
-        while here.room.clear and len(self.steps) < MOST_STEPS and self.in_time():
+        while here.is_open and len(self.steps) < MOST_STEPS and self.in_time():
             after = self._step(here, moves)
             if after is None:
                 break
@@ -84,7 +88,7 @@ class Search:
             common = common_errors(here, always, self.scales, self.report)
             if _gain(common) > _gain(single):
                 step = common
-        if step.chosen is None and Move.INTERMITTENT in moves and here.far_from_exact:
+        if step.chosen is None and Move.INTERMITTENT in moves:
             return self._intermittent(here, single)
         self.steps.append(step)
         if step.chosen is None:
@@ -94,7 +98,8 @@ class Search:
     def _gains_little(self, here: Hypothesis, single: Step) -> bool:
         """Returns whether more can be gained than the best single effect does."""
         tried = any(step.move is Move.COMMON_ERRORS for step in self.steps)
-        return not tried and here.far_from_exact and _gain(single) < 0.5 * here.room.nats
+        much = here.fit.cost > MUCH * float(np.mean(here.nominal))
+        return not tried and much and _gain(single) < 0.5 * here.room.nats
 
     def _intermittent(self, here: Hypothesis, single: Step) -> Hypothesis | None:
         """Returns the hypothesis with what acts now and then only; None where nothing does."""
@@ -137,7 +142,7 @@ def search(
     scales = joint_scales(problem, torque_views(problem, recordings))
     problem = problem.robust(())
     nothing_yet = nothing(problem)
-    here = hypothesis(problem, nothing_yet, nothing_yet.cost)
+    here = hypothesis(problem, nothing_yet, problem.joint_costs(nothing_yet.residual))
     under_way = Search(
         candidates=_candidates(problem),
         scales=scales,
@@ -149,16 +154,17 @@ def search(
     if longer:
         report("settling amounts")
         long = reduce(Problem.joined, under_way.segments, long)
+        settled = settled_hypothesis(long, here.effects, here.nominal)
         # What keeps a rollout off slowly, initial states of short segments make up for.
-        long_one = settled_hypothesis(long, here.effects, here.nominal)
-        here = under_way.run(long_one, (Move.ADD,))
+        slowly = settled.fit.cost - 1.0 > MORE_IN_LONG * max(here.fit.cost - 1.0, 1.0)
+        here = under_way.run(settled, (Move.ADD,)) if slowly else settled
     final, compared = _reduced(here, under_way)
     final = _with_acting(final)
     evidence = _evidence(final, compared)
     fitted = fitly_named(final.fit, problem.specs)
     return (
         SearchResult(
-            nominal_cost=here.nominal,
+            nominal_cost=nothing_yet.cost,
             fit=fitted,
             room=final.room,
             steps=tuple(under_way.steps),

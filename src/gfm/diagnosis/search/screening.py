@@ -66,9 +66,9 @@ def screen(
         before: Beside what they would be.
         candidates: Where effects may act.
         scales: Of every joint's signals.
-        sample_s: Recorded time on which they are looked at, s (of an arm of seven joints).
+        sample_s: Recorded time on which they are looked at, s.
     """
-    sample = before.problem.sample(sample_s, of_each=1)
+    sample = before.problem.sample(sample_s)
     fast = before.problem.subset(sample).coarse()
     base = _rows_of(before, sample)
     responses = _responses(fast, candidates, scales, base)

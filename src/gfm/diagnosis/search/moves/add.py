@@ -41,11 +41,10 @@ def add(
         tier = [p for p in here if (p.effect.costly or p.effect.separates_motor) is costly]
         report(f"screening {len(tier)} candidates (misfit {before.fit.cost:.3g})")
         screened = _screened(before, tier, scales)
-        ranked += [
-            tried
-            for start in (*_shortlist(screened), *_kinds(screened))
-            if (tried := _tried(before, start, report)) is not None
-        ]
+        ranked += _all_tried(before, _shortlist(screened), report)
+        if _worth_more(before, best_of(before.blocks, ranked)):
+            # What no single joint's effect explains, all joints may lack.
+            ranked += _all_tried(before, _kinds(screened), report)
         ranked = _with_front_fitted_out(before, ranked)
         best = best_of(before.blocks, ranked)
         if not _worth_more(before, best):
@@ -90,11 +89,11 @@ def _worth_more(before: Hypothesis, best: Tried | None) -> bool:
     More can be gained than the best so far gains, and more than laws are inexact.
     """
     if best is None:
-        return before.far_from_exact
+        return True
     after = Hypothesis(
         problem=before.problem, fit=best.fit, blocks=before.blocks, nominal=before.nominal
     )
-    return after.room.clear and after.room.nats > best.gain.nats
+    return after.is_open and after.room.nats > best.gain.nats
 
 
 def _screened(
@@ -135,10 +134,18 @@ def _kinds(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
     return [tuple(one.instance for one in kind) for kind in several[:KINDS]]
 
 
+def _all_tried(
+    before: Hypothesis,
+    starts: Sequence[tuple[EffectInstance, ...]],
+    report: Callable[[str], None],
+) -> list[Tried]:
+    return [_tried(before, start, report) for start in starts]
+
+
 def _tried(
     before: Hypothesis, new: tuple[EffectInstance, ...], report: Callable[[str], None]
-) -> Tried | None:
-    """Returns new effects fitted beside those that are there; None where a fit leads nowhere."""
+) -> Tried:
+    """Returns new effects fitted beside those that are there."""
     more = f" and {len(new) - 1} more" if len(new) > 1 else ""
     report(f"fitting {describe(new[0])}{more}")
     fits = [before.fitted(effects, ROUGH) for effects in _beginnings(before, new)]
