@@ -15,10 +15,6 @@ from scipy.optimize import lsq_linear
 from gfm.core.checks import Array
 from gfm.effects import EffectInstance
 
-#: Recorded time on which what competes is fitted.
-FITTING_S = 24.0
-#: Least share of the squared residual that an effect must explain for each of its parameters.
-LEAST_GAIN = 0.03
 #: Gauss-Newton steps of a fit, and the relative gain below which it ends.
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
 #: The same where candidates are compared only.
