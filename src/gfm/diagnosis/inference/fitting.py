@@ -36,6 +36,9 @@ class LeastSquares(Protocol):
     def coarse(self) -> Self:
         """Returns the same, faster: good enough for differences."""
 
+    def differences(self, effects: Sequence[EffectInstance]) -> Array:
+        """Returns the changes of free amounts over which derivatives are taken, shape (P,)."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
@@ -100,7 +103,7 @@ def fit(
         trial = values + _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
         candidate = _with_amounts(current, trial)
         tried = problem.residuals([candidate])[0]
-        gain = 1.0 - mean_square(tried) / mean_square(residual)
+        gain = 1.0 - mean_square(tried) / max(mean_square(residual), np.finfo(float).tiny)
         damping *= 0.1 if gain > 0.0 else 30.0
         if gain > 0.0:
             current, values, residual = candidate, trial, tried
@@ -120,7 +123,7 @@ def along_valley(problem: LeastSquares, fitted: Fit) -> Fit:
     """
     others = [fit(problem, begun) for begun in _both_sides(fitted)]
     best = min([fitted, *others], key=lambda f: f.cost)
-    if best.cost > (1.0 - FIT_TOLERANCE) * fitted.cost:
+    if best.cost >= (1.0 - FIT_TOLERANCE) * fitted.cost:
         return fitted
     return along_valley(problem, best)
 
@@ -217,6 +220,13 @@ def _bounds(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
     return np.array([low for low, _ in both]), np.array([high for _, high in both])
 
 
+def small_differences(effects: Sequence[EffectInstance]) -> Array:
+    """Returns small changes of the free amounts, shape (P,): where residuals are smooth."""
+    low, high = _bounds(effects)
+    least = 1e-2 * np.minimum(high - low, 1.0)
+    return np.asarray(1e-2 * np.maximum(np.abs(amounts(effects)), least))
+
+
 def derivatives(
     problem: LeastSquares, effects: tuple[EffectInstance, ...], known: Array | None
 ) -> Array:
@@ -224,9 +234,7 @@ def derivatives(
 
     By forward differences; the first are taken from `known`, shape (N, K), where they are.
     """
-    values = amounts(effects)
-    low, high = _bounds(effects)
-    sizes = 1e-2 * np.maximum(np.abs(values), 1e-2 * np.minimum(high - low, 1.0))
+    values, sizes, high = amounts(effects), problem.differences(effects), _bounds(effects)[1]
     steps = np.where(values + sizes > high, -sizes, sizes)
     first = 0 if known is None else known.shape[1]
     moved = [_with_amounts(effects, values + step) for step in np.diag(steps)[first:]]

@@ -56,6 +56,10 @@ class Witnesses:
         blocks = [block_means(*pair) for pair in zip(left, self.recordings, strict=True)]
         return np.asarray(self.moving * np.concatenate(blocks) / self.units[1:])
 
+    def differences(self, effects: Sequence[EffectInstance]) -> Array:
+        """Returns the changes of amounts over which derivatives are taken, shape (P,)."""
+        return self.rollouts.differences(effects)
+
     def coarse(self) -> Witnesses:
         """Returns the problem with rollouts by fast integration."""
         return replace(self, rollouts=self.rollouts.coarse())

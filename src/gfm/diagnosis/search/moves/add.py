@@ -57,29 +57,27 @@ def add(
     )
 
 
-def add_of_few(
-    before: Hypothesis, new: Sequence[EffectInstance], report: Callable[[str], None]
-) -> Step:
-    """Returns the step that adds the best of a few effects: each is fitted out."""
-    tried = _all_tried(before, [(one,) for one in new], report)
-    ranked = _with_front_fitted_out(before, tried, len(tried))
+def add_of_few(before: Hypothesis, begun: Sequence[Fit]) -> Step:
+    """Returns the step that adds the best of a few effects, each begun beside those there are."""
+    tried = [_beside(before, before.fitted_out(one)) for one in begun]
     return Step(
         move=Move.ADD,
         before=before.fit.cost,
-        ranked=tuple(ranked),
-        chosen=best_of(before.blocks, ranked),
+        ranked=tuple(sorted(tried, key=lambda one: -one.gain.nats)),
+        chosen=best_of(before.blocks, tried),
     )
 
 
-def _with_front_fitted_out(
-    before: Hypothesis, tried: Sequence[Tried], front: int = FRONT
-) -> list[Tried]:
+def _beside(before: Hypothesis, fitted: Fit) -> Tried:
+    new = fitted.effects[len(before.effects) :]
+    return Tried(new=new, fit=fitted, gain=before.gain_of(fitted))
+
+
+def _with_front_fitted_out(before: Hypothesis, tried: Sequence[Tried]) -> list[Tried]:
     """Returns what was tried, best first, those in front from initial states of their own."""
     ranked = sorted(tried, key=lambda one: -one.gain.nats)
-    for i, one in enumerate(ranked[:front]):
-        fitted = before.fitted_out(one.fit)
-        new = fitted.effects[len(before.effects) :]
-        ranked[i] = Tried(new=new, fit=fitted, gain=before.gain_of(fitted))
+    for i, one in enumerate(ranked[:FRONT]):
+        ranked[i] = _beside(before, before.fitted_out(one.fit))
     return sorted(ranked, key=lambda one: -one.gain.nats)
 
 
@@ -165,8 +163,7 @@ def _tried(
     more = f" and {len(new) - 1} more" if len(new) > 1 else ""
     report(f"fitting {describe(new[0])}{more}")
     fits = [before.fitted(effects, ROUGH) for effects in _beginnings(before, new)]
-    best: Fit = min(fits, key=lambda f: f.cost)
-    return Tried(new=best.effects[len(before.effects) :], fit=best, gain=before.gain_of(best))
+    return _beside(before, min(fits, key=lambda f: f.cost))
 
 
 def _beginnings(
