@@ -11,7 +11,7 @@ from __future__ import annotations
 CLEARLY = 2.0
 #: RMS of what a right model leaves beside the noise, in units of it: integrators, time steps and
 #: stamps alone make as much.
-LEAST_DISCREPANCY = 0.75
+LEAST_DISCREPANCY = 1.0
 #: Correlation between the discrepancies of two blocks: a wrong model is wrong alike everywhere, so
 #: that many blocks tell no more than one over this.
 WRONG_ALIKE = 0.05

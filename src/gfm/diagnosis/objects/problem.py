@@ -84,6 +84,13 @@ class ObjectProblem:
     def _counted(self, parts: Sequence[Array]) -> Array:
         return bounded(np.concatenate(parts), self.outlying_from)
 
+    def limits(self) -> Array | None:
+        """Returns from where on each number is outlying, shape (N,); None where none is."""
+        if not np.isfinite(self.outlying_from):
+            return None
+        sizes = (one.channels * one.measurements * len(self.joints) for one in self.layout())
+        return np.full(sum(sizes), self.outlying_from)
+
     @property
     def joints(self) -> tuple[str, ...]:
         """What a pose has: its place in the plane, and its yaw."""

@@ -13,6 +13,8 @@ from gfm.core.checks import Array
 
 #: Residuals are outlying from so many times a typical stretch's root mean square.
 OUTLYING = 3.0
+#: Powers of e by which a residual goes beyond its limit at most: what ran away stays finite.
+MOST_POWERS = 20.0
 
 
 def bounded(residual: Array, limit: Array | float) -> Array:
@@ -33,3 +35,10 @@ def bounded(residual: Array, limit: Array | float) -> Array:
     return np.where(
         outlying, np.sign(residual) * limit * np.sqrt(1.0 + 2.0 * np.log(ratio)), residual
     )
+
+
+def unbounded(residual: Array, limit: Array | float) -> Array:
+    """Returns the residuals that `bounded` made these of: its inverse."""
+    ratio = np.maximum(np.abs(residual) / limit, 1.0)
+    full = np.sign(residual) * limit * np.exp(np.minimum(0.5 * (ratio**2 - 1.0), MOST_POWERS))
+    return np.where(ratio > 1.0, full, residual)

@@ -226,11 +226,14 @@ class Problem:
         return own
 
     def _bounded(self, parts: Sequence[Array]) -> Array:
-        residual = np.concatenate(parts)
+        residual, limits = np.concatenate(parts), self.limits()
+        return residual if limits is None else bounded(residual, limits)
+
+    def limits(self) -> Array | None:
+        """Returns from where on each number is outlying, shape (N,); None where none is."""
         if self.outlying_from is None:
-            return residual
-        limits = [self._by_number(self.outlying_from, segment) for segment in self.segments]
-        return bounded(residual, np.concatenate(limits))
+            return None
+        return np.concatenate([self._by_number(self.outlying_from, s) for s in self.segments])
 
     def _by_number(self, limits: Array, segment: Segment) -> Array:
         count = len(segment.position)

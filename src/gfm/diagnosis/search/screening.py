@@ -5,7 +5,7 @@ Shape letters: N numbers of a residual.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
@@ -41,9 +41,11 @@ class _Response:
     change: Array
 
 
-def open_to(before: Hypothesis, candidates: Sequence[Place]) -> list[Place]:
+def open_to(
+    before: Hypothesis, candidates: Sequence[Place], open_joints: Collection[str]
+) -> list[Place]:
     """Returns the candidates not yet there that touch a joint with something to explain."""
-    problem, joints = before.problem, set(before.open_joints)
+    problem, joints = before.problem, set(open_joints)
     given = [e for e in problem.given if not e.joints]  # a tilt is no amount to add to another
     taken = {instance.key for instance in (*given, *before.effects)}
     separated = {e.joints for e in before.effects if e.effect.separates_motor} | problem.separated
@@ -75,14 +77,12 @@ def screen(
     blocks = blocks_of(fast)
     start = predictive(blocks, base)
 
-    def weighed(one: _Response, left: Array) -> Difference:
-        jacobian = np.concatenate([base.jacobian, one.change[:, None]], axis=1)
-        told = Fit(effects=(), cost=0.0, jacobian=jacobian, residual=left)
+    def weighed(left: Array) -> Difference:
+        # Its amount is that of all parts: left out, a few segments would be told by one or two.
+        told = Fit(effects=(), cost=0.0, jacobian=base.jacobian, residual=left)
         return difference(blocks, predictive(blocks, told), start)
 
-    found = [
-        Screened(one.instance, weighed(one, left)) for one, left in _tried(fast, responses, base)
-    ]
+    found = [Screened(one.instance, weighed(left)) for one, left in _tried(fast, responses, base)]
     return sorted(found, key=lambda s: -s.gain.nats)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from gfm.diagnosis.inference.fitting import ROUGH, Fit, at_bound, fit
 from gfm.diagnosis.inference.score import Blocks, difference, predictive
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
+from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis, parameters_of
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import Screened, is_whole, open_to, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
@@ -35,10 +35,14 @@ def add(
 
     What takes long to simulate is looked at only where all else leaves something to explain.
     """
-    here = open_to(before, candidates)
     ranked: list[Tried] = []
     for costly in (False, True):
-        tier = [p for p in here if (p.effect.costly or p.effect.separates_motor) is costly]
+        left = _after(before, best_of(before.blocks, ranked))
+        tier = [
+            place
+            for place in open_to(before, candidates, left.open_joints)
+            if (place.effect.costly or place.effect.separates_motor) is costly
+        ]
         report(f"screening {len(tier)} candidates (misfit {before.fit.cost:.3g})")
         screened = _screened(before, tier, scales)
         ranked += _all_tried(before, _shortlist(screened), report)
@@ -90,10 +94,12 @@ def _worth_more(before: Hypothesis, best: Tried | None) -> bool:
     """
     if best is None:
         return True
-    after = Hypothesis(
-        problem=before.problem, fit=best.fit, blocks=before.blocks, nominal=before.nominal
-    )
+    after = _after(before, best)
     return after.is_open and after.room.nats > best.gain.nats
+
+
+def _after(before: Hypothesis, best: Tried | None) -> Hypothesis:
+    return before if best is None else hypothesis(before.problem, best.fit, before.nominal)
 
 
 def _screened(
