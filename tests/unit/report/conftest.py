@@ -144,9 +144,7 @@ def make_chain(joints=JOINTS, name="coulomb_friction", where=("right_j1",), riva
         domains=(named, other),
         stopping=Stopping(
             steps=(
-                StepRow(
-                    move="add", before=900.0, best=name, gain=5400.0, error=310.0, chosen=True
-                ),
+                StepRow(move="add", before=900.0, best=name, gain=5400.0, error=310.0, chosen=True),
                 StepRow(
                     move="remove",
                     before=1.4,
