@@ -8,10 +8,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind
-from gfm.diagnosis.former import attribution
-from gfm.diagnosis.former.attribution import polished, settled_fit
 from gfm.diagnosis.inference.fitting import fit
 from gfm.diagnosis.residuals.problem import Noise, Problem, settled, unsettled
+from gfm.diagnosis.search.hypothesis import hypothesis, settled_hypothesis
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.segment import Segment
 
@@ -96,14 +95,12 @@ def viscous(coefficient):
     return EffectInstance(effect=effect, joints=("j",), values={"coefficient": coefficient})
 
 
-def test_states_and_amounts_are_found_in_turn(monkeypatch):
+def test_states_and_amounts_are_found_in_turn():
+    """States that suit the model without friction hold amounts back if they stay."""
     problem = suited_to_none(friction=0.3)
-    monkeypatch.setattr(attribution, "MUCH", np.inf)  # never from the states as measured
-    monkeypatch.setattr(attribution, "IN_TURN", 1)
-    assert settled_fit(problem, (viscous(0.01),))[1].cost > 5.0
-    monkeypatch.setattr(attribution, "IN_TURN", 4)
-    _, found = settled_fit(problem, (viscous(0.01),))
-    assert found.cost < 0.1
+    assert fit(problem, (viscous(0.01),)).cost > 5.0
+    found = settled_hypothesis(problem, (viscous(0.01),), np.full(1, 1e4))
+    assert found.fit.cost < 0.1
     assert found.effects[0].values["coefficient"] == pytest.approx(0.3, rel=0.01)
 
 
@@ -123,20 +120,11 @@ def test_errors_as_measured_are_those_of_what_was_measured():
         assert problem.as_measured().position_errors(())[0] == pytest.approx(off, abs=1e-5)
 
 
-def test_states_that_suited_a_wrong_model_are_given_up_where_they_hold_a_fit(monkeypatch):
-    """One turn leaves much from there; from the states as measured it comes to the truth."""
-    monkeypatch.setattr(attribution, "IN_TURN", 1)
-    there, found = settled_fit(suited_to_none(friction=0.3), (viscous(0.01),))
-    assert found.cost < 0.1
-    assert found.effects[0].values["coefficient"] == pytest.approx(0.3, rel=0.01)
-    assert there.segments[0].measured is None
-
-
 def test_rivals_are_compared_from_initial_states_of_their_own():
     """Those of the problem suit the model without friction: beside it, friction looks wrong."""
     suited = suited_to_none(friction=0.05)
     there = fit(suited, (viscous(0.01),))
     assert there.cost > 5.0
-    best = polished(suited, [there])[0]
+    best = hypothesis(suited, fit(suited, ()), np.full(1, 1e4)).fitted_out(there)
     assert best.cost < 0.1
     assert best.effects[0].values["coefficient"] == pytest.approx(0.05, rel=0.01)

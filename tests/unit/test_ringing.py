@@ -8,8 +8,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind
-from gfm.diagnosis.former.attribution import earns_its_states
-from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.residuals.problem import Noise, Problem, settled, with_state_basis
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.motor_sides import springs
@@ -124,20 +122,3 @@ def test_states_of_motors_are_settled_with_those_of_links():
     np.testing.assert_allclose(found[:, 0], [0.02, -1.0], rtol=0.01)
     plain = replace(rung, state_basis=())
     assert cost(plain, elastic(STIFFNESS)) < 0.1
-
-
-@pytest.mark.parametrize(
-    ("left", "kind", "expected"),
-    [
-        (0.6, CommandKind.EFFORT, False),
-        (0.4, CommandKind.EFFORT, True),
-        (0.6, CommandKind.POSITION, True),
-    ],
-)
-def test_a_spring_must_explain_half_where_its_motor_has_states_of_its_own(left, kind, expected):
-    rung = problem(ringing(), kind=kind)
-    found, start = (
-        Fit(effects=e, cost=c, jacobian=np.zeros((0, len(e))), residual=np.zeros(0))
-        for e, c in ((elastic(STIFFNESS), left), ((), 1.0))
-    )
-    assert earns_its_states(rung, found, start) is expected

@@ -233,6 +233,10 @@ def cut(
     Where the robot may touch something, each begins with it in the air, if it can, and an object at
     rest: how far two things are in each other decides about their forces, and no measurement is as
     exact; nor is the speed of an object measured.
+
+    What rests at first begins with no speed at all: where nothing holds a joint (play in a gear,
+    friction that is missing in the model), a speed made of noise would carry it away. What has next
+    to no measurements is left out.
     """
     time_s = recording.time_s
     count = max(int(time_s[-1] / window_s), 1)
@@ -240,24 +244,11 @@ def cut(
     edges[-1] = len(time_s)
     if touch is not None:
         edges = at_ease(touch, recording, edges)
-    return between(recording, index, noise, list(pairwise(edges.tolist())))
-
-
-def between(
-    recording: Trajectory, index: int, noise: Noise, spans: Sequence[tuple[int, int]]
-) -> list[Segment]:
-    """Returns the stretches from one measurement of a recording to before another.
-
-    What rests at first begins with no speed at all: where nothing holds a joint (play in a gear,
-    friction that is missing in the model), a speed made of noise would carry it away. What has next
-    to no measurements is left out.
-    """
-    time_s = recording.time_s
     position, velocity, _ = smooth_states(time_s, recording.position)
     effort_noise, together_s = _own_effort_noise(recording, noise), _same_stamp_s(recording)
     gain = np.array([recording.servo_gain.get(name, 1.0) for name in recording.joint_names])
     segments = []
-    for start, end in spans:
+    for start, end in pairwise(edges.tolist()):
         if end - start < LEAST_MEASUREMENTS:
             continue
         here = slice(start, end)

@@ -15,8 +15,6 @@ from scipy.optimize import lsq_linear
 from gfm.core.checks import Array
 from gfm.effects import EffectInstance
 
-#: Recorded time on which what competes is fitted.
-FITTING_S = 24.0
 #: Least share of the squared residual that an effect must explain for each of its parameters.
 LEAST_GAIN = 0.03
 #: Gauss-Newton steps of a fit, and the relative gain below which it ends.
@@ -71,8 +69,10 @@ def nothing(problem: LeastSquares) -> Fit:
 
 def measured(problem: LeastSquares, effects: Sequence[EffectInstance]) -> Fit:
     """Returns `effects` with the values that they have as a fit."""
+    if not effects:
+        return nothing(problem)
     residual = problem.residuals([effects])[0]
-    jacobian = derivatives(problem.coarse(), tuple(effects), None)
+    jacobian = derivatives(problem.coarse(), tuple(effects))
     return Fit(
         effects=tuple(effects), cost=mean_square(residual), jacobian=jacobian, residual=residual
     )
@@ -82,7 +82,6 @@ def fit(
     problem: LeastSquares,
     effects: Sequence[EffectInstance],
     *,
-    known: Array | None = None,
     tolerance: float = FIT_TOLERANCE,
 ) -> Fit:
     """Returns `effects` with the values that leave the least residual (damped Gauss-Newton).
@@ -90,7 +89,6 @@ def fit(
     Args:
         problem: What they should explain.
         effects: With the values to begin with.
-        known: Derivatives by the first parameters, shape (N, K), that are good enough as they are.
         tolerance: Relative gain of a step at which the fit ends.
     """
     if not effects:
@@ -98,7 +96,7 @@ def fit(
     current, values = tuple(effects), amounts(effects)
     bounds, fast = _bounds(effects), problem.coarse()
     residual = problem.residuals([current])[0]
-    jacobian = derivatives(fast, current, known)
+    jacobian = derivatives(fast, current)
     damping = DAMPING
     for _ in range(FIT_STEPS):
         trial = values + _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
@@ -108,7 +106,7 @@ def fit(
         damping *= 0.1 if gain > 0.0 else 30.0
         if gain > 0.0:
             current, values, residual = candidate, trial, tried
-            jacobian = derivatives(fast, current, known)
+            jacobian = derivatives(fast, current)
         if 0.0 <= gain < tolerance or damping > MOST_DAMPING:
             break
     usual = tuple(replace(e, values=e.effect.canonical(e.values)) for e in current)
@@ -213,7 +211,7 @@ def _with_amounts(effects: Sequence[EffectInstance], vector: Array) -> tuple[Eff
 
 def _bounds(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
     both = [
-        (effects[i].least.get(name, p.lower), effects[i].most.get(name, p.upper))
+        (effects[i].least.get(name, p.lower), p.upper)
         for i, name in free_parameters(effects)
         for p in effects[i].effect.parameters
         if p.name == name
@@ -221,22 +219,18 @@ def _bounds(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
     return np.array([low for low, _ in both]), np.array([high for _, high in both])
 
 
-def derivatives(
-    problem: LeastSquares, effects: tuple[EffectInstance, ...], known: Array | None
-) -> Array:
+def derivatives(problem: LeastSquares, effects: tuple[EffectInstance, ...]) -> Array:
     """Returns the derivative of the residual by each free parameter, shape (N, P).
 
-    By forward differences; the first are taken from `known`, shape (N, K), where they are.
+    By forward differences.
     """
     values = amounts(effects)
     low, high = _bounds(effects)
     sizes = 1e-2 * np.maximum(np.abs(values), 1e-2 * np.minimum(high - low, 1.0))
     steps = np.where(values + sizes > high, -sizes, sizes)
-    first = 0 if known is None else known.shape[1]
-    moved = [_with_amounts(effects, values + step) for step in np.diag(steps)[first:]]
+    moved = [_with_amounts(effects, values + step) for step in np.diag(steps)]
     still, *rows = problem.residuals([effects, *moved])
-    rest = ((np.stack(rows) - still) / steps[first:, None]).T
-    return np.asarray(rest if known is None else np.concatenate([known, rest], axis=1))
+    return np.asarray(((np.stack(rows) - still) / steps[:, None]).T)
 
 
 def _step(jacobian: Array, residual: Array, damping: float, low: Array, high: Array) -> Array:
