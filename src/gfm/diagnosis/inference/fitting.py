@@ -96,13 +96,13 @@ def fit(
     if not effects:
         return nothing(problem)
     current, values = tuple(effects), amounts(effects)
-    bounds, fast = _bounds(effects), problem.coarse()
+    bounds, fast = bounds_of(effects), problem.coarse()
     residual = problem.residuals([current])[0]
     jacobian = derivatives(fast, current, known)
     damping = DAMPING
     for _ in range(FIT_STEPS):
         trial = values + _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
-        candidate = _with_amounts(current, trial)
+        candidate = with_amounts(current, trial)
         tried = problem.residuals([candidate])[0]
         gain = 1.0 - mean_square(tried) / mean_square(residual)
         damping *= 0.1 if gain > 0.0 else 30.0
@@ -139,9 +139,9 @@ def _both_sides(fitted: Fit) -> list[tuple[EffectInstance, ...]]:
     shares = (fitted.jacobian * values)[:, acting]
     flattest[acting] = np.linalg.svd(shares, full_matrices=False)[2][-1]
     step = FARTHER ** (flattest / np.abs(flattest).max())
-    bounds = _bounds(fitted.effects)
+    bounds = bounds_of(fitted.effects)
     return [
-        _with_amounts(fitted.effects, np.clip(start, *bounds))
+        with_amounts(fitted.effects, np.clip(start, *bounds))
         for start in (values * step, values / step)
     ]
 
@@ -151,9 +151,9 @@ def without_each(problem: LeastSquares, fitted: Fit) -> list[tuple[EffectInstanc
     rests, theirs = each_left_out(fitted.effects)
     moved = []
     for rest, columns, residual in zip(rests, theirs, problem.residuals(rests), strict=True):
-        values, (low, high) = amounts(rest), _bounds(rest)
+        values, (low, high) = amounts(rest), bounds_of(rest)
         step = _step(fitted.jacobian[:, columns], residual, DAMPING, low - values, high - values)
-        moved.append(_with_amounts(rest, values + step))
+        moved.append(with_amounts(rest, values + step))
     return moved
 
 
@@ -204,14 +204,14 @@ def amounts(effects: Sequence[EffectInstance]) -> Array:
     return np.array([effects[i].values[name] for i, name in free_parameters(effects)])
 
 
-def _with_amounts(effects: Sequence[EffectInstance], vector: Array) -> tuple[EffectInstance, ...]:
+def with_amounts(effects: Sequence[EffectInstance], vector: Array) -> tuple[EffectInstance, ...]:
     values = [dict(instance.values) for instance in effects]
     for (i, name), value in zip(free_parameters(effects), vector, strict=True):
         values[i][name] = float(value)
     return tuple(replace(e, values=v) for e, v in zip(effects, values, strict=True))
 
 
-def _bounds(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
+def bounds_of(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
     both = [
         (effects[i].least.get(name, p.lower), effects[i].most.get(name, p.upper))
         for i, name in free_parameters(effects)
@@ -229,11 +229,11 @@ def derivatives(
     By forward differences; the first are taken from `known`, shape (N, K), where they are.
     """
     values = amounts(effects)
-    low, high = _bounds(effects)
+    low, high = bounds_of(effects)
     sizes = 1e-2 * np.maximum(np.abs(values), 1e-2 * np.minimum(high - low, 1.0))
     steps = np.where(values + sizes > high, -sizes, sizes)
     first = 0 if known is None else known.shape[1]
-    moved = [_with_amounts(effects, values + step) for step in np.diag(steps)[first:]]
+    moved = [with_amounts(effects, values + step) for step in np.diag(steps)[first:]]
     still, *rows = problem.residuals([effects, *moved])
     rest = ((np.stack(rows) - still) / steps[first:, None]).T
     return np.asarray(rest if known is None else np.concatenate([known, rest], axis=1))

@@ -140,3 +140,22 @@ def beside_own(
 def _changed(instance: EffectInstance, by: EffectInstance, sign: float) -> EffectInstance:
     values = {name: value + sign * by.values[name] for name, value in instance.values.items()}
     return replace(instance, values=values)
+
+
+def said_already(
+    specs: Collection[mujoco.MjSpec], given: Sequence[EffectInstance], instance: EffectInstance
+) -> float | None:
+    """Returns how much of an effect's first amount a model has already; None where it is no sum.
+
+    Args:
+        specs: The model by the kind of command.
+        given: Effects of the model that they cannot say.
+        instance: The effect, and where.
+    """
+    field = _SAYS.get(instance.effect.name)
+    if field is None:
+        return None
+    said = float(_said(find_motor_side(next(iter(specs)), instance.joints[0]), field)[0])
+    first = instance.effect.parameters[0].name
+    beside = (e.values[first] for e in given if e.key == instance.key and not e.in_model)
+    return said + sum(beside)

@@ -1,0 +1,308 @@
+"""What changed from one set of recordings to the next: amounts, set by set, and a sentence.
+
+Shape letters: K sets, oldest first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from gfm.core.checks import Array
+from gfm.diagnosis.inference.constants import CLEARLY
+from gfm.diagnosis.inference.fitting import fit, free_parameters
+from gfm.diagnosis.residuals.problem import Problem, settled
+from gfm.diagnosis.residuals.time_steps import with_suitable_steps
+from gfm.diagnosis.search.naming import twin_of
+from gfm.diagnosis.search.nominal_parameters import said_already
+from gfm.diagnosis.search.sets import Course, OverSets, Sets
+from gfm.effects import EffectInstance, Key, Parameter
+
+#: Standard errors of an interval that covers 95 %.
+COVERS = 1.96
+#: What people call effects whose names say less.
+_CALLED = {"coulomb_friction": "dry friction", "actuator_gain": "drive torque"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetAmount:
+    """One amount of one effect in all sets, as added to what the model has.
+
+    Attributes:
+        effect: Name in the effect library.
+        joints: Where it acts.
+        parameter: Which of its amounts.
+        unit: SI.
+        course: Whether its effect repeats, drifts or changes from set to set.
+        values: In each set if only this effect's amounts differ between sets, K of them.
+        errors: Their standard errors, infinite where a set does not show the amount.
+        total: Factor by which `already` and a value make what the robot has of it: how much the
+            model has already; None where there is no such sum.
+        mean: Over robots like those of the sets, by a random-effects estimate.
+        spread: Standard deviation from set to set, by the same.
+        low: What training should draw from.
+        high: Likewise.
+        credible: Whether its effect is more likely right than wrong, by one set at least.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    parameter: str
+    unit: str
+    course: Course
+    values: tuple[float, ...]
+    errors: tuple[float, ...]
+    total: float | None
+    mean: float
+    spread: float
+    low: float
+    high: float
+    credible: bool
+
+    @property
+    def key(self) -> Key:
+        """The effect, and where."""
+        return self.effect, self.joints
+
+    @property
+    def seen(self) -> tuple[bool, ...]:
+        """Whether each set would show an amount as large as the usual one."""
+        none = 1.0 if self.effect == "actuator_gain" else 0.0
+        return tuple(CLEARLY * error < abs(self.mean - none) for error in self.errors)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Changes:
+    """What changed.
+
+    Attributes:
+        sentence: The answer, for people.
+        sets: Names of the recordings of each set, oldest first.
+        amounts: Of all effects that one set at least supports.
+    """
+
+    sentence: str
+    sets: tuple[tuple[str, ...], ...]
+    amounts: tuple[SetAmount, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Found:
+    """What one set says by itself.
+
+    Attributes:
+        names: Of its recordings.
+        problem: To which amounts were fitted.
+        effects: All that was found.
+        credible: Those that are more likely right than wrong.
+    """
+
+    names: tuple[str, ...]
+    problem: Problem
+    effects: Sequence[EffectInstance]
+    credible: Sequence[EffectInstance]
+
+
+def what_changed(
+    found: Sequence[Found],
+    specs: Collection[mujoco.MjSpec],
+    given: Sequence[EffectInstance],
+    report: Callable[[str], None],
+) -> Changes:
+    """Returns which amounts differ between sets of recordings.
+
+    Args:
+        found: In each set by itself, oldest first, two at least.
+        specs: The nominal model by the kind of command.
+        given: Effects of it that they cannot say.
+        report: Told what is happening, in words.
+    """
+    report("comparing the sets")
+    effects = _of_all_sets(found)
+    names = tuple(one.names for one in found)
+    if not effects:
+        return Changes(sentence=_sentence(()), sets=names, amounts=())
+    sets = _fitted_to_each(found, effects)
+    over = sets.simplest(sets.apart(), report)
+    credible = {_usual(e).key for one in found for e in one.credible}
+    told = tuple(
+        amount
+        for i, effect in enumerate(sets.effects)
+        for amount in _amounts(sets, over, i, effect.key in credible)
+    )
+    told = tuple(_with_total(one, sets.effects, specs, given) for one in told)
+    return Changes(sentence=_sentence(told), sets=names, amounts=told)
+
+
+def _usual(instance: EffectInstance) -> EffectInstance:
+    """Returns a law under the one of its names by which it is looked for."""
+    return twin_of(instance) if instance.effect.twin else instance
+
+
+def _of_all_sets(found: Sequence[Found]) -> tuple[EffectInstance, ...]:
+    """Returns the effects of all sets, each as it was found last."""
+    newest = {e.key: e for one in found for e in map(_usual, one.effects)}
+    return tuple(newest.values())
+
+
+def _fitted_to_each(found: Sequence[Found], effects: Sequence[EffectInstance]) -> Sets:
+    """Returns effects fitted to each set, from where they were found there, or else last."""
+    problems, fits = [], []
+    for one in found:
+        own = {e.key: e for e in map(_usual, one.effects)}
+        begun = [_begun(own.get(e.key, e), e) for e in effects]
+        problem = with_suitable_steps(one.problem, begun)
+        problem = settled(problem, fit(problem, begun).effects).robust(begun)
+        problems.append(problem)
+        fits.append(fit(problem, begun))
+    return Sets(problems=tuple(problems), fits=tuple(fits))
+
+
+def _begun(instance: EffectInstance, newest: EffectInstance) -> EffectInstance:
+    """Returns an effect with those amounts of the newest one that no fit changes."""
+    fixed = {name: newest.values[name] for name in instance.effect.fixed}
+    return replace(instance, values={**instance.values, **fixed})
+
+
+def _amounts(sets: Sets, over: OverSets, index: int, credible: bool) -> list[SetAmount]:
+    instance = sets.effects[index]
+    free = [name for i, name in free_parameters(sets.effects) if i == index]
+    parameters = {p.name: p for p in instance.effect.parameters}
+    told = []
+    for name, values, errors in zip(free, *(a.T for a in sets.alone(over, index)), strict=True):
+        mean, error, spread = random_effects(values, errors)
+        reach = COVERS * float(np.hypot(error, spread))
+        low, high = _possible(instance, parameters[name], mean - reach, mean + reach)
+        told.append(
+            SetAmount(
+                effect=instance.effect.name,
+                joints=instance.joints,
+                parameter=name,
+                unit=parameters[name].unit,
+                course=over.courses[index],
+                values=tuple(map(float, values)),
+                errors=tuple(map(float, errors)),
+                total=None,
+                mean=mean,
+                spread=spread,
+                low=low,
+                high=high,
+                credible=credible,
+            )
+        )
+    return told
+
+
+def _possible(
+    instance: EffectInstance, parameter: Parameter, low: float, high: float
+) -> tuple[float, float]:
+    least = instance.least.get(parameter.name, parameter.lower)
+    most = instance.most.get(parameter.name, parameter.upper)
+    return float(np.clip(low, least, most)), float(np.clip(high, least, most))
+
+
+def random_effects(values: Array, errors: Array) -> tuple[float, float, float]:
+    """Returns mean, its standard error, and the spread from set to set (DerSimonian, Laird 1986).
+
+    Sets that do not show an amount, with an infinite error, say nothing.
+
+    Args:
+        values: In each set, shape (K,).
+        errors: Their standard errors, shape (K,).
+    """
+    shown = np.isfinite(errors)
+    if not shown.any():
+        return float(values.mean()), float("inf"), 0.0
+    values, variances = values[shown], np.maximum(errors[shown], 1e-12) ** 2
+    weights = 1.0 / variances
+    total = weights.sum()
+    apart = float(weights @ (values - weights @ values / total) ** 2) - (len(values) - 1)
+    between = 0.0
+    if len(values) > 1:
+        between = max(apart / float(total - weights @ weights / total), 0.0)
+    weights = 1.0 / (variances + between)
+    mean = float(weights @ values / weights.sum())
+    return mean, float(weights.sum() ** -0.5), between**0.5
+
+
+def _with_total(
+    amount: SetAmount,
+    effects: Sequence[EffectInstance],
+    specs: Collection[mujoco.MjSpec],
+    given: Sequence[EffectInstance],
+) -> SetAmount:
+    instance = next(e for e in effects if e.key == amount.key)
+    if amount.effect == "actuator_gain":
+        return replace(amount, total=0.0)
+    return replace(amount, total=said_already(specs, given, instance))
+
+
+def _sentence(amounts: Sequence[SetAmount]) -> str:
+    """Returns the answer in words: what changed, what only seems to, and what could not be seen."""
+    effects: dict[Key, list[SetAmount]] = {}
+    for one in amounts:
+        effects.setdefault(one.key, []).append(one)
+    changed = [own for own in effects.values() if own[0].course is not Course.REPEATS]
+    sure = [_change(own) for own in changed if own[0].credible]
+    unsure = [_change(own) for own in changed if not own[0].credible]
+    parts = ["; ".join(sure) or ("something changed" if unsure else "nothing changed")]
+    if unsure:
+        parts.append(f"looks like a change, under a doubtful name: {'; '.join(unsure)}")
+    parts += _unseen([own[0] for own in effects.values()])
+    text = ". ".join(parts)
+    return f"{text[0].upper()}{text[1:]}."
+
+
+def _unseen(firsts: Sequence[SetAmount]) -> list[str]:
+    """Returns what some sets show and others could not have shown."""
+    same = [a for a in firsts if a.course is Course.REPEATS and a.credible and any(a.seen)]
+    told: Mapping[str, list[str]] = {
+        "earlier": [_what(a) for a in same if not all(a.seen[:-1])],
+        "later": [_what(a) for a in same if not a.seen[-1]],
+    }
+    return [
+        f"could not be seen in the {which} recordings: {', '.join(names)}"
+        for which, names in told.items()
+        if names
+    ]
+
+
+def _what(amount: SetAmount) -> str:
+    name = _CALLED.get(amount.effect, amount.effect.replace("_", " "))
+    return f"{name} of {', '.join(amount.joints)}" if amount.joints else name
+
+
+def _change(own: Sequence[SetAmount]) -> str:
+    """Returns in words how the amounts of one effect differ between sets."""
+    apart = [one for one in own if abs(_difference(one)) > CLEARLY * np.hypot(*_ends(one.errors))]
+    return ", ".join(_course(one) for one in apart or own[:1])
+
+
+def _difference(amount: SetAmount) -> float:
+    return amount.values[-1] - amount.values[0]
+
+
+def _ends(errors: Sequence[float]) -> tuple[float, float]:
+    return errors[0], errors[-1]
+
+
+def _course(amount: SetAmount) -> str:
+    what, change = _what(amount), _difference(amount)
+    parameter = amount.parameter.replace("_", " ")
+    unit = "" if amount.unit == "1" else f" {amount.unit}"
+    values = np.array(amount.values) + (amount.total or 0.0)
+    listed = " -> ".join(f"{value:.3g}" for value in values) + unit
+    if amount.course is Course.DRIFTS:
+        what = f"{what} drifts:"
+    elif len(values) > 2:
+        return f"{what} varies: {parameter} {listed}"
+    if amount.effect == "payload" and amount.parameter == "mass":
+        return f"{abs(change):.2g} kg {'more' if change > 0.0 else 'less'} at the tool"
+    way = "up" if change > 0.0 else "down"
+    if amount.total is not None and min(values[0], values[-1]) > CLEARLY * max(_ends(amount.errors)):
+        share = 100.0 * abs(values[-1] / values[0] - 1.0)
+        return f"{what} {way} by {share:.0f} % ({listed})"
+    return f"{what} {parameter} {way} by {abs(change):.2g}{unit} ({listed})"
