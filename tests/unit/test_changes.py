@@ -17,7 +17,7 @@ def dry(level):
     return lambda _q, v: -level * np.tanh(v / 1e-3)
 
 
-def motion(seed, torque, duration=6.0, size=0.25, **truth):
+def motion(seed, torque, duration=12.0, size=0.25, **truth):
     time_s = np.arange(0.0, duration, PERIOD_S)
     rng = np.random.default_rng(seed)
     speeds, phases = rng.uniform(1.0, 5.0, 3), rng.uniform(0.0, 6.0, 3)

@@ -33,3 +33,9 @@ def bounded(residual: Array, limit: Array | float) -> Array:
     return np.where(
         outlying, np.sign(residual) * limit * np.sqrt(1.0 + 2.0 * np.log(ratio)), residual
     )
+
+
+def slopes(residual: Array, limit: Array | float) -> Array:
+    """Returns by how much bounded residuals change with the given ones; arguments of `bounded`."""
+    size = np.maximum(np.abs(residual), limit)
+    return np.asarray(limit**2 / (size * np.maximum(np.abs(bounded(residual, limit)), limit)))

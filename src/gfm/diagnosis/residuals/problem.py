@@ -24,7 +24,7 @@ from gfm.core import CommandKind
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import mean_square
 from gfm.diagnosis.inference.score import SegmentShape
-from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
+from gfm.diagnosis.residuals.outliers import OUTLYING, bounded, slopes
 from gfm.effects import EffectInstance
 from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.motor_sides import Spring, springs
@@ -229,8 +229,17 @@ class Problem:
         residual = np.concatenate(parts)
         if self.outlying_from is None:
             return residual
-        limits = [self._by_number(self.outlying_from, segment) for segment in self.segments]
-        return bounded(residual, np.concatenate(limits))
+        return bounded(residual, self._limits(self.outlying_from))
+
+    def slopes(self, effects: Sequence[EffectInstance]) -> Array:
+        """Returns by how much residuals change with those that are not bounded, shape (N,)."""
+        residual = replace(self, outlying_from=None).residuals([effects])[0]
+        if self.outlying_from is None:
+            return np.ones_like(residual)
+        return slopes(residual, self._limits(self.outlying_from))
+
+    def _limits(self, outlying_from: Array) -> Array:
+        return np.concatenate([self._by_number(outlying_from, one) for one in self.segments])
 
     def _by_number(self, limits: Array, segment: Segment) -> Array:
         count = len(segment.position)

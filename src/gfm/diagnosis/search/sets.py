@@ -12,7 +12,7 @@ Shape letters: K sets, P parameters, M free numbers of a hypothesis, N numbers o
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 
@@ -135,7 +135,9 @@ class Sets:
             (Course.CHANGES,) * len(self.effects),
             np.stack([amounts(one.effects) for one in self.fits]),
             tuple(one.residual for one in self.fits),
-            tuple(one.jacobian for one in self.fits),
+            tuple(
+                _columns(*row) for row in zip(self.problems, (f.effects for f in self.fits), strict=True)
+            ),
         )
 
     def simplest(self, here: OverSets, report: Callable[[str], None]) -> OverSets:
@@ -173,7 +175,7 @@ class Sets:
 
     def fitted(self, here: OverSets, courses: tuple[Course, ...], steps: int) -> OverSets:
         """Returns another hypothesis, fitted by so many Gauss-Newton steps at most."""
-        best: OverSets | None = None
+        best = here if courses == here.courses else None
         for step in range(steps):
             values = self._step(best or here, courses)[0]
             effects = [with_amounts(self.effects, row) for row in values]
@@ -184,7 +186,7 @@ class Sets:
                 break
             columns = (best or here).columns
             if step + 1 < steps:
-                columns = tuple(derivatives(p.coarse(), one, None) for p, one in rows)
+                columns = tuple(_columns(*row) for row in rows)
             best = self._told(courses, values, residuals, columns)
         assert best is not None
         return best
@@ -274,6 +276,16 @@ class Sets:
         """Returns the derivative of all residuals by the free numbers, shape (N, M)."""
         rows = zip(columns, self._design(courses), strict=True)
         return np.concatenate([own @ design for own, design in rows])
+
+
+def _columns(problem: Problem, effects: tuple[EffectInstance, ...]) -> Array:
+    """Returns the derivative of a residual by a set's amounts, shape (N of the set, P).
+
+    Fast integration errs by more than what is outlying begins with: how much that counts is taken
+    from the accurate one.
+    """
+    fast = replace(problem.coarse(), outlying_from=None)
+    return problem.slopes(effects)[:, None] * derivatives(fast, effects, None)
 
 
 def _rows(here: OverSets) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
