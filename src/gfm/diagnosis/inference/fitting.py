@@ -205,6 +205,7 @@ def amounts(effects: Sequence[EffectInstance]) -> Array:
 
 
 def with_amounts(effects: Sequence[EffectInstance], vector: Array) -> tuple[EffectInstance, ...]:
+    """Returns effects with other values of their free parameters, shape (P,)."""
     values = [dict(instance.values) for instance in effects]
     for (i, name), value in zip(free_parameters(effects), vector, strict=True):
         values[i][name] = float(value)
@@ -212,6 +213,7 @@ def with_amounts(effects: Sequence[EffectInstance], vector: Array) -> tuple[Effe
 
 
 def bounds_of(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
+    """Returns the least and the largest value of every free parameter, shape (P,) each."""
     both = [
         (effects[i].least.get(name, p.lower), effects[i].most.get(name, p.upper))
         for i, name in free_parameters(effects)

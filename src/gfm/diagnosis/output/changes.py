@@ -19,12 +19,14 @@ from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.diagnosis.search.naming import twin_of
 from gfm.diagnosis.search.nominal_parameters import said_already
 from gfm.diagnosis.search.sets import Course, OverSets, Sets
-from gfm.effects import EffectInstance, Key, Parameter
+from gfm.effects import EffectInstance, Key, Parameter, find_effect
 
 #: Standard errors of an interval that covers 95 %.
 COVERS = 1.96
+#: The effect of which one is nothing.
+GAIN = "actuator_gain"
 #: What people call effects whose names say less.
-_CALLED = {"coulomb_friction": "dry friction", "actuator_gain": "drive torque"}
+_CALLED = {"coulomb_friction": "dry friction", GAIN: "drive torque"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,8 +41,9 @@ class SetAmount:
         course: Whether its effect repeats, drifts or changes from set to set.
         values: In each set if only this effect's amounts differ between sets, K of them.
         errors: Their standard errors, infinite where a set does not show the amount.
-        total: Factor by which `already` and a value make what the robot has of it: how much the
-            model has already; None where there is no such sum.
+        seen: Whether each set would show if there were nothing of the effect.
+        already: What the model has of it: with a value, what the robot has; None where that is no
+            sum.
         mean: Over robots like those of the sets, by a random-effects estimate.
         spread: Standard deviation from set to set, by the same.
         low: What training should draw from.
@@ -55,7 +58,8 @@ class SetAmount:
     course: Course
     values: tuple[float, ...]
     errors: tuple[float, ...]
-    total: float | None
+    seen: tuple[bool, ...]
+    already: float | None
     mean: float
     spread: float
     low: float
@@ -66,12 +70,6 @@ class SetAmount:
     def key(self) -> Key:
         """The effect, and where."""
         return self.effect, self.joints
-
-    @property
-    def seen(self) -> tuple[bool, ...]:
-        """Whether each set would show an amount as large as the usual one."""
-        none = 1.0 if self.effect == "actuator_gain" else 0.0
-        return tuple(CLEARLY * error < abs(self.mean - none) for error in self.errors)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,11 +127,10 @@ def what_changed(
     over = sets.simplest(sets.apart(), report)
     credible = {_usual(e).key for one in found for e in one.credible}
     told = tuple(
-        amount
+        replace(amount, already=_already(effect, specs, given), credible=effect.key in credible)
         for i, effect in enumerate(sets.effects)
-        for amount in _amounts(sets, over, i, effect.key in credible)
+        for amount in _amounts(sets, over, i)
     )
-    told = tuple(_with_total(one, sets.effects, specs, given) for one in told)
     return Changes(sentence=_sentence(told), sets=names, amounts=told)
 
 
@@ -158,7 +155,25 @@ def _fitted_to_each(found: Sequence[Found], effects: Sequence[EffectInstance]) -
         problem = settled(problem, fit(problem, begun).effects).robust(begun)
         problems.append(problem)
         fits.append(fit(problem, begun))
+    unwrapped = [_turned(fitted.effects, fits[-1].effects) for fitted in fits]
+    fits = [replace(one, effects=own) for one, own in zip(fits, unwrapped, strict=True)]
     return Sets(problems=tuple(problems), fits=tuple(fits))
+
+
+def _turned(
+    effects: Sequence[EffectInstance], newest: Sequence[EffectInstance]
+) -> tuple[EffectInstance, ...]:
+    """Returns effects with angles within half a turn of others', where that is the same."""
+    turned = []
+    for one, other in zip(effects, newest, strict=True):
+        near = {
+            name: value - 2.0 * np.pi * round((value - other.values[name]) / (2.0 * np.pi))
+            for name, value in one.values.items()
+        }
+        back = one.effect.canonical(near)
+        same = all(np.isclose(back[name], value) for name, value in one.values.items())
+        turned.append(replace(one, values=near) if same else one)
+    return tuple(turned)
 
 
 def _begun(instance: EffectInstance, newest: EffectInstance) -> EffectInstance:
@@ -167,41 +182,49 @@ def _begun(instance: EffectInstance, newest: EffectInstance) -> EffectInstance:
     return replace(instance, values={**instance.values, **fixed})
 
 
-def _amounts(sets: Sets, over: OverSets, index: int, credible: bool) -> list[SetAmount]:
+def _amounts(sets: Sets, over: OverSets, index: int) -> list[SetAmount]:
+    """Returns the amounts of one effect; those that no fit changes are known as they are."""
     instance = sets.effects[index]
+    seen = sets.seen(over, index, 1.0 if instance.effect.name == GAIN else 0.0)
     free = [name for i, name in free_parameters(sets.effects) if i == index]
-    parameters = {p.name: p for p in instance.effect.parameters}
+    values, errors = (dict(zip(free, rows.T, strict=True)) for rows in sets.alone(over, index))
     told = []
-    for name, values, errors in zip(free, *(a.T for a in sets.alone(over, index)), strict=True):
-        mean, error, spread = random_effects(values, errors)
-        reach = COVERS * float(np.hypot(error, spread))
-        low, high = _possible(instance, parameters[name], mean - reach, mean + reach)
+    for parameter in instance.effect.parameters:
+        name = parameter.name
+        own = values.get(name, np.full(len(seen), instance.values[name]))
+        apart = errors.get(name, np.zeros(len(seen)))
+        mean, error, spread = random_effects(own, apart)
+        low, high = _possible(instance, parameter, mean, COVERS * float(np.hypot(error, spread)))
         told.append(
             SetAmount(
                 effect=instance.effect.name,
                 joints=instance.joints,
                 parameter=name,
-                unit=parameters[name].unit,
+                unit=parameter.unit,
                 course=over.courses[index],
-                values=tuple(map(float, values)),
-                errors=tuple(map(float, errors)),
-                total=None,
+                values=tuple(map(float, own)),
+                errors=tuple(map(float, apart)),
+                seen=seen,
+                already=None,
                 mean=mean,
                 spread=spread,
                 low=low,
                 high=high,
-                credible=credible,
+                credible=False,
             )
         )
     return told
 
 
 def _possible(
-    instance: EffectInstance, parameter: Parameter, low: float, high: float
+    instance: EffectInstance, parameter: Parameter, mean: float, reach: float
 ) -> tuple[float, float]:
+    """Returns a range within what is possible; the amount itself where no set shows it."""
+    if not np.isfinite(reach):
+        return mean, mean
     least = instance.least.get(parameter.name, parameter.lower)
     most = instance.most.get(parameter.name, parameter.upper)
-    return float(np.clip(low, least, most)), float(np.clip(high, least, most))
+    return float(np.clip(mean - reach, least, most)), float(np.clip(mean + reach, least, most))
 
 
 def random_effects(values: Array, errors: Array) -> tuple[float, float, float]:
@@ -228,16 +251,12 @@ def random_effects(values: Array, errors: Array) -> tuple[float, float, float]:
     return mean, float(weights.sum() ** -0.5), between**0.5
 
 
-def _with_total(
-    amount: SetAmount,
-    effects: Sequence[EffectInstance],
+def _already(
+    instance: EffectInstance,
     specs: Collection[mujoco.MjSpec],
     given: Sequence[EffectInstance],
-) -> SetAmount:
-    instance = next(e for e in effects if e.key == amount.key)
-    if amount.effect == "actuator_gain":
-        return replace(amount, total=0.0)
-    return replace(amount, total=said_already(specs, given, instance))
+) -> float | None:
+    return 0.0 if instance.effect.name == GAIN else said_already(specs, given, instance)
 
 
 def _sentence(amounts: Sequence[SetAmount]) -> str:
@@ -250,10 +269,9 @@ def _sentence(amounts: Sequence[SetAmount]) -> str:
     unsure = [_change(own) for own in changed if not own[0].credible]
     parts = ["; ".join(sure) or ("something changed" if unsure else "nothing changed")]
     if unsure:
-        parts.append(f"looks like a change, under a doubtful name: {'; '.join(unsure)}")
+        parts.append(f"doubtful by name: {'; '.join(unsure)}")
     parts += _unseen([own[0] for own in effects.values()])
-    text = ". ".join(parts)
-    return f"{text[0].upper()}{text[1:]}."
+    return " ".join(f"{part[0].upper()}{part[1:]}." for part in parts)
 
 
 def _unseen(firsts: Sequence[SetAmount]) -> list[str]:
@@ -290,19 +308,23 @@ def _ends(errors: Sequence[float]) -> tuple[float, float]:
 
 
 def _course(amount: SetAmount) -> str:
-    what, change = _what(amount), _difference(amount)
-    parameter = amount.parameter.replace("_", " ")
+    """Returns in words how one amount differs between sets."""
+    change = _difference(amount)
     unit = "" if amount.unit == "1" else f" {amount.unit}"
-    values = np.array(amount.values) + (amount.total or 0.0)
+    values = np.array(amount.values) + (amount.already or 0.0)
     listed = " -> ".join(f"{value:.3g}" for value in values) + unit
+    what = _what(amount)
+    if len(find_effect(amount.effect).parameters) > 1:
+        what = f"{amount.parameter.replace('_', ' ')} of {what}"
     if amount.course is Course.DRIFTS:
         what = f"{what} drifts:"
     elif len(values) > 2:
-        return f"{what} varies: {parameter} {listed}"
-    if amount.effect == "payload" and amount.parameter == "mass":
-        return f"{abs(change):.2g} kg {'more' if change > 0.0 else 'less'} at the tool"
+        return f"{what} varies ({listed})"
+    if (amount.effect, amount.parameter) == ("payload", "mass"):
+        return f"{abs(change):#.2g} kg {'more' if change > 0.0 else 'less'} at the tool"
     way = "up" if change > 0.0 else "down"
-    if amount.total is not None and min(values[0], values[-1]) > CLEARLY * max(_ends(amount.errors)):
+    some = min(values[0], values[-1]) > CLEARLY * max(_ends(amount.errors))
+    if amount.already is not None and some:
         share = 100.0 * abs(values[-1] / values[0] - 1.0)
         return f"{what} {way} by {share:.0f} % ({listed})"
-    return f"{what} {parameter} {way} by {abs(change):.2g}{unit} ({listed})"
+    return f"{what} {way} by {abs(change):.2g}{unit} ({listed})"

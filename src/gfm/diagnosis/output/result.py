@@ -13,8 +13,8 @@ from gfm.core import CommandKind
 from gfm.core.checks import Array
 from gfm.diagnosis.data.quality import Finding
 from gfm.diagnosis.evidence import EvidenceChain
-from gfm.diagnosis.output.changes import Changes
 from gfm.diagnosis.learned import LearnedReport
+from gfm.diagnosis.output.changes import Changes
 from gfm.effects import EffectInstance, find_effect
 from gfm.excitation.blind_spots import BlindSpot
 

@@ -136,7 +136,8 @@ class Sets:
             np.stack([amounts(one.effects) for one in self.fits]),
             tuple(one.residual for one in self.fits),
             tuple(
-                _columns(*row) for row in zip(self.problems, (f.effects for f in self.fits), strict=True)
+                _columns(*row)
+                for row in zip(self.problems, (f.effects for f in self.fits), strict=True)
             ),
         )
 
@@ -208,6 +209,21 @@ class Sets:
         places = [[int(np.flatnonzero(design[k, p])[0]) for p in own] for k in range(len(values))]
         return values[:, own], errors[places]
 
+    def seen(self, here: OverSets, effect: int, none: float) -> tuple[bool, ...]:
+        """Returns whether each set would show if an effect's first amount were `none` there.
+
+        To first order, by the score.
+        """
+        first = int(np.flatnonzero(self.owner == effect)[0])
+        told = []
+        for k, column in enumerate(here.columns):
+            residuals = list(here.residuals)
+            residuals[k] = residuals[k] + column[:, first] * (none - here.amounts[k, first])
+            other = self._predictive(np.concatenate(residuals), here.columns, here.courses)
+            apart = difference(self.blocks, here.predictive, other)
+            told.append(apart._replace(nats=abs(apart.nats)).clear)
+        return tuple(told)
+
     def _told(
         self,
         courses: tuple[Course, ...],
@@ -231,9 +247,7 @@ class Sets:
         told = Fit(effects=self.effects, cost=cost, jacobian=jacobian, residual=residual)
         return predictive(self.blocks, told)
 
-    def _step(
-        self, here: OverSets, courses: Sequence[Course]
-    ) -> tuple[Array, Array, Predictive]:
+    def _step(self, here: OverSets, courses: Sequence[Course]) -> tuple[Array, Array, Predictive]:
         """Returns amounts (K, P), free numbers (M,) and prediction of a simpler hypothesis.
 
         To first order around another one.
