@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -251,7 +252,7 @@ def test_what_changed_since_earlier_recordings_is_told_first(tmp_path, capsys):
     roles = [file["role"] for file in report["provenance"]["files"]]
     assert roles[-2:] == ["earlier recording"] * 2
     assert told["sentence"] in capsys.readouterr().out
-    assert told["sentence"] in (out / "report.html").read_text()
+    assert html.escape(told["sentence"]) in (out / "report.html").read_text()
 
 
 def learned_forces(folder: Path, joint: str = "a", share: float = 0.4) -> str:
