@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gfm.diagnosis.residuals.outliers import bounded
+from gfm.diagnosis.residuals.outliers import bounded, slopes
 
 RESIDUAL = np.linspace(-30.0, 30.0, 241)
 
@@ -34,3 +34,9 @@ def test_each_number_may_have_its_own_limit():
         bounded(np.array([5.0, 5.0]), np.array([5.0, 1.0])),
         [5.0, np.sqrt(1.0 + 2.0 * np.log(5.0))],
     )
+
+
+def test_slopes_are_the_derivative_of_bounded_residuals():
+    residual, limit, step = np.array([-40.0, -3.5, 0.0, 2.9, 5.0, 1e4]), 3.0, 1e-6
+    measured = (bounded(residual + step, limit) - bounded(residual - step, limit)) / (2.0 * step)
+    np.testing.assert_allclose(slopes(residual, limit), measured, atol=1e-6)
