@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
+from gfm.diagnosis.changes import random_effects
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.output.changes import random_effects
 from gfm.diagnosis.search.sets import Course
 from pendulum import LENGTH, MODEL, PERIOD_S, swung
 
@@ -20,7 +20,7 @@ def dry(level):
 
 
 def unmodelled(q, v):
-    """Something that no effect of the library says."""
+    """A wave, and a friction that depends on the place, which no effect of the library says."""
     return -0.05 * np.sin(9.0 * q) - 0.1 * np.tanh(v / 0.3) * np.cos(3.0 * q)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
+from gfm.diagnosis.changes import Found, what_changed
 from gfm.diagnosis.data.quality import all_findings, doubts
 from gfm.diagnosis.data.segmentation import (
     LONG,
@@ -26,7 +27,7 @@ from gfm.diagnosis.evidence import evidence_chain, plots
 from gfm.diagnosis.inference.fitting import fit
 from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.objects import ObjectPart, examine_object, widened
-from gfm.diagnosis.output.changes import Changes, Found, what_changed
+from gfm.diagnosis.output.changes import Changes
 from gfm.diagnosis.output.claims import (
     credible,
     named_effects,
