@@ -36,6 +36,9 @@ class Regression:
     def coarse(self):
         return self
 
+    def limits(self):
+        return None
+
 
 @dataclass(frozen=True)
 class Valley:
@@ -53,6 +56,9 @@ class Valley:
 
     def coarse(self):
         return self
+
+    def limits(self):
+        return None
 
 
 def friction(torque):

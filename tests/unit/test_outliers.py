@@ -8,7 +8,7 @@ import pytest
 
 from disc import DISC
 from gfm.core import CommandKind
-from gfm.diagnosis.residuals.outliers import bounded
+from gfm.diagnosis.residuals.outliers import bounded, slopes, unbounded
 from gfm.diagnosis.residuals.problem import with_state_basis
 from one_joint import TIME_S, problem
 
@@ -64,3 +64,14 @@ def test_an_initial_state_that_changes_nothing_explains_nothing():
     assert with_state_basis(away).state_basis[0].shape == (len(TIME_S), 0)
     near = left_by(1.0)
     assert with_state_basis(near).state_basis[0].shape == (len(TIME_S), 2)
+
+
+def test_slopes_are_the_derivative_of_bounded_residuals():
+    residual, limit, step = np.array([-40.0, -3.5, 0.0, 2.9, 5.0, 1e4]), 3.0, 1e-6
+    measured = (bounded(residual + step, limit) - bounded(residual - step, limit)) / (2.0 * step)
+    np.testing.assert_allclose(slopes(bounded(residual, limit), limit), measured, atol=1e-6)
+
+
+def test_what_was_bounded_is_found_again():
+    residual = np.array([-12.0, -3.5, 0.0, 2.9, 5.0])
+    np.testing.assert_allclose(unbounded(bounded(residual, 3.0), 3.0), residual, rtol=1e-12)

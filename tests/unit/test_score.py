@@ -37,6 +37,9 @@ class Recorded:
     def layout(self):
         return self.segments
 
+    def limits(self):
+        return None
+
     @property
     def size(self):
         return sum(s.channels * s.measurements * len(self.joints) for s in self.segments)

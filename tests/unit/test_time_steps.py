@@ -63,12 +63,12 @@ def cost(problem, effects=()):
 
 def test_a_short_step_is_as_long_as_nobody_sees():
     suited = with_suitable_steps(turning(step=0.00025))
-    assert suited.stepping[KIND].step_s == pytest.approx(0.004)
+    assert suited.stepping[KIND].step_s == pytest.approx(0.002)
     assert cost(suited) < 0.01
 
 
 def test_a_step_is_never_made_longer_than_the_longest():
-    assert with_suitable_steps(turning(step=0.003)).stepping[KIND].step_s == pytest.approx(0.003)
+    assert with_suitable_steps(turning(step=0.0015)).stepping[KIND].step_s == pytest.approx(0.0015)
     assert with_suitable_steps(turning(step=0.005)).stepping[KIND].step_s == pytest.approx(0.005)
 
 
@@ -105,7 +105,7 @@ def test_a_servo_that_is_too_stiff_for_any_step_is_integrated_implicitly():
     assert suited.stepping[KIND].implicit
     assert cost(suited) < 0.1
     # Once it is known, the other method is not tried again.
-    assert with_suitable_steps(suited).stepping[KIND].implicit
+    assert with_suitable_steps(suited).stepping == suited.stepping
 
 
 def massless(kp, kv, friction):

@@ -94,8 +94,7 @@ class Blocks:
 
     def spectrum(self, residual: Array) -> Array:
         """Returns a residual in frequencies, block by block, shape (N,)."""
-        if self.limit is not None:
-            residual = unbounded(residual, self.limit)
+        residual = unbounded(residual, self.limit)
         out = np.empty_like(residual)
         for rows in self.pieces:
             out[rows] = dct(residual[rows], axis=1, norm="ortho")

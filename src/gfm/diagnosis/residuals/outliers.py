@@ -17,7 +17,7 @@ OUTLYING = 3.0
 MOST_POWERS = 20.0
 
 
-def bounded(residual: Array, limit: Array | float) -> Array:
+def bounded(residual: Array, limit: Array | float | None) -> Array:
     """Returns residuals whose squares grow with the logarithm of the given ones beyond a limit.
 
     Up to it they are unchanged. Beyond it the square is l^2 (1 + 2 ln(|r| / l)), which continues
@@ -25,8 +25,10 @@ def bounded(residual: Array, limit: Array | float) -> Array:
 
     Args:
         residual: shape (N,).
-        limit: l, positive: one, or one for each, shape (N,).
+        limit: l, positive: one, or one for each, shape (N,); None for none.
     """
+    if limit is None:
+        return residual
     size = np.abs(residual)
     outlying = size > limit
     if not outlying.any():
@@ -37,8 +39,18 @@ def bounded(residual: Array, limit: Array | float) -> Array:
     )
 
 
-def unbounded(residual: Array, limit: Array | float) -> Array:
+def unbounded(residual: Array, limit: Array | float | None) -> Array:
     """Returns the residuals that `bounded` made these of: its inverse."""
+    if limit is None:
+        return residual
     ratio = np.maximum(np.abs(residual) / limit, 1.0)
     full = np.sign(residual) * limit * np.exp(np.minimum(0.5 * (ratio**2 - 1.0), MOST_POWERS))
     return np.where(ratio > 1.0, full, residual)
+
+
+def slopes(residual: Array, limit: Array | float | None) -> Array:
+    """Returns by how much bounded residuals change with those that they were made of."""
+    if limit is None:
+        return np.ones_like(residual)
+    ratio = np.maximum(np.abs(residual) / limit, 1.0)
+    return np.asarray(np.exp(-np.minimum(0.5 * (ratio**2 - 1.0), MOST_POWERS)) / ratio)

@@ -226,8 +226,7 @@ class Problem:
         return own
 
     def _bounded(self, parts: Sequence[Array]) -> Array:
-        residual, limits = np.concatenate(parts), self.limits()
-        return residual if limits is None else bounded(residual, limits)
+        return bounded(np.concatenate(parts), self.limits())
 
     def limits(self) -> Array | None:
         """Returns from where on each number is outlying, shape (N,); None where none is."""
@@ -331,8 +330,11 @@ class Problem:
         )
 
     def coarse(self) -> Problem:
-        """Returns the problem with fast integration: good enough for differences of predictions."""
-        return replace(self, rough=True)
+        """Returns the problem with fast integration: good enough for differences of predictions.
+
+        With no limits: it errs by more than these may be.
+        """
+        return replace(self, rough=True, outlying_from=None)
 
     def joined(self, other: Problem) -> Problem:
         """Returns the same problem with the segments of another one behind its own."""

@@ -6,7 +6,7 @@ robot's, less than nothing is to be added, and no less than takes off all that t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import mujoco
@@ -54,3 +54,21 @@ def _said(spec: mujoco.MjSpec, name: str, joint: str) -> float:
     Of a damping that is a polynomial, the first coefficient.
     """
     return float(np.ravel(getattr(find_motor_side(spec, joint), _SAYS[name]))[0])
+
+
+def said_already(
+    specs: Collection[mujoco.MjSpec], given: Sequence[EffectInstance], instance: EffectInstance
+) -> float | None:
+    """Returns how much of an effect's first amount a model has already; None where it is no sum.
+
+    Args:
+        specs: The model by the kind of command.
+        given: Effects of the model that they cannot say.
+        instance: The effect, and where.
+    """
+    if instance.effect.name not in _SAYS:
+        return None
+    said = _said(next(iter(specs)), instance.effect.name, instance.joints[0])
+    first = instance.effect.parameters[0].name
+    beside = (float(e.values[first]) for e in given if e.key == instance.key and not e.in_model)
+    return float(said + sum(beside))

@@ -14,6 +14,7 @@ import numpy as np
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import Fit, mean_square, orthonormal
 from gfm.diagnosis.inference.score import Difference, blocks_of, difference, predictive
+from gfm.diagnosis.residuals.outliers import bounded, slopes, unbounded
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis
@@ -71,10 +72,10 @@ def screen(
         sample_s: Recorded time on which they are looked at, s.
     """
     sample = before.problem.sample(sample_s)
-    fast = before.problem.subset(sample).coarse()
+    part = before.problem.subset(sample)
     base = _rows_of(before, sample)
-    responses = _responses(fast, candidates, scales, base)
-    blocks = blocks_of(fast)
+    responses = _responses(part, candidates, scales, base)
+    blocks = blocks_of(part)
     start = predictive(blocks, base)
 
     def weighed(left: Array) -> Difference:
@@ -82,7 +83,7 @@ def screen(
         told = Fit(effects=(), cost=0.0, jacobian=base.jacobian, residual=left)
         return difference(blocks, predictive(blocks, told), start)
 
-    found = [Screened(one.instance, weighed(left)) for one, left in _tried(fast, responses, base)]
+    found = [Screened(one.instance, weighed(left)) for one, left in _tried(part, responses, base)]
     return sorted(found, key=lambda s: -s.gain.nats)
 
 
@@ -109,8 +110,10 @@ def _responses(
     groups = list(probes(problem, candidates, scales))
     basis = orthonormal(base.jacobian)
     residual = base.residual - basis @ (basis.T @ base.residual)
+    weights = slopes(base.residual, problem.limits())[:, None]
     best: dict[tuple[object, ...], tuple[float, _Response]] = {}
-    for place, group, columns in _columns(problem, groups, base.effects):
+    for place, group, changes in _changes(problem.coarse(), groups, base.effects):
+        columns = weights * changes
         beside = columns - basis @ (basis.T @ columns)
         weighed = weigh(place, group, beside, residual)
         if weighed is None:
@@ -125,7 +128,7 @@ def _responses(
     return [response for _, response in best.values()]
 
 
-def _columns(
+def _changes(
     problem: Problem,
     groups: Sequence[tuple[Place, list[EffectInstance]]],
     effects: Sequence[EffectInstance],
@@ -156,13 +159,14 @@ def _tried(
 
     The effects of `base` make up for it to first order.
     """
-    basis = orthonormal(base.jacobian)
+    basis, fast, limits = orthonormal(base.jacobian), problem.coarse(), problem.limits()
+    full = unbounded(base.residual, limits)
     for alike in _on_same_steps(found, lambda one: one.instance.effect):
         sets = [base.effects, *((*base.effects, one.instance) for one in alike)]
-        before, *after = problem.residuals(sets)
+        before, *after = fast.residuals(sets)
         for one, rolled in zip(alike, after, strict=True):
             # What fast integration alone changes is no gain of a candidate.
-            left = base.residual + rolled - before
+            left = bounded(full + rolled - before, limits)
             left -= basis @ (basis.T @ left)
             straight = base.residual + one.change
             yield one, min(left, straight, key=np.linalg.norm)
