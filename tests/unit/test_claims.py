@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gfm.diagnosis.inference.constants import ADEQUATE_RATIO, INEXACT_SHARE, LEAST_CONFIDENCE
+from gfm.diagnosis.inference.constants import ADEQUATE_RATIO, ADEQUATE_SHARE, LEAST_CONFIDENCE
 from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.output.claims import (
@@ -187,7 +187,7 @@ NAMES = named_effects(BLOCKS, found((STRONG,), FRICTION), [FRICTION])
         (20.0, 1.4, NAMES, Verdict.EXPLAINED),
         (20.0, 5.0, NAMES, Verdict.PARTLY_EXPLAINED),
         # As exact as laws are: next to nothing of the gap is left, though more than noise.
-        (400.0, 400.0 * 0.9 * np.sqrt(INEXACT_SHARE) / 4.0, NAMES, Verdict.EXPLAINED),
+        (400.0, 400.0 * 0.9 * np.sqrt(ADEQUATE_SHARE) / 4.0, NAMES, Verdict.EXPLAINED),
         # As small a share, but far from noise.
         (3000.0, 30.0, NAMES, Verdict.PARTLY_EXPLAINED),
     ],

@@ -18,7 +18,7 @@ from gfm.sim.plant import acts_on_command
 GLANCE_S, SCREENING_S = 8.0, 24.0
 #: Candidates that are looked at again, that are fitted, places of one effect among those, amounts
 #: from which the fit of one begins, and kinds that are tried on several joints.
-LOOKED_AT, FITTED, PLACES, STARTS, KINDS = 16, 4, 2, 2, 1
+LOOKED_AT, FITTED, PLACES, STARTS, KINDS = 16, 4, 2, 2, 2
 #: Fits in front that are compared from initial states of their own.
 FRONT = 2
 #: Standard errors by which a candidate must seem to predict better, to first order, to be fitted.
@@ -47,8 +47,12 @@ def add(
         screened = _screened(before, tier, scales)
         ranked += _all_tried(before, _shortlist(screened), report)
         if _worth_more(before, best_of(before.blocks, ranked)):
-            # What no single joint's effect explains, all joints may lack.
-            ranked += _all_tried(before, _kinds(screened), report)
+            # What no single joint's effect explains, all joints may lack, also beside one of the
+            # whole robot: late commands and friction everywhere look like lags.
+            kinds = _kinds(screened)
+            whole = [o.new for o in ranked if is_whole(o.new[0].effect)]
+            kinds += [(*one, *kind) for one in whole[:1] for kind in kinds]
+            ranked += _all_tried(before, kinds, report)
         ranked = _with_front_fitted_out(before, ranked)
         best = best_of(before.blocks, ranked)
         if not _worth_more(before, best):
