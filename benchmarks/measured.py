@@ -31,7 +31,7 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.segmentation import WHOLE, make_problem
 from gfm.diagnosis.evidence.plots import torque_left
-from gfm.diagnosis.residuals.problem import Problem, settled
+from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import EffectInstance, find_effect
 from gfm.experiments.inputs import load_specs, read_recordings
 from gfm.service.effects_file import read_effects
@@ -214,7 +214,7 @@ def position_table(
     rows = [_heading(rig.figure, models)]
     for apart in dict.fromkeys(("", rig.excited)):
         part = [i for i, s in enumerate(problem.segments) if apart in recordings[s.recording].name]
-        fitted = [settled(problem.subset(part), e).position_errors(e) for e in models.values()]
+        fitted = [problem.subset(part).settled(e).position_errors(e) for e in models.values()]
         told = [problem.subset(part).as_measured().position_errors(e) for e in models.values()]
         words = f", {apart}*" if apart else ""
         rows.append(f"| initial state fitted{words} | {' | '.join(map(rig.measure, fitted))} |")

@@ -11,7 +11,6 @@ from gfm.diagnosis.data.segmentation import in_model_order, make_problem
 from gfm.diagnosis.data.signals import smooth_states
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.output.result import Verdict
-from gfm.diagnosis.residuals.problem import settled
 from gfm.effects import EffectInstance, effect_library
 from pendulum import DAMPING, MODEL, PERIOD_S, STIFFNESS, swung
 
@@ -155,4 +154,4 @@ def test_when_efforts_were_measured_is_told_under_the_effects_that_were_found(la
         effect=effect_library()["viscous_friction"], joints=("j",), values={"coefficient": 3.0}
     )
     assert problem.after_command  # the nominal model is far off and says so in either case
-    assert settled(problem, [viscous]).after_command is (late == 0)
+    assert problem.settled([viscous]).after_command is (late == 0)

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind
 from gfm.diagnosis.inference.fitting import fit
-from gfm.diagnosis.residuals.problem import Noise, Problem, settled, unsettled
+from gfm.diagnosis.residuals.problem import Noise, Problem, unsettled
 from gfm.diagnosis.search.hypothesis import hypothesis, settled_hypothesis
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.segment import Segment
@@ -64,7 +64,7 @@ def falling(kind, *, error):
 
 def test_initial_states_are_found_where_the_first_order_is_not_enough():
     rough = falling(CommandKind.EFFORT, error=0.05)
-    fine = settled(rough, ())
+    fine = rough.settled(())
     assert fine.segments[0].initial_velocity[0] == pytest.approx(0.0, abs=1e-3)
     assert fine.segments[0].initial_position[0] == pytest.approx(0.1, abs=1e-4)
     assert np.abs(rough.position_errors(())[0]).max() > 0.1
@@ -73,21 +73,21 @@ def test_initial_states_are_found_where_the_first_order_is_not_enough():
 
 def test_a_servo_forgets_how_it_began():
     led = falling(CommandKind.POSITION, error=0.05)
-    assert settled(led, ()).segments == led.segments
+    assert led.settled(()).segments == led.segments
     off = replace(led, segments=(replace(led.segments[0], servo_gain=np.zeros(1)),))
-    assert settled(off, ()).segments[0].initial_velocity[0] == pytest.approx(0.0, abs=1e-3)
+    assert off.settled(()).segments[0].initial_velocity[0] == pytest.approx(0.0, abs=1e-3)
 
 
 def test_a_stretch_that_is_followed_as_it_begins_stays_as_it_is():
     followed = falling(CommandKind.EFFORT, error=0.0)
-    assert settled(followed, ()).segments[0] is followed.segments[0]
+    assert followed.settled(()).segments[0] is followed.segments[0]
 
 
 def suited_to_none(friction):
     """The problem of a fall with friction, from initial states that suit a model without it."""
     problem = falling(CommandKind.EFFORT, error=0.0)
     slowed = replace(problem.segments[0], position=fallen(0.1, 0.0, friction))
-    return settled(replace(problem, segments=(slowed,)), ())
+    return replace(problem, segments=(slowed,)).settled(())
 
 
 def viscous(coefficient):
@@ -107,7 +107,7 @@ def test_states_and_amounts_are_found_in_turn():
 def test_states_as_measured_are_kept_beside_those_that_suit_a_model():
     measured = falling(CommandKind.EFFORT, error=0.0)
     slowed = replace(measured.segments[0], position=fallen(0.1, 0.0, 0.3))
-    bent = settled(settled(replace(measured, segments=(slowed,)), ()), (viscous(0.1),))
+    bent = replace(measured, segments=(slowed,)).settled(()).settled((viscous(0.1),))
     assert bent.segments[0].initial_velocity[0] < -0.01
     assert unsettled(bent, (viscous(0.3),)).segments[0] is slowed
 
@@ -116,7 +116,7 @@ def test_errors_as_measured_are_those_of_what_was_measured():
     """A speed that is off by 0.05 rad/s, in closed form; bent states make nothing of it better."""
     measured = falling(CommandKind.EFFORT, error=0.05)
     off = fallen(0.1, 0.0) - fallen(0.1, 0.05)
-    for problem in (measured, settled(measured, ())):
+    for problem in (measured, measured.settled(())):
         assert problem.as_measured().position_errors(())[0] == pytest.approx(off, abs=1e-5)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import fit, free_parameters
 from gfm.diagnosis.output.changes import Changes, SetAmount, sentence_on_changes
-from gfm.diagnosis.residuals.problem import Problem, settled
+from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.diagnosis.search.naming import twin_of
 from gfm.diagnosis.search.nominal_parameters import said_already
@@ -92,7 +92,7 @@ def _fitted_to_each(found: Sequence[Found], effects: Sequence[EffectInstance]) -
         own = {e.key: e for e in map(_usual, one.effects)}
         begun = [_begun(own.get(e.key, e), e) for e in effects]
         problem = with_suitable_steps(one.problem, begun)
-        problem = settled(problem, fit(problem, begun).effects).robust(begun)
+        problem = problem.settled(fit(problem, begun).effects).robust(begun)
         problems.append(problem)
         fits.append(fit(problem, begun))
     unwrapped = [_turned(fitted.effects, fits[-1].effects) for fitted in fits]

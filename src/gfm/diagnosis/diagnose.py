@@ -46,7 +46,7 @@ from gfm.diagnosis.output.result import (
     Verdict,
 )
 from gfm.diagnosis.output.sentences import sentence_on, sentence_on_object
-from gfm.diagnosis.residuals.problem import Problem, settled
+from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.diagnosis.search.loop import search
 from gfm.diagnosis.search.trace import SearchResult
@@ -94,10 +94,10 @@ class HeldOut:
 
 def _errors(problem: Problem, effects: Sequence[EffectInstance]) -> HeldOut:
     """Returns the errors of the nominal model and of that with `effects`."""
-    before = settled(problem, ()).position_errors(())
+    before = problem.settled(()).position_errors(())
     if not effects:
         return HeldOut(problem=problem, before=before, after=before)
-    suited = settled(with_suitable_steps(problem, effects), effects)
+    suited = with_suitable_steps(problem, effects).settled(effects)
     return HeldOut(problem=problem, before=before, after=suited.position_errors(effects))
 
 

@@ -23,8 +23,9 @@ DEGREES_OF_FREEDOM = 4.0
 CONFIDENCE = (-3.0, 1.0, 2.0, -0.8, -0.7)
 #: Confidence from which on a name is given: below it is a suspect.
 LEAST_CONFIDENCE = 0.5
-#: Share of a joint's squared gap that laws may leave by not being quite exact: no more is looked for.
+#: Share of a joint's squared gap that laws may leave by not being quite exact: nothing is
+#: looked for in it.
 INEXACT_SHARE = 1e-4
-#: Held-out error, in noise floors, up to which a model is adequate, or share of the squared gap that
-#: it leaves. They decide no name, but the verdict.
+#: Held-out error, in noise floors, up to which a model is adequate, or share of the squared gap
+#: that it leaves. They decide no name, but the verdict.
 ADEQUATE_RATIO, ADEQUATE_SHARE = 2.0, 3e-3

@@ -19,12 +19,14 @@ from dataclasses import dataclass, field, replace
 import mujoco
 import numpy as np
 from scipy.signal import savgol_filter
+from typing_extensions import override
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import mean_square
 from gfm.diagnosis.inference.score import SegmentShape
 from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
+from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.effects import EffectInstance
 from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.motor_sides import Spring, springs
@@ -88,7 +90,7 @@ class Stepping:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Problem:
+class Problem(SegmentedProblem):
     """Recordings and the model that should explain them.
 
     Attributes:
@@ -123,6 +125,7 @@ class Problem:
     rough: bool = False
 
     @property
+    @override
     def separated(self) -> set[tuple[str, ...]]:
         """Joints whose motor the model has apart from the link already, each as a place."""
         model = {joint.name for spec in self.specs.values() for joint in spec.joints}
@@ -198,6 +201,7 @@ class Problem:
             plants.append([make_plant(spec, self.joints, (*self.given, *c)) for c in candidates])
         return plants
 
+    @override
     def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
         """Returns the residual of every candidate, initial states fitted, shape (candidates, N)."""
         rows = zip(candidates, self.predictions(candidates), strict=True)
@@ -239,10 +243,10 @@ class Problem:
         channels = self._size(segment) // segment.position.size
         return np.concatenate([np.tile(limits[c], count) for c in range(channels)])
 
+    @override
     def robust(self, effects: Sequence[EffectInstance]) -> Problem:
         """Returns the problem with limits from what `effects` leave in a typical stretch."""
-        plain = replace(self, outlying_from=None)
-        residual = plain.residuals([effects])[0]
+        residual = self.plain().residuals([effects])[0]
         joints = len(self.joints)
         sizes: list[list[Array]] = [[], []]
         for segment, rows in zip(self.segments, self.slices(), strict=True):
@@ -269,10 +273,12 @@ class Problem:
         ]
 
     @property
+    @override
     def has_efforts(self) -> bool:
         """Whether efforts are predicted beside positions."""
         return any(self._size(s) > s.position.size for s in self.segments)
 
+    @override
     def positions_alone(self) -> Problem:
         """Returns the problem without efforts."""
         segments = tuple(replace(segment, effort=None) for segment in self.segments)
@@ -294,21 +300,11 @@ class Problem:
             if segment.effort is not None
         )
 
-    def joint_costs(self, residual: Array) -> Array:
-        """Returns the mean squared residual of each joint, shape (J,)."""
-        joints = len(self.joints)
-        return np.asarray((residual.reshape(-1, joints) ** 2).mean(axis=0))
-
-    def slices(self) -> list[slice]:
-        """Returns where each segment's numbers lie in a residual."""
-        ends = np.cumsum([self._size(segment) for segment in self.segments])
-        starts = [0, *ends[:-1]]
-        return [slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
-
     def _size(self, segment: Segment) -> int:
         both = segment.effort is not None and segment.effort_noise is not None
         return segment.position.size * (2 if both else 1)
 
+    @override
     def layout(self) -> list[SegmentShape]:
         """Returns what each segment's numbers are."""
         return [
@@ -321,6 +317,11 @@ class Problem:
             for segment in self.segments
         ]
 
+    @override
+    def plain(self) -> Problem:
+        return replace(self, outlying_from=None)
+
+    @override
     def subset(self, keep: Sequence[int]) -> Problem:
         """Returns the same problem with some of its segments only."""
         return replace(
@@ -329,6 +330,7 @@ class Problem:
             state_basis=tuple(self.state_basis[i] for i in keep) if self.state_basis else (),
         )
 
+    @override
     def coarse(self) -> Problem:
         """Returns the problem with fast integration: good enough for differences of predictions.
 
@@ -344,6 +346,24 @@ class Problem:
             state_basis=(*self.state_basis, *other.state_basis),
         )
 
+    @override
+    def settled(self, effects: Sequence[EffectInstance]) -> Problem:
+        """Returns the problem with initial states, and times of efforts, that fit best.
+
+        Where nothing leads a joint back, what a segment begins with counts to its end, and by more
+        than to first order. A servo forgets it: its segments stay as they are.
+        """
+        free = [i for i, s in enumerate(self.segments) if not _led(s)]
+        problem = timed(self, effects)
+        if not free:
+            return problem
+        part = _freely_settled(problem.subset(free), effects)
+        segments, bases = list(problem.segments), list(problem.state_basis)
+        for i, segment, basis in zip(free, part.segments, part.state_basis, strict=True):
+            segments[i], bases[i] = segment, basis
+        return replace(problem, segments=tuple(segments), state_basis=tuple(bases))
+
+    @override
     def sample(self, simulated_s: float, of_each: int = 0) -> list[int]:
         """Returns segments, spread over the recordings and kinds, of about so much time in all.
 
@@ -386,23 +406,6 @@ def timed(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
         return problem
     both = [replace(problem, after_command=after) for after in (False, True)]
     return min(both, key=lambda one: one.effort_misfit(effects))
-
-
-def settled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
-    """Returns the problem with initial states, and times of efforts, that fit best under `effects`.
-
-    Where nothing leads a joint back, what a stretch begins with counts to its end, and by more than
-    to first order. A servo forgets it: its stretches stay as they are.
-    """
-    free = [i for i, s in enumerate(problem.segments) if not _led(s)]
-    problem = timed(problem, effects)
-    if not free:
-        return problem
-    part = _freely_settled(problem.subset(free), effects)
-    segments, bases = list(problem.segments), list(problem.state_basis)
-    for i, segment, basis in zip(free, part.segments, part.state_basis, strict=True):
-        segments[i], bases[i] = segment, basis
-    return replace(problem, segments=tuple(segments), state_basis=tuple(bases))
 
 
 def unsettled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:

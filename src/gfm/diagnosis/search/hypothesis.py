@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import TypeVar
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.constants import INEXACT_SHARE, LEAST_DISCREPANCY
@@ -21,10 +23,13 @@ from gfm.diagnosis.inference.score import (
     predictive,
     room,
 )
-from gfm.diagnosis.residuals.problem import Problem, settled, unsettled
+from gfm.diagnosis.residuals.problem import Problem, unsettled
+from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance
 
+P = TypeVar("P", bound=SegmentedProblem)
+Of = TypeVar("Of", bound=SegmentedProblem, covariant=True, default=SegmentedProblem)
 #: Times that initial states and amounts are looked for in turn at most, and the share of what was
 #: left that one turn may leave for another.
 IN_TURN, TURN_LEAVES = 4, 0.9
@@ -33,7 +38,7 @@ FAR_OFF = 100.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Hypothesis:
+class Hypothesis(Generic[Of]):
     """Effects that were fitted to a problem.
 
     Attributes:
@@ -44,7 +49,7 @@ class Hypothesis:
             shape (J,).
     """
 
-    problem: Problem
+    problem: Of
     fit: Fit
     blocks: Blocks
     nominal: Array
@@ -88,9 +93,10 @@ class Hypothesis:
         Those of the problem suit what was found before, and among close rivals that which changes
         least beside it.
         """
-        own, best = self.problem, begun
+        own: SegmentedProblem = self.problem
+        best = begun
         for _ in range(IN_TURN):
-            there = settled(own, best.effects)
+            there = own.settled(best.effects)
             if there.segments == own.segments:
                 return best
             other = fit(there, best.effects)
@@ -111,7 +117,7 @@ class Hypothesis:
         return tuple(joint for joint, is_open in rows if is_open)
 
 
-def hypothesis(problem: Problem, fitted: Fit, nominal: Array) -> Hypothesis:
+def hypothesis(problem: P, fitted: Fit, nominal: Array) -> Hypothesis[P]:
     """Returns a fit to a problem as a hypothesis."""
     return Hypothesis(problem=problem, fit=fitted, blocks=blocks_of(problem), nominal=nominal)
 
@@ -123,33 +129,32 @@ def parameters_of(effects: Sequence[EffectInstance]) -> int:
 
 def settled_hypothesis(
     problem: Problem, effects: Sequence[EffectInstance], nominal: Array
-) -> Hypothesis:
+) -> Hypothesis[Problem]:
     """Returns effects fitted to a problem whose initial states suit them.
 
     States and amounts are looked for in turn. Where much is left, the states that suited what was
     found before may be the reason: those measured are tried, too.
     """
     problem = with_suitable_steps(problem, effects)
-    there, found = _in_turn(problem, effects)
+    there, found = in_turn(problem, effects)
     if found.cost <= FAR_OFF or all(s.measured is None for s in there.segments):
         return hypothesis(there, found, nominal)
     begun = unsettled(there, found.effects)
-    again, other = _in_turn(begun, fit(begun, found.effects).effects)
+    again, other = in_turn(begun, fit(begun, found.effects).effects)
     better = _unbounded(again, other) < _unbounded(there, found)
     return hypothesis(*((again, other) if better else (there, found)), nominal)
 
 
 def _unbounded(problem: Problem, fitted: Fit) -> float:
     """Returns the cost of a fit if what is outlying counts in full."""
-    plain = replace(problem, outlying_from=None)
-    return float(np.mean(plain.residuals([fitted.effects])[0] ** 2))
+    return float(np.mean(problem.plain().residuals([fitted.effects])[0] ** 2))
 
 
-def _in_turn(problem: Problem, effects: Sequence[EffectInstance]) -> tuple[Problem, Fit]:
+def in_turn(problem: P, effects: Sequence[EffectInstance]) -> tuple[P, Fit]:
     """Returns initial states and amounts, each looked for anew where the other was found."""
     before = np.inf
     for _ in range(IN_TURN):
-        problem = settled(problem, effects).robust(effects)
+        problem = problem.settled(effects).robust(effects)
         found = fit(problem, effects)
         effects = found.effects
         blocks = blocks_of(problem)

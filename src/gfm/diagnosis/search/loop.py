@@ -16,14 +16,8 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.diagnosis.inference.fitting import (
-    acting,
-    along_valley,
-    amounts,
-    free_parameters,
-    measured,
     nothing,
 )
-from gfm.diagnosis.inference.intervals import disagreement
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import Place, joint_scales, places, torque_views
 from gfm.diagnosis.search.equals import equals_of, looked_for, recorded
@@ -31,14 +25,13 @@ from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis, settled_hypo
 from gfm.diagnosis.search.moves.add import add
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.intermittent import intermittent, with_segments
-from gfm.diagnosis.search.moves.reduce import Compared, Rivals, exchange, gains_of_each, remove
+from gfm.diagnosis.search.moves.reduce import rivals_of
 from gfm.diagnosis.search.naming import fitly_named, twins
 from gfm.diagnosis.search.nominal_parameters import with_room
+from gfm.diagnosis.search.steps import Proposal, Search, effects_of, gain_of
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step
-from gfm.effects import EffectInstance, Key, Scales, Scope, effect_library
+from gfm.effects import EffectInstance, Key, Scales, effect_library
 
-#: Steps at most.
-MOST_STEPS = 24
 #: Share of the nominal misfit from which on common errors are looked for.
 MUCH = 0.1
 #: What long segments leave, in units of what short ones do, from which on they are searched, too.
@@ -46,76 +39,69 @@ MORE_IN_LONG = 2.0
 
 
 @dataclass
-class Search:
-    """A search under way.
+class RobotMoves:
+    """How a search goes on from a hypothesis on a robot.
 
     Attributes:
         candidates: What may be missing, and where.
         scales: Of every joint's signals.
         report: Told what is happening, in words.
-        in_time: Whether there is time left.
         everything: All short segments there are.
-        steps: So far.
+        steps: Of the search so far.
         segments: That told of what acts now and then only.
-        held: Keys of what few segments judge.
     """
 
     candidates: Sequence[Place]
     scales: Sequence[Scales]
     report: Callable[[str], None]
-    in_time: Callable[[], bool]
     everything: Problem
-    steps: list[Step] = field(default_factory=list)
+    steps: Sequence[Step]
     segments: list[Problem] = field(default_factory=list)
-    held: set[Key] = field(default_factory=set)
 
-    def run(self, here: Hypothesis, moves: Sequence[Move]) -> Hypothesis:
-        """Returns the best hypothesis that steps lead to."""
-        while here.is_open and len(self.steps) < MOST_STEPS and self.in_time():
-            after = self._step(here, moves)
-            if after is None:
-                break
-            here, removed = remove(after, self.held, self.report)
-            self.steps.extend(removed)
-        return here
+    @property
+    def always(self) -> list[Place]:
+        """Candidates that act all the time."""
+        return [p for p in self.candidates if not p.effect.only_in_stretches]
 
-    def _step(self, here: Hypothesis, moves: Sequence[Move]) -> Hypothesis | None:
-        """Returns the hypothesis after the best step; None where there is none."""
-        always = [p for p in self.candidates if not p.effect.only_in_stretches]
-        single = add(here, always, self.scales, self.report)
-        step = single
-        if Move.COMMON_ERRORS in moves and self._gains_little(here, single):
-            common = common_errors(here, always, self.scales, self.report)
-            if _gain(common) > _gain(single):
-                step = common
-        if step.chosen is None and Move.INTERMITTENT in moves:
-            return self._intermittent(here, single)
-        self.steps.append(step)
-        if step.chosen is None:
-            return None
-        return settled_hypothesis(here.problem, step.chosen.fit.effects, here.nominal)
+    def add(self, here: Hypothesis[Problem], _best: Step | None) -> Proposal[Problem]:
+        """Proposes the best single effect."""
+        return _proposal(here, add(here, self.always, self.scales, self.report))
 
-    def _gains_little(self, here: Hypothesis, single: Step) -> bool:
-        """Returns whether more can be gained than the best single effect does."""
+    def common(self, here: Hypothesis[Problem], best: Step | None) -> Proposal[Problem] | None:
+        """Proposes common errors, once, where more can be gained than a single effect does."""
         tried = any(step.move is Move.COMMON_ERRORS for step in self.steps)
         much = here.fit.cost > MUCH * float(np.mean(here.nominal))
-        return not tried and much and _gain(single) < 0.5 * here.room.nats
+        if tried or not much or gain_of(best) >= 0.5 * here.room.nats:
+            return None
+        return _proposal(here, common_errors(here, self.always, self.scales, self.report))
 
-    def _intermittent(self, here: Hypothesis, single: Step) -> Hypothesis | None:
-        """Returns the hypothesis with what acts now and then only; None where nothing does."""
+    def intermittent(
+        self, here: Hypothesis[Problem], best: Step | None
+    ) -> Proposal[Problem] | None:
+        """Proposes what acts now and then only, where nothing else gains anything."""
+        if best is not None and best.chosen is not None:
+            return None
         found = intermittent(here, self.everything, self.candidates, self.scales, self.report)
-        self.steps.append(single if found is None else found[0])
-        if found is None or (chosen := found[0].chosen) is None:
+        if found is None:
             return None
         step, part = found
-        joined, own = with_segments(here, step, part)
-        self.segments.append(own)
-        self.held.add(chosen.new[0].key)
-        return settled_hypothesis(joined, chosen.fit.effects, here.nominal)
+
+        def after() -> Hypothesis[Problem]:
+            joined, own = with_segments(here, step, part)
+            self.segments.append(own)
+            return settled_hypothesis(joined, effects_of(step), here.nominal)
+
+        return Proposal(step=step, after=after)
+
+    def rivals(self, instance: EffectInstance, rest: Hypothesis) -> list[EffectInstance]:
+        """Returns the best rivals of an effect beside the rest of a hypothesis."""
+        return rivals_of(instance, rest, self.always, self.scales, self.steps)
 
 
-def _gain(step: Step) -> float:
-    return 0.0 if step.chosen is None else step.chosen.gain.nats
+def _proposal(here: Hypothesis[Problem], step: Step) -> Proposal[Problem]:
+    return Proposal(
+        step=step, after=lambda: settled_hypothesis(here.problem, effects_of(step), here.nominal)
+    )
 
 
 def search(
@@ -143,24 +129,23 @@ def search(
     problem = problem.robust(())
     nothing_yet = nothing(problem)
     here = hypothesis(problem, nothing_yet, problem.joint_costs(nothing_yet.residual))
-    under_way = Search(
+    under_way = Search[Problem](report=report, in_time=in_time)
+    moves = RobotMoves(
         candidates=_candidates(problem),
         scales=scales,
         report=report,
-        in_time=in_time,
         everything=replace(everything, stepping=problem.stepping),
+        steps=under_way.steps,
     )
-    here = under_way.run(here, (Move.ADD, Move.COMMON_ERRORS, Move.INTERMITTENT))
+    here = under_way.run(here, (moves.add, moves.common, moves.intermittent))
     if longer:
         report("settling amounts")
-        long = reduce(Problem.joined, under_way.segments, long)
+        long = reduce(Problem.joined, moves.segments, long)
         settled = settled_hypothesis(long, here.effects, here.nominal)
         # What keeps a rollout off slowly, initial states of short segments make up for.
         slowly = settled.fit.cost - 1.0 > MORE_IN_LONG * max(here.fit.cost - 1.0, 1.0)
-        here = under_way.run(settled, (Move.ADD,)) if slowly else settled
-    final, compared = _reduced(here, under_way)
-    final = _with_acting(final)
-    evidence = _evidence(final, compared)
+        here = under_way.run(settled, (moves.add,)) if slowly else settled
+    final, evidence = under_way.end(here, moves.rivals)
     fitted = fitly_named(final.fit, problem.specs)
     return (
         SearchResult(
@@ -168,9 +153,9 @@ def search(
             fit=fitted,
             room=final.room,
             steps=tuple(under_way.steps),
-            evidence=_also_by_other_names(evidence, fitted.effects),
+            evidence=also_by_other_names(evidence, fitted.effects),
             equals=_equals(final.problem, fitted.effects),
-            segments=tuple(under_way.segments),
+            segments=tuple(moves.segments),
             out_of_time=not in_time(),
         ),
         final.problem,
@@ -197,82 +182,7 @@ def _equals(
     }
 
 
-def _reduced(here: Hypothesis, under_way: Search) -> tuple[Hypothesis, list[Compared]]:
-    """Returns a hypothesis after exchanges and removals, and what rivals every effect."""
-    while True:
-        rivals = Rivals(
-            candidates=[p for p in under_way.candidates if not p.effect.only_in_stretches],
-            scales=under_way.scales,
-            steps=under_way.steps,
-        )
-        here, exchanged, compared = exchange(here, under_way.held, rivals, under_way.report)
-        here, removed = remove(here, under_way.held, under_way.report)
-        under_way.steps.extend([*exchanged, *removed])
-        if not exchanged or not under_way.in_time():
-            return here, compared
-
-
-def _with_acting(here: Hypothesis) -> Hypothesis:
-    """Returns a hypothesis without effects of which there is nothing, amounts settled."""
-    some = acting(here.effects)
-    if len(some) < len(here.effects):
-        return hypothesis(here.problem, measured(here.problem, some), here.nominal)
-    return hypothesis(here.problem, along_valley(here.problem, here.fit), here.nominal)
-
-
-def _evidence(here: Hypothesis, compared: Sequence[Compared]) -> dict[Key, Evidence]:
-    """Returns what speaks for each effect of a hypothesis."""
-    rivals = {one.instance.key: one for one in compared}
-    left, halves = _left_by_joint(here), _halves(here)
-    return {
-        instance.key: Evidence(
-            without=without,
-            rival=rivals[instance.key].over if instance.key in rivals else None,
-            by=rivals[instance.key].rival if instance.key in rivals else None,
-            left=_left_of(instance, here.problem, left),
-            halves=halves[instance.key],
-        )
-        for without, instance in gains_of_each(here)
-    }
-
-
-def _left_by_joint(here: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the squared gap of each joint before and after, in units of the noise, (J,) each."""
-    plain = replace(here.problem, outlying_from=None)
-    before, after = plain.residuals([(), here.effects])
-    gap = [np.maximum(plain.joint_costs(r) - 1.0, 1e-9) for r in (before, after)]
-    return gap[0], gap[1]
-
-
-def _left_of(
-    instance: EffectInstance, problem: Problem, gaps: tuple[np.ndarray, np.ndarray]
-) -> float:
-    local = instance.effect.scope in (Scope.JOINT, Scope.PAIR)
-    names = instance.joints if local else problem.joints
-    rows = [problem.joints.index(name) for name in names]
-    return float(gaps[1][rows].sum() / gaps[0][rows].sum())
-
-
-def _halves(here: Hypothesis) -> dict[Key, float]:
-    """Returns by how many standard errors two halves of the data put each effect apart."""
-    layout = here.problem.layout()
-    recordings = sorted({segment.recording for segment in layout})
-    by_recording = len(recordings) > 1
-    half = [
-        (recordings.index(s.recording) if by_recording else i) % 2 for i, s in enumerate(layout)
-    ]
-    fitted = here.fit
-    apart = disagreement(
-        amounts(fitted.effects), fitted.jacobian, fitted.residual, here.problem.slices(), half
-    )
-    by_effect: dict[Key, float] = {e.key: 0.0 for e in fitted.effects}
-    for (i, _), errors in zip(free_parameters(fitted.effects), apart, strict=True):
-        key = fitted.effects[i].key
-        by_effect[key] = max(by_effect[key], float(errors))
-    return by_effect
-
-
-def _also_by_other_names(
+def also_by_other_names(
     evidence: Mapping[Key, Evidence], effects: Sequence[EffectInstance]
 ) -> dict[Key, Evidence]:
     """Returns evidence under the names that effects have in the end."""

@@ -15,7 +15,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import Fit, mean_square, orthonormal
 from gfm.diagnosis.inference.score import Difference, blocks_of, difference, predictive
 from gfm.diagnosis.residuals.outliers import bounded, slopes, unbounded
-from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis
 from gfm.effects import Effect, EffectInstance, Scales, Scope
@@ -104,7 +104,7 @@ def _rows_of(before: Hypothesis, segments: Sequence[int]) -> Fit:
 
 
 def _responses(
-    problem: Problem, candidates: Sequence[Place], scales: Sequence[Scales], base: Fit
+    problem: SegmentedProblem, candidates: Sequence[Place], scales: Sequence[Scales], base: Fit
 ) -> list[_Response]:
     """Returns what each candidate explains to first order beside `base`, its valleys apart."""
     groups = list(probes(problem, candidates, scales))
@@ -129,7 +129,7 @@ def _responses(
 
 
 def _changes(
-    problem: Problem,
+    problem: SegmentedProblem,
     groups: Sequence[tuple[Place, list[EffectInstance]]],
     effects: Sequence[EffectInstance],
 ) -> Iterator[tuple[Place, list[EffectInstance], Array]]:
@@ -153,7 +153,7 @@ def _on_same_steps(items: Sequence[T], effect: Callable[[T], Effect]) -> list[li
 
 
 def _tried(
-    problem: Problem, found: Sequence[_Response], base: Fit
+    problem: SegmentedProblem, found: Sequence[_Response], base: Fit
 ) -> Iterator[tuple[_Response, Array]]:
     """Yields candidates with what they leave: to first order, or in a rollout if that is less.
 
@@ -173,7 +173,7 @@ def _tried(
 
 
 def probes(
-    problem: Problem, candidates: Sequence[Place], scales: Sequence[Scales]
+    problem: SegmentedProblem, candidates: Sequence[Place], scales: Sequence[Scales]
 ) -> Iterator[tuple[Place, list[EffectInstance]]]:
     """Yields candidates with amounts that are tried together, to be weighed, see `weigh`."""
     for place in candidates:

@@ -65,10 +65,26 @@ def add(
     )
 
 
-def _with_front_fitted_out(before: Hypothesis, tried: Sequence[Tried]) -> list[Tried]:
+def add_of_few(
+    before: Hypothesis, new: Sequence[EffectInstance], report: Callable[[str], None]
+) -> Step:
+    """Returns the step that adds the best of a few effects: each is fitted out."""
+    tried = _all_tried(before, [(one,) for one in new], report)
+    ranked = _with_front_fitted_out(before, tried, len(tried))
+    return Step(
+        move=Move.ADD,
+        before=before.fit.cost,
+        ranked=tuple(ranked),
+        chosen=best_of(before.blocks, ranked),
+    )
+
+
+def _with_front_fitted_out(
+    before: Hypothesis, tried: Sequence[Tried], front: int = FRONT
+) -> list[Tried]:
     """Returns what was tried, best first, those in front from initial states of their own."""
     ranked = sorted(tried, key=lambda one: -one.gain.nats)
-    for i, one in enumerate(ranked[:FRONT]):
+    for i, one in enumerate(ranked[:front]):
         fitted = before.fitted_out(one.fit)
         new = fitted.effects[len(before.effects) :]
         ranked[i] = Tried(new=new, fit=fitted, gain=before.gain_of(fitted))

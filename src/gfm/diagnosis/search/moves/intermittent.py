@@ -14,7 +14,7 @@ import numpy as np
 
 from gfm.diagnosis.inference.fitting import ROUGH, at_bound, nothing
 from gfm.diagnosis.residuals.outliers import OUTLYING
-from gfm.diagnosis.residuals.problem import Problem, settled, with_state_basis
+from gfm.diagnosis.residuals.problem import Problem, with_state_basis
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis
 from gfm.diagnosis.search.moves.add import SCREENING_S
@@ -30,7 +30,7 @@ FAR_S, FITTED = 48.0, 3
 
 
 def intermittent(
-    before: Hypothesis,
+    before: Hypothesis[Problem],
     everything: Problem,
     candidates: Sequence[Place],
     scales: Sequence[Scales],
@@ -54,7 +54,7 @@ def intermittent(
     report(f"looking into {len(far)} segments that stay far off")
     part = with_state_basis(everything.subset(far), before.effects)
     held = replace(part, given=(*part.given, *before.effects))
-    held = settled(held, ()).robust(())
+    held = held.settled(()).robust(())
     alone = hypothesis(held, nothing(held), before.nominal)
     screened = screen(alone, open_to(before, candidates, before.open_joints), scales, SCREENING_S)
     likely = first_of_each([s.instance for s in screened if s.gain.clear], lambda e: e.key)
@@ -88,7 +88,7 @@ def far_off(everything: Problem, effects: Sequence[EffectInstance]) -> list[int]
 
     Far beyond what is left of a typical segment.
     """
-    residual = replace(everything, outlying_from=None).residuals([effects])[0]
+    residual = everything.plain().residuals([effects])[0]
     costs = np.array([np.mean(residual[rows] ** 2) for rows in everything.slices()])
     far = np.flatnonzero(costs > OUTLYING**2 * max(float(np.median(costs)), OUTLYING**2))
     if len(far) < LEAST_SEGMENTS:
@@ -96,7 +96,9 @@ def far_off(everything: Problem, effects: Sequence[EffectInstance]) -> list[int]
     return [int(far[i]) for i in everything.subset(far.tolist()).sample(FAR_S)]
 
 
-def with_segments(before: Hypothesis, step: Step, part: Problem) -> tuple[Problem, Problem]:
+def with_segments(
+    before: Hypothesis[Problem], step: Step, part: Problem
+) -> tuple[Problem, Problem]:
     """Returns the problem with the segments that an effect changes, and these alone."""
     if step.chosen is None:
         return before.problem, part
@@ -109,5 +111,5 @@ def with_segments(before: Hypothesis, step: Step, part: Problem) -> tuple[Proble
         if np.sum((beside[rows] - without[rows]) ** 2) > np.sum(without[rows] ** 2) / OUTLYING**2
     ]
     part = part.subset(own)
-    joined = settled(before.problem.joined(part), (*before.effects, instance))
+    joined = before.problem.joined(part).settled((*before.effects, instance))
     return joined, part

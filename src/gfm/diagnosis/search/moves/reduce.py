@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from gfm.diagnosis.inference.fitting import ROUGH, Fit, at_bound, fit, mean_square, without_each
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import Hypothesis, columns_of, hypothesis, parameters_of
+from gfm.diagnosis.search.hypothesis import Hypothesis, P, columns_of, hypothesis, parameters_of
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import is_whole, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
@@ -22,8 +22,8 @@ RIVALS_S, RIVALS = 12.0, 2
 
 
 def remove(
-    here: Hypothesis, kept: Collection[Key], report: Callable[[str], None]
-) -> tuple[Hypothesis, list[Step]]:
+    here: Hypothesis[P], kept: Collection[Key], report: Callable[[str], None]
+) -> tuple[Hypothesis[P], list[Step]]:
     """Returns a hypothesis without what it predicts as well without, that first which says least.
 
     Args:
@@ -71,35 +71,39 @@ def gains_of_each(here: Hypothesis) -> list[tuple[Difference, EffectInstance]]:
     return gains
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rivals:
-    """Where the rivals of an effect come from.
+#: Returns the rivals of an effect beside the rest of a hypothesis, best first.
+RivalsOf = Callable[[EffectInstance, Hypothesis], Sequence[EffectInstance]]
 
-    Attributes:
+
+def rivals_of(
+    instance: EffectInstance,
+    rest: Hypothesis,
+    candidates: Sequence[Place],
+    scales: Sequence[Scales],
+    steps: Sequence[Step],
+) -> list[EffectInstance]:
+    """Returns the best rivals of an effect among candidates, best first.
+
+    Args:
+        instance: The effect.
+        rest: The hypothesis without it.
         candidates: All there are.
         scales: Of every joint's signals.
         steps: Of the search so far: what was weighed beside an effect rivals it.
     """
-
-    candidates: Sequence[Place]
-    scales: Sequence[Scales]
-    steps: Sequence[Step]
-
-    def of(self, instance: EffectInstance, rest: Hypothesis) -> list[EffectInstance]:
-        """Returns the best rivals of an effect beside the others, best first."""
-        taken = {instance.key, *(e.key for e in rest.effects)}
-        known = [
-            tried.new[0]
-            for step in self.steps
-            if step.chosen is not None and instance.key in {e.key for e in step.chosen.new}
-            for tried in step.ranked
-            if len(tried.new) == 1
-        ]
-        found = [one for one in known if one.key not in taken]
-        if rest.effects:  # rivals of then stood beside other effects
-            alike = [p for p in self.candidates if p.key not in taken and _near(p, instance)]
-            found = [one.instance for one in screen(rest, alike, self.scales, RIVALS_S)] + found
-        return first_of_each(found, lambda one: one.key)[:RIVALS]
+    taken = {instance.key, *(e.key for e in rest.effects)}
+    known = [
+        tried.new[0]
+        for step in steps
+        if step.chosen is not None and instance.key in {e.key for e in step.chosen.new}
+        for tried in step.ranked
+        if len(tried.new) == 1
+    ]
+    found = [one for one in known if one.key not in taken]
+    if rest.effects:  # rivals of then stood beside other effects
+        alike = [p for p in candidates if p.key not in taken and _near(p, instance)]
+        found = [one.instance for one in screen(rest, alike, scales, RIVALS_S)] + found
+    return first_of_each(found, lambda one: one.key)[:RIVALS]
 
 
 def _near(place: Place, instance: EffectInstance) -> bool:
@@ -142,13 +146,11 @@ class Compared:
         return back.nats > 0.0 if more == 0 else not self.over.clear
 
 
-def compared(here: Hypothesis, instance: EffectInstance, rivals: Rivals) -> Compared:
+def compared(here: Hypothesis, instance: EffectInstance, rivals: RivalsOf) -> Compared:
     """Returns an effect of a hypothesis beside the best of its rivals."""
     others = tuple(e for e in here.effects if e is not instance)
     rest = hypothesis(here.problem, here.fitted(others, ROUGH), here.nominal)
-    fits = [
-        fit(here.problem, (*others, rival), tolerance=ROUGH) for rival in rivals.of(instance, rest)
-    ]
+    fits = [here.fitted((*others, rival), ROUGH) for rival in rivals(instance, rest)]
     if not fits:
         return Compared(instance=instance)
     best = min(fits, key=lambda f: here.over(f).nats)
@@ -156,8 +158,8 @@ def compared(here: Hypothesis, instance: EffectInstance, rivals: Rivals) -> Comp
 
 
 def exchange(
-    here: Hypothesis, kept: Collection[Key], rivals: Rivals, report: Callable[[str], None]
-) -> tuple[Hypothesis, list[Step], list[Compared]]:
+    here: Hypothesis[P], kept: Collection[Key], rivals: RivalsOf, report: Callable[[str], None]
+) -> tuple[Hypothesis[P], list[Step], list[Compared]]:
     """Returns a hypothesis with what rivals say better, the steps, and every effect's best rival.
 
     What replaced another is not exchanged back.

@@ -1,0 +1,106 @@
+"""The loop of every search: from one hypothesis to the next that predicts clearly better.
+
+Moves propose steps; the best is taken, what became superfluous by it is removed, until what can
+still be gained is not visible, nothing gains anything, or the time is over. In the end effects are
+exchanged for what says more, and it is weighed what speaks for each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Generic, TypeAlias
+
+from gfm.diagnosis.inference.fitting import acting, along_valley, measured
+from gfm.diagnosis.search.hypothesis import Hypothesis, P, hypothesis
+from gfm.diagnosis.search.moves.reduce import Compared, RivalsOf, exchange, remove
+from gfm.diagnosis.search.support import support
+from gfm.diagnosis.search.trace import Evidence, Step
+from gfm.effects import EffectInstance, Key
+
+#: Steps at most.
+MOST_STEPS = 24
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proposal(Generic[P]):
+    """A step that a move proposes, and how to find the hypothesis after it."""
+
+    step: Step
+    after: Callable[[], Hypothesis[P]]
+
+
+#: Proposes a step beside the best that others propose; None where it is not its turn.
+MoveFrom: TypeAlias = Callable[[Hypothesis[P], Step | None], Proposal[P] | None]
+
+
+@dataclass
+class Search(Generic[P]):
+    """A search under way.
+
+    Attributes:
+        report: Told what is happening, in words.
+        in_time: Whether there is time left.
+        steps: So far.
+    """
+
+    report: Callable[[str], None]
+    in_time: Callable[[], bool] = lambda: True
+    steps: list[Step] = field(default_factory=list)
+
+    @property
+    def held(self) -> set[Key]:
+        """Keys of what a few segments judge: it is not weighed by all of them."""
+        return {s.chosen.new[0].key for s in self.steps if s.segments and s.chosen is not None}
+
+    def run(self, here: Hypothesis[P], moves: Sequence[MoveFrom[P]]) -> Hypothesis[P]:
+        """Returns the best hypothesis that steps lead to."""
+        while here.is_open and len(self.steps) < MOST_STEPS and self.in_time():
+            best = self._best(here, moves)
+            if best is None:
+                break
+            self.steps.append(best.step)
+            if best.step.chosen is None:
+                break
+            here, removed = remove(best.after(), self.held, self.report)
+            self.steps.extend(removed)
+        return here
+
+    def _best(self, here: Hypothesis[P], moves: Sequence[MoveFrom[P]]) -> Proposal[P] | None:
+        best: Proposal[P] | None = None
+        for move in moves:
+            other = move(here, best.step if best else None)
+            if other and (best is None or gain_of(other.step) > gain_of(best.step)):
+                best = other
+        return best
+
+    def end(
+        self, here: Hypothesis[P], rivals: RivalsOf
+    ) -> tuple[Hypothesis[P], Mapping[Key, Evidence]]:
+        """Returns a hypothesis after exchanges and removals, and what speaks for each effect."""
+        here, compared = self._reduced(here, rivals)
+        some = acting(here.effects)
+        fewer = len(some) < len(here.effects)
+        final = measured(here.problem, some) if fewer else along_valley(here.problem, here.fit)
+        here = hypothesis(here.problem, final, here.nominal)
+        return here, support(here, compared)
+
+    def _reduced(
+        self, here: Hypothesis[P], rivals: RivalsOf
+    ) -> tuple[Hypothesis[P], list[Compared]]:
+        while True:
+            here, exchanged, compared = exchange(here, self.held, rivals, self.report)
+            here, removed = remove(here, self.held, self.report)
+            self.steps.extend([*exchanged, *removed])
+            if not exchanged or not self.in_time():
+                return here, compared
+
+
+def gain_of(step: Step | None) -> float:
+    """Returns by how much better a step predicts, nats; nothing where it chose nothing."""
+    return 0.0 if step is None or step.chosen is None else step.chosen.gain.nats
+
+
+def effects_of(step: Step) -> tuple[EffectInstance, ...]:
+    """Returns the effects with which a search goes on after a step."""
+    return () if step.chosen is None else step.chosen.fit.effects

@@ -1,0 +1,68 @@
+"""What speaks for each effect of a hypothesis: without it, against its rivals, in two halves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gfm.diagnosis.inference.fitting import amounts, free_parameters
+from gfm.diagnosis.inference.intervals import disagreement
+from gfm.diagnosis.residuals.segmented import SegmentedProblem
+from gfm.diagnosis.search.hypothesis import Hypothesis
+from gfm.diagnosis.search.moves.reduce import Compared, gains_of_each
+from gfm.diagnosis.search.trace import Evidence
+from gfm.effects import EffectInstance, Key, Scope
+
+
+def support(here: Hypothesis, compared: Sequence[Compared]) -> dict[Key, Evidence]:
+    """Returns what speaks for each effect of a hypothesis."""
+    rivals = {one.instance.key: one for one in compared}
+    left, halves = _left_by_joint(here), _halves(here)
+    return {
+        instance.key: Evidence(
+            without=without,
+            rival=rivals[instance.key].over if instance.key in rivals else None,
+            by=rivals[instance.key].rival if instance.key in rivals else None,
+            left=_left_of(instance, here.problem, left),
+            halves=halves[instance.key],
+        )
+        for without, instance in gains_of_each(here)
+    }
+
+
+def _left_by_joint(here: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the squared gap of each joint before and after, in units of the noise, (J,) each."""
+    plain = here.problem.plain()
+    gap = [
+        np.maximum(plain.joint_costs(r) - 1.0, 1e-9) for r in plain.residuals([(), here.effects])
+    ]
+    return gap[0], gap[1]
+
+
+def _left_of(
+    instance: EffectInstance, problem: SegmentedProblem, gaps: tuple[np.ndarray, np.ndarray]
+) -> float:
+    local = instance.effect.scope in (Scope.JOINT, Scope.PAIR)
+    names = instance.joints if local else problem.joints
+    rows = [problem.joints.index(name) for name in names]
+    return float(gaps[1][rows].sum() / gaps[0][rows].sum())
+
+
+def _halves(here: Hypothesis) -> dict[Key, float]:
+    """Returns by how many standard errors two halves of the data put each effect apart."""
+    layout = here.problem.layout()
+    recordings = sorted({segment.recording for segment in layout})
+    by_recording = len(recordings) > 1
+    half = [
+        (recordings.index(s.recording) if by_recording else i) % 2 for i, s in enumerate(layout)
+    ]
+    fitted = here.fit
+    apart = disagreement(
+        amounts(fitted.effects), fitted.jacobian, fitted.residual, here.problem.slices(), half
+    )
+    by_effect: dict[Key, float] = {e.key: 0.0 for e in fitted.effects}
+    for (i, _), errors in zip(free_parameters(fitted.effects), apart, strict=True):
+        key = fitted.effects[i].key
+        by_effect[key] = max(by_effect[key], float(errors))
+    return by_effect
