@@ -14,7 +14,7 @@ from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
 from gfm.diagnosis.search.hypothesis import columns_of, hypothesis, parameters_of
 from gfm.diagnosis.search.moves.add import add, best_of
 from gfm.diagnosis.search.moves.common_errors import common_errors
-from gfm.diagnosis.search.moves.reduce import Rivals, exchange, gains_of_each, remove
+from gfm.diagnosis.search.moves.reduce import exchange, gains_of_each, remove, rivals_of
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.effects import EffectInstance, find_effect
 from pendulum import MODEL, PERIOD_S, swung
@@ -222,7 +222,10 @@ def test_what_few_segments_judge_and_the_last_effect_are_not_removed(rubbing, ri
 
 
 def rivals(case, *names, steps=()):
-    return Rivals(candidates=candidates(*names), scales=case.scales, steps=steps)
+    def of(effect, rest):
+        return rivals_of(effect, rest, candidates(*names), case.scales, steps)
+
+    return of
 
 
 def test_a_spring_makes_way_for_the_constant_torque_that_it_stands_for(pulled):

@@ -171,8 +171,8 @@ def add_diagnose_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--minutes",
         type=float,
-        default=float("inf"),
-        help="after which the search ends with its best answer so far (default: no limit)",
+        default=10.0,
+        help="after which no more is looked for: best answer so far (default: %(default)g)",
     )
     parser.add_argument(
         "--keep-suspects",

@@ -100,7 +100,7 @@ def diagnose_files(request: DiagnoseRequest, answer: Console, progress: Console)
 
 def _diagnosed(request: DiagnoseRequest, progress: Console) -> Diagnosis:
     nominal = load_nominal(request.models)
-    say = partial(_say, progress)
+    say = partial(_say, progress, time.monotonic())
     for line in nominal.about:
         say(line)
     paths = request.files
@@ -164,8 +164,10 @@ def _read_learned(paths: Sequence[Path], joints: tuple[str, ...]) -> list[Learne
     return learned
 
 
-def _say(progress: Console, words: str) -> None:
-    progress.print(Text(f"  {words}", style="dim"), soft_wrap=True)
+def _say(progress: Console, began_s: float, words: str) -> None:
+    """Tells what is happening, and how many seconds after the beginning."""
+    seconds = f"{time.monotonic() - began_s:6.1f} s"
+    progress.print(Text(f"{seconds}  {words}", style="dim"), soft_wrap=True)
 
 
 def check_different(paths: Sequence[Path]) -> None:

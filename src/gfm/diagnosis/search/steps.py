@@ -14,6 +14,7 @@ from typing import Generic, TypeAlias
 from gfm.diagnosis.inference.fitting import acting, along_valley, measured
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, hypothesis
 from gfm.diagnosis.search.moves.reduce import Compared, RivalsOf, exchange, remove
+from gfm.diagnosis.search.naming import describe
 from gfm.diagnosis.search.support import support
 from gfm.diagnosis.search.trace import Evidence, Step
 from gfm.effects import EffectInstance, Key
@@ -62,7 +63,9 @@ class Search(Generic[P]):
             self.steps.append(best.step)
             if best.step.chosen is None:
                 break
-            here, removed = remove(best.after(), self.held, self.report)
+            left, here = here.fit.cost, best.after()
+            self.report(f"{in_words(best.step)}: misfit {left:.3g} -> {here.fit.cost:.3g}")
+            here, removed = remove(here, self.held, self.report)
             self.steps.extend(removed)
         return here
 
@@ -99,6 +102,12 @@ class Search(Generic[P]):
 def gain_of(step: Step | None) -> float:
     """Returns by how much better a step predicts, nats; nothing where it chose nothing."""
     return 0.0 if step is None or step.chosen is None else step.chosen.gain.nats
+
+
+def in_words(step: Step) -> str:
+    """Returns what a step brought."""
+    new = () if step.chosen is None else step.chosen.new
+    return f"{step.move}: {', '.join(map(describe, new)) or 'nothing'}"
 
 
 def effects_of(step: Step) -> tuple[EffectInstance, ...]:

@@ -30,10 +30,12 @@ def add(
     candidates: Sequence[Place],
     scales: Sequence[Scales],
     report: Callable[[str], None],
+    in_time: Callable[[], bool] = lambda: True,
 ) -> Step:
     """Returns the step that adds what predicts best, or none where nothing does clearly.
 
-    What takes long to simulate is looked at only where all else leaves something to explain.
+    What takes long to simulate is looked at only where all else leaves something to explain, and
+    where there is time for it.
     """
     ranked: list[Tried] = []
     for costly in (False, True):
@@ -46,7 +48,7 @@ def add(
         report(f"screening {len(tier)} candidates (misfit {before.fit.cost:.3g})")
         screened = _screened(before, tier, scales)
         ranked += _all_tried(before, _shortlist(screened), report)
-        if _worth_more(before, best_of(before.blocks, ranked)):
+        if _worth_more(before, best_of(before.blocks, ranked)) and in_time():
             # What no single joint's effect explains, all joints may lack, also beside one of the
             # whole robot: late commands and friction everywhere look like lags.
             kinds = _kinds(screened)
@@ -55,7 +57,7 @@ def add(
             ranked += _all_tried(before, kinds, report)
         ranked = _with_front_fitted_out(before, ranked)
         best = best_of(before.blocks, ranked)
-        if not _worth_more(before, best):
+        if not (_worth_more(before, best) and in_time()):
             break
     return Step(
         move=Move.ADD,
