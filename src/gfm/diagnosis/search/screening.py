@@ -155,9 +155,10 @@ def _on_same_steps(items: Sequence[T], effect: Callable[[T], Effect]) -> list[li
 def _tried(
     problem: SegmentedProblem, found: Sequence[_Response], base: Fit
 ) -> Iterator[tuple[_Response, Array]]:
-    """Yields candidates with what they leave: to first order, or in a rollout if that is less.
+    """Yields candidates with what they leave: to first order, or by a rollout if that is less.
 
-    The effects of `base` make up for it to first order.
+    Of the rollout, the share that fits best: where the first order says too much, less of it may
+    explain all. The effects of `base` make up for it to first order.
     """
     basis, fast, limits = orthonormal(base.jacobian), problem.coarse(), problem.limits()
     full = unbounded(base.residual, limits)
@@ -166,10 +167,11 @@ def _tried(
         before, *after = fast.residuals(sets)
         for one, rolled in zip(alike, after, strict=True):
             # What fast integration alone changes is no gain of a candidate.
-            left = bounded(full + rolled - before, limits)
-            left -= basis @ (basis.T @ left)
-            straight = base.residual + one.change
-            yield one, min(left, straight, key=np.linalg.norm)
+            moved = rolled - before
+            best = -float(moved @ full) / max(float(moved @ moved), 1e-12)
+            shares = [bounded(full + share * moved, limits) for share in (1.0, best)]
+            lefts = [left - basis @ (basis.T @ left) for left in shares]
+            yield one, min(*lefts, base.residual + one.change, key=np.linalg.norm)
 
 
 def probes(
