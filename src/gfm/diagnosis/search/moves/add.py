@@ -21,8 +21,6 @@ GLANCE_S, SCREENING_S = 8.0, 24.0
 LOOKED_AT, FITTED, PLACES, STARTS, KINDS = 16, 4, 2, 2, 2
 #: Fits in front that are compared from initial states of their own.
 FRONT = 2
-#: Standard errors by which a candidate must seem to predict better, to first order, to be fitted.
-PROMISING = 0.5
 
 
 def add(
@@ -47,22 +45,22 @@ def add(
         ]
         report(f"screening {len(tier)} candidates (misfit {before.fit.cost:.3g})")
         screened = _screened(before, tier, scales)
-        ranked += _all_tried(before, _shortlist(screened), report)
-        if _worth_more(before, best_of(before.blocks, ranked)) and in_time():
+        tried = _all_tried(before, _shortlist(screened), report)
+        if _worth_more(before, best_of(before.blocks, tried)) and in_time():
             # What no single joint's effect explains, all joints may lack, also beside one of the
             # whole robot: late commands and friction everywhere look like lags.
             kinds = _kinds(screened)
-            whole = [o.new for o in ranked if is_whole(o.new[0].effect)]
+            whole = [o.new for o in tried if is_whole(o.new[0].effect)]
             kinds += [(*one, *kind) for one in whole[:1] for kind in kinds]
-            ranked += _all_tried(before, kinds, report)
-        ranked = _with_front_fitted_out(before, ranked)
+            tried += _all_tried(before, kinds, report)
+        ranked += _with_front_fitted_out(before, tried)
         best = best_of(before.blocks, ranked)
         if not (_worth_more(before, best) and in_time()):
             break
     return Step(
         move=Move.ADD,
         before=before.fit.cost,
-        ranked=tuple(ranked),
+        ranked=tuple(sorted(ranked, key=lambda one: -one.gain.nats)),
         chosen=best_of(before.blocks, ranked),
     )
 
@@ -84,13 +82,21 @@ def add_of_few(
 def _with_front_fitted_out(
     before: Hypothesis, tried: Sequence[Tried], front: int = FRONT
 ) -> list[Tried]:
-    """Returns what was tried, best first, those in front from initial states of their own."""
+    """Returns what was tried, best first, those in front from initial states of their own.
+
+    No two of them are the same effects in the same place.
+    """
     ranked = sorted(tried, key=lambda one: -one.gain.nats)
-    for i, one in enumerate(ranked[:front]):
-        fitted = before.fitted_out(one.fit)
-        new = fitted.effects[len(before.effects) :]
-        ranked[i] = Tried(new=new, fit=fitted, gain=before.gain_of(fitted))
-    return sorted(ranked, key=lambda one: -one.gain.nats)
+    first = first_of_each(ranked, lambda one: tuple(e.key for e in one.new))[:front]
+    rest = [one for one in ranked if all(one is not other for other in first)]
+    own = [_fitted_out(before, one) for one in first]
+    return sorted([*own, *rest], key=lambda one: -one.gain.nats)
+
+
+def _fitted_out(before: Hypothesis, one: Tried) -> Tried:
+    fitted = before.fitted_out(one.fit)
+    new = fitted.effects[len(before.effects) :]
+    return Tried(new=new, fit=fitted, gain=before.gain_of(fitted))
 
 
 def best_of(blocks: Blocks, tried: Sequence[Tried]) -> Tried | None:
@@ -127,12 +133,10 @@ def _after(before: Hypothesis, best: Tried | None) -> Hypothesis:
 def _screened(
     before: Hypothesis, places: Sequence[Place], scales: Sequence[Scales]
 ) -> list[Screened]:
-    """Returns the candidates that promise something, best first: at a glance, then the best."""
+    """Returns the candidates that promise most, best first: at a glance, then the best."""
     glanced = screen(before, places, scales, GLANCE_S)
-    keys = list(dict.fromkeys(one.instance.key for one in glanced if one.gain.nats > 0.0))
-    again = {*keys[:LOOKED_AT]}
-    looked = screen(before, [p for p in places if p.key in again], scales, SCREENING_S)
-    return [one for one in looked if one.gain.errors > PROMISING]
+    again = list(dict.fromkeys(one.instance.key for one in glanced))[:LOOKED_AT]
+    return screen(before, [p for p in places if p.key in again], scales, SCREENING_S)
 
 
 def _shortlist(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
@@ -155,7 +159,7 @@ def _kinds(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
     kinds: dict[str, list[Screened]] = {}
     for one in first_of_each(screened, lambda one: one.instance.key):
         effect = one.instance.effect
-        if effect.scope is Scope.JOINT and not effect.separates_motor:
+        if effect.scope is Scope.JOINT and not effect.separates_motor and one.gain.nats > 0.0:
             kinds.setdefault(effect.name, []).append(one)
     several = [kind for kind in kinds.values() if len(kind) > 1]
     several.sort(key=lambda kind: -sum(one.gain.nats for one in kind))
@@ -178,6 +182,8 @@ def _tried(
     report(f"fitting {describe(new[0])}{more}")
     fits = [before.fitted(effects, ROUGH) for effects in _beginnings(before, new)]
     best: Fit = min(fits, key=lambda f: f.cost)
+    if any(one.effect.separates_motor for one in new):
+        best = before.fitted_out(best)  # a motor that rings has states that nothing else knows of
     return Tried(new=best.effects[len(before.effects) :], fit=best, gain=before.gain_of(best))
 
 
