@@ -439,8 +439,8 @@ def _notes(verdict: Verdict, *, outside: bool, less: bool) -> tuple[str, ...]:
     notes = [
         "Errors are of open-loop rollouts whose initial state is fitted (two numbers per joint, "
         "and two per motor that rings against its link where no servo holds it); recordings of "
-        "torque commands are cut into stretches of half a second, others of a robot that touches "
-        "something into stretches of about two."
+        "torque commands are cut into segments of half a second, others of a robot that touches "
+        "something into segments of about two."
     ]
     if less:
         notes.append("A negative amount takes off what the model has of it.")

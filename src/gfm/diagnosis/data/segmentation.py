@@ -1,6 +1,6 @@
-"""Recordings cut into stretches: how a diagnosis' least-squares problem is made.
+"""Recordings cut into segments: how a diagnosis' least-squares problem is made.
 
-Shape letters: T measurements of a stretch, J joints.
+Shape letters: T measurements of a segment, J joints.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from gfm.sim.plant import check_joints
 from gfm.sim.segment import Segment
 from gfm.sim.still import unrecorded, with_still_joints
 
-#: Length of the stretches in which effects are looked for. A servo keeps a rollout on track and a
+#: Length of the segments in which effects are looked for. A servo keeps a rollout on track and a
 #: torque does not; in longer ones errors add up, and fits end in the nearest of many valleys.
 SHORT: Mapping[CommandKind, float] = {
     CommandKind.POSITION: 2.0,
@@ -44,7 +44,7 @@ WHOLE: Mapping[CommandKind, float] = {
     CommandKind.POSITION: float("inf"),
     CommandKind.VELOCITY: float("inf"),
 }
-#: Measurements that a stretch has at least.
+#: Measurements that a segment has at least.
 LEAST_MEASUREMENTS = 8
 #: Share of a period within which stamps are the same, and the share of commands that have another
 #: one so near unless clocks run free: by chance a fifth of them do.
@@ -68,7 +68,7 @@ def make_problem(
         noise: Of the sensors; measured where it is not given.
         given: Effects of the nominal model that `specs` cannot say.
         windows_s: Length of a rollout by kind of command, s.
-        most_s: Recorded time of the stretches that are kept, see `Problem.sample`; one of each
+        most_s: Recorded time of the segments that are kept, see `Problem.sample`; one of each
             recording is kept in any case.
 
     Raises:
@@ -89,7 +89,7 @@ def all_segments(
     given: Sequence[EffectInstance] = (),
     windows_s: Mapping[CommandKind, float] = SHORT,
 ) -> Problem:
-    """Returns the problem with all stretches, and nothing yet that takes simulations to make.
+    """Returns the problem with all segments, and nothing yet that takes simulations to make.
 
     Initial states are as measured, and efforts taken before the command of the same stamp. The
     models are simulated accurately whatever they say themselves: a first-order step of theirs would
@@ -133,7 +133,7 @@ def _cut_as_it_touches(
     windows_s: Mapping[CommandKind, float],
     touch: Mapping[CommandKind, Touch],
 ) -> list[Segment]:
-    """Returns a recording's stretches; short ones where things are touched.
+    """Returns a recording's segments; short ones where things are touched.
 
     Nothing is followed for long then: what is touched a little earlier is soon elsewhere.
     """
@@ -228,7 +228,7 @@ def cut(
     window_s: float,
     touch: Touch | None = None,
 ) -> list[Segment]:
-    """Returns the stretches of a recording that are rolled out, first to last.
+    """Returns the segments of a recording that are rolled out, first to last.
 
     Where the robot may touch something, each begins with it in the air, if it can, and an object at
     rest: how far two things are in each other decides about their forces, and no measurement is as

@@ -125,7 +125,7 @@ def profile_plots(
     Args:
         instances: What was found.
         problem: In which rollouts are compared, outliers bounded as in the fit.
-        rare: The same for what acts now and then only: stretches in which it acts.
+        rare: The same for what acts now and then only: segments in which it acts.
     """
     plots = []
     for place, instance in enumerate(instances):

@@ -31,7 +31,7 @@ def covariance(jacobian: Array, residual: Array, segments: Sequence[slice]) -> A
     Args:
         jacobian: Derivative of the residual, shape (N, P).
         residual: At the optimum, shape (N,).
-        segments: Stretches of the residual that are independent of each other.
+        segments: Segments of the residual that are independent of each other.
     """
     bread = np.linalg.pinv(jacobian.T @ jacobian)
     scores = [
@@ -70,7 +70,7 @@ def standard_errors(
         values: The estimates, shape (P,).
         jacobian: Derivative of the residual, shape (N, P).
         residual: At the optimum, shape (N,).
-        segments: Stretches of the residual that are independent of each other.
+        segments: Segments of the residual that are independent of each other.
     """
     variance = np.maximum(np.diag(covariance(jacobian, residual, segments)), 0.0)
     deviations = np.sqrt(variance + (LAW_SHARE * values) ** 2)

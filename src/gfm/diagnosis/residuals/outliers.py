@@ -1,7 +1,7 @@
 """How much what a model misses by far counts: nearly nothing more, the farther it is off.
 
 Where friction decides between sticking and slipping, or a rollout falls to the other side, no
-model comes near what was recorded, whichever effects it has. The squares of such stretches would
+model comes near what was recorded, whichever effects it has. The squares of such segments would
 decide everything; even their sizes would (the loss of Huber), hundreds of times the noise.
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from gfm.core.checks import Array
 
-#: Residuals are outlying from so many times a typical stretch's root mean square.
+#: Residuals are outlying from so many times a typical segment's root mean square.
 OUTLYING = 3.0
 #: Powers of e by which a residual goes beyond its limit at most: what ran away stays finite.
 MOST_POWERS = 20.0
