@@ -1,48 +1,51 @@
 """What learned forces say: the forces of a fitted GFM, put through the library of named effects.
 
 A GFM is a torque that the model lacks, as learned. Along the recorded motions it is a signal for
-every joint, and every effect's torque there is another one: names are found by regression, the best
-first, all that were found refitted together after each. What no name explains stays a GFM.
+every joint, and every effect's torque there is another one: what is learned and not named yet is
+the residual of a least-squares problem, and names are found by the search that finds those of the
+robot. What no name explains stays a GFM.
 
 It stands beside the verdict from the recordings, not in place of it: a GFM has seen the same
 recordings, and what it is wrong about it is wrong about here.
 
-Shape letters: T measurements, B blocks, J joints, A joints that are asked.
+Shape letters: T measurements, B blocks, J joints, N numbers of a residual.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
+from typing_extensions import override
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.evidence.torques import TorqueDomain, torque_domain
-from gfm.diagnosis.inference.fitting import LEAST_GAIN, Fit, at_bound, free_parameters
+from gfm.diagnosis.evidence.torques import TorqueDomain, block_means, torque_domain
+from gfm.diagnosis.inference.fitting import nothing
+from gfm.diagnosis.inference.score import SegmentShape
 from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.search.candidates import Place, joint_scales, places
 from gfm.diagnosis.search.equals import Recorded, looked_for
+from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis
+from gfm.diagnosis.search.moves.add import add
+from gfm.diagnosis.search.moves.reduce import rivals_of
 from gfm.diagnosis.search.naming import fitly_named
+from gfm.diagnosis.search.steps import Proposal, Search, effects_of
+from gfm.diagnosis.search.trace import Step
 from gfm.effects import EffectInstance, Scales, effect_library
-from gfm.effects.effect import ProbeGroup
 from gfm.sim.hybrid import HybridModel
 from gfm.sim.learned import LearnedForces
 from gfm.sim.learned_along import joint_forces_along
 from gfm.sim.plant import stepping_spec
 
-#: A joint is asked if the force on it is this share of the torque of its drive: below, a GFM that
-#: has nothing to learn shows what it could not unlearn.
-LOUD = 0.05
-#: Share of what is left of the force on its joints that a name must explain: a regression onto a
-#: network leaves a fifth of a signal out easily. And the share of all the force there.
-WORTH, LEAST = 0.2, 0.02
-#: Names at most.
-MOST_NAMES = 6
-#: Candidates whose amount is checked by their own law in each round, best to first order.
-SHORTLIST = 6
+#: Noise of a learned force, as a share of the torque of its joint's drive: what a GFM could not
+#: unlearn. The same laws are named from 0.01 to 0.02; 0.05 hides the smaller one of two.
+NOISE_SHARE = 0.02
+#: Length of the segments into which motions are cut, s: the shortest of which the score makes a block.
+SEGMENT_S = 0.8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +102,59 @@ class LearnedReport:
         return float(np.mean(shares)) if shares else 0.0
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LearnedProblem(SegmentedProblem):
+    """Learned forces along motions, and the nominal model that they were learned beside.
+
+    Attributes:
+        domain: The motions as torques.
+        learned: The force while joints move, block means, N m, shape (B, J).
+        noise: Of each joint, N m, shape (J,).
+    """
+
+    domain: TorqueDomain
+    learned: Array
+    noise: Array
+    segments: tuple[()] = ()
+
+    @property
+    @override
+    def joints(self) -> tuple[str, ...]:
+        return self.domain.joints
+
+    @property
+    @override
+    def given(self) -> tuple[EffectInstance, ...]:
+        return self.domain.given
+
+    @override
+    def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
+        moving, missing = self.domain.moving(), self.domain.missing()
+        left = [
+            self.learned - moving * (missing - self.domain.missing(effects))
+            for effects in candidates
+        ]
+        return np.stack([(one / self.noise).ravel() for one in left])
+
+    @override
+    def layout(self) -> list[SegmentShape]:
+        shapes = []
+        for i, recording in enumerate(self.domain.recordings):
+            count = len(block_means(recording.time_s[:, None], recording))
+            parts = max(round(recording.duration_s / SEGMENT_S), 2)
+            shapes += [
+                SegmentShape(i, recording.duration_s * len(rows) / count, 1, len(rows))
+                for rows in np.array_split(np.arange(count), parts)
+            ]
+        return shapes
+
+    @override
+    def subset(self, keep: Sequence[int]) -> Self:
+        """Returns the problem itself: a part of the motions would not be faster."""
+        del keep
+        return self
+
+
 def learned_report(
     problem: Problem, recordings: Sequence[Trajectory], members: Sequence[LearnedForces]
 ) -> LearnedReport:
@@ -115,20 +171,23 @@ def learned_report(
     domain = torque_domain(problem.specs, recordings, problem.given)
     along = np.stack([_forces(problem, one, domain.recordings) for one in members])
     rows = np.split(along.mean(axis=0), np.cumsum([len(v.position) for v in domain.views])[:-1])
-    learned = domain.blocks(rows)
     views = [replace(v, missing=row) for v, row in zip(domain.views, rows, strict=True)]
-    drive = _rms(domain.signals().drive)
-    moving = domain.moving()
-    asked = np.flatnonzero(_rms(moving * learned) > LOUD * np.maximum(drive, 1e-9))
-    search = _Search(domain, moving * learned, moving, asked, joint_scales(problem, views))
-    names = _named(search, problem)
+    drive = np.maximum(_rms(domain.signals().drive), 1e-9)
+    told = LearnedProblem(
+        domain=domain, learned=domain.moving() * domain.blocks(rows), noise=NOISE_SHARE * drive
+    )
+    start = nothing(told)
+    here = hypothesis(told, start, told.joint_costs(start.residual))
+    asked = here.open_joints
+    found = _searched(here, joint_scales(problem, views))
+    fitted = fitly_named(found.fit, problem.specs)
     mean = _rms(along.mean(axis=0).ravel()[:, None])[0]
     apart = _rms((along - along.mean(axis=0)).ravel()[:, None])[0]
     return LearnedReport(
         members=len(members),
         spread=float(apart / mean) if len(members) > 1 and mean > 0.0 else None,
-        names=names,
-        joints=_joints(search, names, drive),
+        names=_names(told, fitted.effects, asked),
+        joints=_joints(told, fitted.effects, asked),
     )
 
 
@@ -144,185 +203,72 @@ def _forces(problem: Problem, forces: LearnedForces, recordings: Sequence[Trajec
     return np.concatenate([joint_forces_along(forces, model, one) for one in recordings])
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Probed:
-    """An effect at a place with one group of its probes and their torques, shape (B, A, P)."""
+def _searched(
+    here: Hypothesis[LearnedProblem], scales: Sequence[Scales]
+) -> Hypothesis[LearnedProblem]:
+    """Returns the names that predict the learned forces best."""
+    candidates = _candidates(here.problem.joints)
+    under_way = Search[LearnedProblem](report=lambda _: None)
 
-    place: Place
-    instances: Sequence[EffectInstance]
-    torques: Array
+    def one_more(
+        before: Hypothesis[LearnedProblem], _best: Step | None
+    ) -> Proposal[LearnedProblem]:
+        step = add(before, candidates, scales, under_way.report)
+        return Proposal(
+            step=step,
+            after=lambda: hypothesis(
+                before.problem, before.fitted(effects_of(step)), before.nominal
+            ),
+        )
+
+    def rivals(instance: EffectInstance, rest: Hypothesis) -> list[EffectInstance]:
+        return rivals_of(instance, rest, candidates, scales, under_way.steps)
+
+    return under_way.end(under_way.run(here, [one_more]), rivals)[0]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Found:
-    """A name with its torque, N m, shape (B, J), and the probes that it was found by."""
+def _candidates(joints: Sequence[str]) -> list[Place]:
+    """Returns every effect at every place: no inverse dynamics tell of motors beside their links.
 
-    probed: _Probed
-    instance: EffectInstance
-    torque: Array
-
-
-@dataclass
-class _Search:
-    """The learned forces while joints move, shape (B, J), and all that they are regressed on.
-
-    Joints are weighed by their forces, so that all that are asked count alike.
+    Along given positions all delays are late commands.
     """
-
-    domain: TorqueDomain
-    learned: Array
-    moving: Array
-    asked: NDArray[np.intp]
-    scales: Sequence[Scales]
-    probes: dict[tuple[object, ...], list[_Probed]] = field(default_factory=dict)
-
-    def weighed(self, torque: Array) -> Array:
-        """Returns a torque (B, J) on the joints that are asked, in units of theirs, (B, A)."""
-        size = _rms(self.learned)[self.asked]
-        return np.asarray((self.moving * torque)[:, self.asked] / size)
-
-    def candidates(self) -> list[Place]:
-        """Returns every effect at every place where it touches a joint that is asked."""
-        # Along given positions all delays are late commands.
-        along = Recorded(has_efforts=False, has_feedback=False)
-        library = looked_for((e for e in effect_library().values() if e.twin is None), along)
-        asked = {self.domain.joints[j] for j in self.asked}
-        return [
-            place
-            for effect in library
-            if not effect.separates_motor
-            for place in places(effect, self.domain.joints)
-            if set(place.joints) <= asked or len(place.joints) > 2 or not place.joints
-        ]
-
-    def groups(self, place: Place) -> list[_Probed]:
-        """Returns an effect's groups of probes."""
-        if place.key not in self.probes:
-            first = self.domain.joints.index(place.joints[0]) if place.joints else 0
-            groups = place.effect.probes(self.scales[first])
-            self.probes[place.key] = [self._probed(place, group) for group in groups]
-        return self.probes[place.key]
-
-    def _probed(self, place: Place, group: ProbeGroup) -> _Probed:
-        instances = [
-            EffectInstance(effect=place.effect, joints=place.joints, values=values)
-            for values in group
-        ]
-        torques = [self.weighed(self.domain.response(one)) for one in instances]
-        return _Probed(place=place, instances=instances, torques=np.stack(torques, axis=2))
-
-    def touched(self, place: Place) -> NDArray[np.bool_]:
-        """Returns which of the joints that are asked an effect acts on, shape (A,)."""
-        names = place.joints or self.domain.joints
-        return np.array([self.domain.joints[j] in names for j in self.asked])
+    along = Recorded(has_efforts=False, has_feedback=False)
+    library = looked_for((e for e in effect_library().values() if e.twin is None), along)
+    return [
+        place
+        for effect in library
+        if not effect.separates_motor
+        for place in places(effect, joints)
+    ]
 
 
-def _named(search: _Search, problem: Problem) -> tuple[LearnedName, ...]:
-    found: list[_Found] = []
-    while len(search.asked) and len(found) < MOST_NAMES:
-        better = _one_more(search, found)
-        if better is None:
-            break
-        found = better
-    effects = tuple(one.instance for one in found)
-    columns = np.zeros((0, len(free_parameters(effects))))
-    fit = Fit(effects=effects, cost=0.0, jacobian=columns, residual=np.zeros(0))
-    shares = [_share(search, one, [o for o in found if o is not one]) for one in found]
-    return tuple(
-        LearnedName(instance=instance, share=share)
-        for instance, share in zip(fitly_named(fit, problem.specs).effects, shares, strict=True)
+def _names(
+    told: LearnedProblem, effects: Sequence[EffectInstance], asked: Collection[str]
+) -> tuple[LearnedName, ...]:
+    """Returns names with the share of the force on their joints that each explains."""
+    without = [[e for e in effects if e is not one] for one in effects]
+    nothing_said, whole, *rest = (
+        told.joint_costs(r) for r in told.residuals([(), effects, *without])
     )
+    shares = []
+    for one, left in zip(effects, rest, strict=True):
+        rows = [j for j in told.domain.touched(one) if told.joints[j] in asked]
+        shares.append(float(np.mean((left - whole)[rows] / nothing_said[rows])) if rows else 0.0)
+    return tuple(LearnedName(instance=e, share=s) for e, s in zip(effects, shares, strict=True))
 
 
-def _one_more(search: _Search, found: Sequence[_Found]) -> list[_Found] | None:
-    """Returns what was found and the name that explains most beside it, all refitted together.
-
-    None where no name explains enough.
-    """
-    taken = {one.probed.place.key for one in found}
-    before = [one.probed for one in found]
-    probed = [g for p in search.candidates() if p.key not in taken for g in search.groups(p)]
-    gains = [-float(np.sum(_weights(search, [*before, one])[1] ** 2)) for one in probed]
-    best = [probed[i] for i in np.argsort(gains)[::-1][:SHORTLIST]]
-    tried = [together for one in best if (together := _together(search, [*before, one]))]
-    tried = [together for together in tried if _enough(search, found, together)]
-    return max(tried, key=lambda together: _score(search, found, together), default=None)
-
-
-def _weights(search: _Search, probed: Sequence[_Probed]) -> tuple[list[Array], Array]:
-    """Returns the weights of all probes together, (P,) each, and what they leave, (B, A)."""
-    learned = search.weighed(search.learned)
-    columns = np.concatenate([one.torques for one in probed], axis=2).reshape(learned.size, -1)
-    sizes = np.linalg.norm(columns, axis=0) + 1e-12
-    weights = np.linalg.lstsq(columns / sizes, learned.ravel(), rcond=1e-6)[0] / sizes
-    left = learned - (columns @ weights).reshape(learned.shape)
-    ends = np.cumsum([one.torques.shape[2] for one in probed])
-    return [np.asarray(w) for w in np.split(weights, ends[:-1])], np.asarray(left)
-
-
-def _together(search: _Search, probed: Sequence[_Probed]) -> list[_Found] | None:
-    """Returns effects in the amounts that their probes say together, with their own laws' torques.
-
-    None where an amount is none that the effect can have.
-    """
-    found = []
-    for one, weights in zip(probed, _weights(search, probed)[0], strict=True):
-        effect = one.place.effect
-        values = effect.combine([i.values for i in one.instances], [float(w) for w in weights])
-        if values is None:
-            return None
-        usual = effect.canonical(values)
-        instance = EffectInstance(effect=effect, joints=one.place.joints, values=usual)
-        if at_bound(instance):
-            return None
-        torque = search.domain.response(instance)
-        found.append(_Found(probed=one, instance=instance, torque=torque))
-    return found
-
-
-def _left(search: _Search, found: Sequence[_Found]) -> Array:
-    return search.weighed(search.learned - sum((o.torque for o in found), np.zeros(())))
-
-
-def _score(search: _Search, found: Sequence[_Found], together: Sequence[_Found]) -> float:
-    """Returns how little is left, each parameter of the newest name having its price.
-
-    What is no force itself (a gain, a shifted encoder) is no rival of a force that takes as much.
-    """
-    newest = together[-1].instance
-    effect, no_force = newest.effect, search.domain.law(newest) is None
-    price = LEAST_GAIN * (len(effect.parameters) - len(effect.fixed) + no_force)
-    before, after = (float(np.sum(_left(search, names) ** 2)) for names in (found, together))
-    return -after - price * before
-
-
-def _enough(search: _Search, found: Sequence[_Found], together: Sequence[_Found]) -> bool:
-    """Returns whether the newest name makes enough of a difference on its joints."""
-    touched = search.touched(together[-1].probed.place)
-    before, after = (_left(search, names)[:, touched] for names in (found, together))
-    taken = float(np.sum(before**2) - np.sum(after**2))
-    return taken > WORTH * float(np.sum(before**2)) and taken > LEAST * before.size
-
-
-def _share(search: _Search, one: _Found, others: Sequence[_Found]) -> float:
-    """Returns the share of the force on its joints that a name explains besides the others."""
-    touched = search.touched(one.probed.place)
-    without, whole = (_left(search, names)[:, touched] for names in (others, [one, *others]))
-    return float(np.sum(without**2) - np.sum(whole**2)) / without.size
-
-
-def _joints(search: _Search, names: Sequence[LearnedName], drive: Array) -> tuple[JointForce, ...]:
-    told = sum((search.domain.response(n.instance) for n in names), np.zeros(()))
-    left = search.learned - search.moving * told
-    size, rest = _rms(search.learned), _rms(left)
+def _joints(
+    told: LearnedProblem, effects: Sequence[EffectInstance], asked: Collection[str]
+) -> tuple[JointForce, ...]:
+    before, after = (told.joint_costs(r) for r in told.residuals([(), effects]))
     return tuple(
         JointForce(
             joint=name,
-            rms_nm=float(size[j]),
-            of_drive=float(size[j] / max(drive[j], 1e-9)),
-            named=float(1.0 - (rest[j] / size[j]) ** 2) if j in search.asked else None,
+            rms_nm=float(np.sqrt(before[j]) * told.noise[j]),
+            of_drive=float(np.sqrt(before[j]) * NOISE_SHARE),
+            named=float(1.0 - after[j] / before[j]) if name in asked else None,
         )
-        for j, name in enumerate(search.domain.joints)
+        for j, name in enumerate(told.joints)
     )
 
 

@@ -16,8 +16,6 @@ from gfm.core.checks import Array
 from gfm.diagnosis.residuals.outliers import slopes
 from gfm.effects import EffectInstance
 
-#: Least share of the squared residual that an effect must explain for each of its parameters.
-LEAST_GAIN = 0.03
 #: Gauss-Newton steps of a fit, and the relative gain below which it ends.
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
 #: The same where candidates are compared only.

@@ -13,7 +13,7 @@ from typing_extensions import TypeVar
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.constants import INEXACT_SHARE, LEAST_DISCREPANCY
-from gfm.diagnosis.inference.fitting import Fit, fit, free_parameters
+from gfm.diagnosis.inference.fitting import FIT_TOLERANCE, Fit, fit, free_parameters
 from gfm.diagnosis.inference.score import (
     Blocks,
     Difference,
@@ -83,7 +83,7 @@ class Hypothesis(Generic[Of]):
         gain = self.over(other)
         return Difference(-gain.nats, gain.error)
 
-    def fitted(self, effects: Sequence[EffectInstance], tolerance: float) -> Fit:
+    def fitted(self, effects: Sequence[EffectInstance], tolerance: float = FIT_TOLERANCE) -> Fit:
         """Returns other effects, fitted to the same residual."""
         return fit(self.problem, effects, tolerance=tolerance)
 
