@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind
-from gfm.diagnosis.residuals.problem import Noise, Problem, settled, with_state_basis
+from gfm.diagnosis.residuals.problem import Noise, Problem, with_state_basis
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.motor_sides import springs
 from gfm.sim.plant import make_plant
@@ -116,7 +116,7 @@ def test_what_swings_slower_than_a_stretch_tells_is_where_its_load_holds_it():
 
 
 def test_states_of_motors_are_settled_with_those_of_links():
-    rung = settled(problem(ringing(ahead=0.02, faster=-1.0)), elastic(STIFFNESS))
+    rung = problem(ringing(ahead=0.02, faster=-1.0)).settled(elastic(STIFFNESS))
     found = rung.segments[0].initial_motor
     # The load that holds the link at first is none: the motor is ahead by what it was.
     np.testing.assert_allclose(found[:, 0], [0.02, -1.0], rtol=0.01)
