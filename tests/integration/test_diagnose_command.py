@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from gfm.recording.writer import write_recording
 from gfm.report.files import model_texts, write_texts
 from gfm.service.force_files import write_forces
 from gfm.service.model_files import read_model
+from gfm.service.ranges_file import read_ranges
 from gfm.sim.features import make_features
 from gfm.sim.hybrid import HybridModel
 from gfm.sim.plant import make_plant
@@ -42,26 +44,26 @@ PENDULUM = """
 DAMPING, MISSING = 0.2, 0.8
 
 
-def recording(name: str, seed: int, missing: float) -> Trajectory:
-    """Returns 4 s of a pendulum whose damping is larger by `missing` than its model's."""
+def recording(name: str, seed: int, missing: float, ticks: int = 400) -> Trajectory:
+    """Returns so many hundredths of a second of a pendulum with more damping than its model."""
     model = mujoco.MjModel.from_xml_string(PENDULUM.format(step=0.0005, damping=DAMPING + missing))
     data = mujoco.MjData(model)
     rng = np.random.default_rng(seed)
-    ticks = np.arange(400)
-    command = 0.3 * np.sin(2 * np.pi * 0.5 * 0.01 * ticks + rng.uniform(0, 6))
-    command += 0.2 * np.sin(2 * np.pi * 1.3 * 0.01 * ticks + rng.uniform(0, 6))
+    tick = np.arange(ticks)
+    command = 0.3 * np.sin(2 * np.pi * 0.5 * 0.01 * tick + rng.uniform(0, 6))
+    command += 0.2 * np.sin(2 * np.pi * 1.3 * 0.01 * tick + rng.uniform(0, 6))
     data.qpos[:] = command[0]
     position = []
     for setpoint in command:
         position.append(data.qpos.copy())
         data.ctrl[:] = setpoint
         mujoco.mj_step(model, data, nstep=20)
-    stamp_ns = EPOCH_NS + ticks * 10_000_000
+    stamp_ns = EPOCH_NS + tick * 10_000_000
     return Trajectory(
         name=name,
         joint_names=("a",),
         stamp_ns=stamp_ns,
-        position=np.array(position) + rng.normal(0.0, 1e-4, (400, 1)),
+        position=np.array(position) + rng.normal(0.0, 1e-4, (ticks, 1)),
         velocity=None,
         effort=None,
         command_kind=CommandKind.POSITION,
@@ -192,6 +194,10 @@ def test_a_second_diagnosis_replaces_the_first_one(tmp_path):
         (["{0}", "{0}", "--model", "{model}"], "{0}: given twice"),
         (["{0}", "{copy}", "--model", "{model}"], "{0} and {copy} are the same"),
         (["{0}", "--holdout", "{copy}", "--model", "{model}"], "{0} and {copy} are the same"),
+        (["{0}", "--since", "{0}", "--model", "{model}"], "{0}: given twice"),
+        (["{0}", "--since", "{copy}", "--model", "{model}"], "{0} and {copy} are the same"),
+        (["{0}", "--since", "{other}", "--model", "{model}"], "{other}: joints b; expected those"),
+        (["{0}", "--since", "{none}", "--model", "{model}"], "{none}: "),
         (["{0}", "--model", "{0}"], "model {0}: "),
         (["{0}", "--model", "{model}", "--command", "/none"], "{0}: topic /none: is missing"),
         (["{0}", "--model", "{model}", "--joint-states", "/none"], "{0}: topic /none: is missing"),
@@ -202,14 +208,51 @@ def test_what_cannot_be_used_is_one_line_and_leaves_nothing(tmp_path, capsys, ar
     paths, model = files(tmp_path, 0.0, count=1)
     copy = tmp_path / "copy.mcap"
     copy.write_bytes(Path(paths[0]).read_bytes())
+    other, none = tmp_path / "other.mcap", tmp_path / "none.mcap"
+    write_recording(other, replace(recording("other", 7, 0.0), joint_names=("b",)))
+    named = {"model": model, "copy": copy, "other": other, "none": none}
     before = sorted(tmp_path.iterdir())
-    words = [word.format(paths[0], model=model, copy=copy) for word in argv]
+    words = [word.format(paths[0], **named) for word in argv]
     out = [] if "--out" in words else ["--out", str(tmp_path / "out")]
     assert main(["diagnose", *words, *out]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
-    assert lines[0].startswith("error: " + message.format(paths[0], copy=copy))
+    assert lines[0].startswith("error: " + message.format(paths[0], **named))
     assert sorted(tmp_path.iterdir()) == before
+
+
+def two_sets(folder: Path) -> tuple[list[str], list[str], str]:
+    """Returns recordings of today, those of a robot with less damping, and the model."""
+    paths = []
+    for seed, missing in enumerate((0.8, 0.8, 0.8, 0.4, 0.4)):
+        path = folder / f"motion_{seed}.mcap"
+        write_recording(path, recording(path.stem, seed, missing, ticks=1200))
+        paths.append(str(path))
+    model = folder / "pendulum.xml"
+    model.write_text(PENDULUM.format(step=0.002, damping=DAMPING))
+    return paths[:3], paths[3:], str(model)
+
+
+def test_what_changed_since_earlier_recordings_is_told_first(tmp_path, capsys):
+    now, before, model = two_sets(tmp_path)
+    out = tmp_path / "out"
+    argv = ["diagnose", *now[:2], "--holdout", now[2], "--since", *before, "--model", model]
+    assert main([*argv, "--out", str(out)]) == 0
+    report = json.loads((out / "report.json").read_text())
+    told = report["changes"]
+    assert told["sentence"].startswith("Viscous friction of a up by 6")  # from 0.6 to 1.0
+    assert told["sets"] == [["motion_3", "motion_4"], ["motion_0", "motion_1"]]
+    (amount,) = told["amounts"]
+    assert amount["course"] == "changes"
+    assert amount["values"] == pytest.approx([0.4, 0.8], rel=0.03)
+    (effect,) = report["effects"]
+    assert effect["parameters"]["coefficient"]["value"] == pytest.approx(0.8, rel=0.02)
+    (drawn,) = read_ranges(out / "ranges.toml")
+    assert drawn.low["coefficient"] < 0.4 < 0.8 < drawn.high["coefficient"]
+    roles = [file["role"] for file in report["provenance"]["files"]]
+    assert roles[-2:] == ["earlier recording"] * 2
+    assert told["sentence"] in capsys.readouterr().out
+    assert html.escape(told["sentence"]) in (out / "report.html").read_text()
 
 
 def learned_forces(folder: Path, joint: str = "a", share: float = 0.4) -> str:

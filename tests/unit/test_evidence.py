@@ -1,7 +1,5 @@
 """The pictures of effects, on a pendulum that SciPy integrates: nothing of it is MuJoCo's."""
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 import pytest
@@ -9,7 +7,6 @@ import pytest
 from gfm.core import CommandKind
 from gfm.diagnosis.data.segmentation import make_problem
 from gfm.diagnosis.evidence.plots import MISFIT, law_plots, profile_plots
-from gfm.diagnosis.output.claims import EXACT_SHARE, INEXACT_SHARE, credible, verdict_on
 from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, ParameterEstimate, Verdict
 from gfm.diagnosis.output.sentences import effects_in_words, sentence_on
 from gfm.effects import EffectInstance, effect_library
@@ -76,25 +73,6 @@ def test_the_profile_of_an_amount_has_its_valley_where_it_was_fitted(problem):
         assert line.y[0] > 3.0 * point.y[0]
 
 
-def summary(before, after):
-    return ErrorSummary(before=before, after=after, noise_floor=1.0)
-
-
-def test_a_name_is_credible_where_noise_is_left_or_nearly_nothing_of_the_gap():
-    share = INEXACT_SHARE
-    assert credible([summary(20.0, 1.4)])
-    assert not credible([summary(20.0, 2.4)], may_leave=share)
-    # 0.012 % of it: what a law with a kink is not quite exact by. A smooth one is, nearly.
-    assert credible([summary(200.0, 2.4)], may_leave=share)
-    assert not credible([summary(200.0, 2.4)], may_leave=EXACT_SHARE)
-    assert credible([summary(200.0, 1.6)], may_leave=EXACT_SHARE)
-    assert not credible([summary(200.0, 1.6)])
-    # As small a share, but far from noise.
-    assert not credible([summary(3000.0, 30.0)], may_leave=share)
-    # Six quiet joints beside it would make the error of all of them look like noise.
-    assert not credible([summary(10.0, 1.3), summary(27.0, 2.5)], may_leave=share)
-
-
 def named(effect, joint, **values):
     return NamedEffect(
         effect=effect,
@@ -105,34 +83,6 @@ def named(effect, joint, **values):
         confidence=0.9,
         native=True,
     )
-
-
-def test_nothing_is_explained_by_names_that_are_not_credible():
-    """A spring that hardens: six names, each below one half, leave 0.4 % of the gap."""
-    friction = [named("coulomb_friction", "a", torque=0.2)]
-    assert verdict_on(summary(66.0, 4.2), friction) is Verdict.PARTLY_EXPLAINED
-    assert verdict_on(summary(200.0, 2.4), friction) is Verdict.EXPLAINED
-
-
-def test_nothing_is_explained_by_names_none_of_which_is_claimed():
-    """A stop of cable, described by a spring and a cogging torque, each below one half."""
-    doubtful = replace(named("coulomb_friction", "a", torque=0.2), confidence=0.48)
-    sure = replace(doubtful, confidence=0.9)
-    assert verdict_on(summary(20.0, 1.2), [doubtful, doubtful]) is Verdict.PARTLY_EXPLAINED
-    assert verdict_on(summary(20.0, 1.2), [doubtful, sure]) is Verdict.EXPLAINED
-
-
-def test_nothing_is_explained_by_many_names_on_one_joint_that_leave_more_than_noise():
-    """A spring that hardens, described by a softer one, a cogging torque and an offset."""
-    two = [named("coulomb_friction", "a", torque=0.09), named("joint_spring", "a", stiffness=0.13)]
-    third = named("cogging_torque", "a", amplitude=0.05)
-    assert verdict_on(summary(80.0, 4.2), two) is Verdict.EXPLAINED
-    assert verdict_on(summary(80.0, 4.2), [*two, third]) is Verdict.PARTLY_EXPLAINED
-    assert verdict_on(summary(80.0, 1.4), [*two, third]) is Verdict.EXPLAINED
-    elsewhere = replace(third, joints=("b",))
-    assert verdict_on(summary(80.0, 4.2), [*two, elsewhere]) is Verdict.EXPLAINED
-    of_the_first = named("stribeck_friction", "a", static_excess=0.05)
-    assert verdict_on(summary(80.0, 4.2), [*two, of_the_first]) is Verdict.EXPLAINED
 
 
 def test_one_effect_on_several_joints_is_one_phrase():

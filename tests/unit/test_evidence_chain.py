@@ -13,15 +13,15 @@ from gfm.diagnosis.data.segmentation import WHOLE, make_problem
 from gfm.diagnosis.evidence import evidence_chain
 from gfm.diagnosis.evidence.adequacy import slow_share
 from gfm.diagnosis.evidence.confusable import confusable_sets
-from gfm.diagnosis.evidence.domains import Agreement, regressed, torque_share, two_domains
+from gfm.diagnosis.evidence.domains import Agreement, regressed, two_domains
 from gfm.diagnosis.evidence.energy import energy_balance
 from gfm.diagnosis.evidence.localisation import energy_by
 from gfm.diagnosis.evidence.stopping import CLEAN_ROBOTS, FALSE_ALARMS, largest_rate, stopping
 from gfm.diagnosis.evidence.torques import torque_domain
-from gfm.diagnosis.former.adequate import ADEQUATE, INEXACT, enough
-from gfm.diagnosis.former.attribution import Attribution, Round
-from gfm.diagnosis.inference.fitting import LEAST_GAIN, Fit
-from gfm.diagnosis.output.claims import SPREADS_ASKED, SPREADS_HELD, WRONG_ALIKE, suspects_of
+from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.inference.score import Difference
+from gfm.diagnosis.output.claims import SPREADS_ASKED, SPREADS_HELD, WRONG_ALIKE
+from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step, Tried
 from gfm.effects import EffectInstance, find_effect
 from pendulum import MODEL, PERIOD_S, swung
 
@@ -56,19 +56,22 @@ def chain_of(runs, effects, found=None):
     return evidence_chain(problem, runs, found, effects, errors)
 
 
-def fitted(instance, cost, base=()):
+def tried(instance, cost, base=(), gain=100.0, error=10.0):
+    """A hypothesis that was weighed: an effect beside others, and what they leave."""
     empty = np.zeros(0)
-    return Fit(effects=(*base, instance), cost=cost, jacobian=np.zeros((0, 1)), residual=empty)
+    whole = Fit(effects=(*base, instance), cost=cost, jacobian=np.zeros((0, 1)), residual=empty)
+    return Tried(new=(instance,), fit=whole, gain=Difference(gain, error))
 
 
-def found_in(*rounds, left=1.0, nominal=100.0):
-    """An attribution of rounds: cost before, fits, whether the first was accepted."""
-    played = tuple(
-        Round(before=before, screened=(), fits=tuple(fits), accepted=fits[0] if won else None)
-        for before, fits, won in rounds
-    )
-    end = Fit(effects=(), cost=left, jacobian=np.zeros((0, 0)), residual=np.zeros(0))
-    return Attribution(nominal_cost=nominal, fit=end, rounds=played)
+def step(before, *ranked, won=True, move=Move.ADD, replaced=None):
+    chosen = ranked[0] if won else None
+    return Step(move=move, before=before, ranked=ranked, chosen=chosen, replaced=replaced)
+
+
+def found_in(*steps, effects=(), left=1.0, room=(0.0, 1.0), **more):
+    """The trace of a search."""
+    end = Fit(effects=effects, cost=left, jacobian=np.zeros((0, 0)), residual=np.zeros(0))
+    return SearchResult(nominal_cost=100.0, fit=end, room=Difference(*room), steps=steps, **more)
 
 
 def test_the_share_of_a_slow_part_is_what_neighbours_have_in_common():
@@ -93,10 +96,11 @@ def test_friction_that_a_model_lacks_goes_with_the_sign_of_the_velocity(rubbing)
 
 
 def test_the_missing_torque_tells_a_friction_from_an_inertia(rubbing):
-    domain = torque_domain(SPECS, rubbing)
     friction, inertia = effect("coulomb_friction", torque=0.2), effect("armature", inertia=0.01)
-    assert torque_share(domain, fitted(friction, 1.0)) > 0.9
-    assert torque_share(domain, fitted(inertia, 1.0)) < 0.1
+    found = found_in(step(100.0, tried(friction, 1.0), tried(inertia, 50.0)))
+    named, other = two_domains(torque_domain(SPECS, rubbing), found, [friction])
+    assert named.torque_share > 0.9
+    assert other.torque_share < 0.1
 
 
 def test_half_of_the_friction_leaves_the_other_half():
@@ -203,7 +207,7 @@ def test_a_regression_is_freed_of_what_stands_beside():
 )
 def test_the_missing_torque_is_a_second_witness_of_an_amount(rubbing, torque, says):
     named = effect("coulomb_friction", torque=torque)
-    found = found_in((100.0, [fitted(named, 2.0)], True))
+    found = found_in(step(100.0, tried(named, 2.0)))
     (row,) = two_domains(torque_domain(SPECS, rubbing), found, [named])
     assert row.rollout_share == pytest.approx(0.98)
     assert row.torque_share > 0.8
@@ -214,14 +218,14 @@ def test_the_missing_torque_is_a_second_witness_of_an_amount(rubbing, torque, sa
 def test_the_missing_torque_can_prefer_a_rival(rubbing):
     wrong = effect("joint_spring", stiffness=0.2, rest_angle=1.0)
     right = effect("coulomb_friction", torque=FRICTION)
-    found = found_in((100.0, [fitted(wrong, 2.0), fitted(right, 3.0)], True))
+    found = found_in(step(100.0, tried(wrong, 2.0), tried(right, 3.0)))
     domain = torque_domain(SPECS, rubbing)
     row, rival = two_domains(domain, found, [wrong])
     assert rival.torque_share > row.torque_share
     assert not rival.named
     assert row.agreement in (Agreement.OTHER_EFFECT, Agreement.SILENT)
     viscous = effect("viscous_friction", coefficient=0.3)
-    found = found_in((100.0, [fitted(viscous, 2.0), fitted(right, 3.0)], True))
+    found = found_in(step(100.0, tried(viscous, 2.0), tried(right, 3.0)))
     row, _ = two_domains(domain, found, [viscous])
     assert row.agreement is Agreement.OTHER_EFFECT
     assert row.rival == "coulomb friction on j"
@@ -229,139 +233,104 @@ def test_the_missing_torque_can_prefer_a_rival(rubbing):
 
 def test_the_missing_torque_is_silent_of_a_motor_apart_from_its_link(rubbing):
     named = effect("backlash", gap=0.01)
-    found = found_in((100.0, [fitted(named, 2.0)], True))
+    found = found_in(step(100.0, tried(named, 2.0)))
     (row,) = two_domains(torque_domain(SPECS, rubbing), found, [named])
     assert row.agreement is Agreement.SILENT
     assert row.amount is None
 
 
-def test_names_that_explain_as_much_are_put_beside_the_one_that_was_chosen():
+def rivalled(named, rival, errors):
+    """A search in the end of which a name predicts better than its rival by so many errors."""
+    told = Evidence(
+        without=Difference(50.0, 5.0),
+        rival=Difference(5.0 * errors, 5.0),
+        by=rival,
+        left=0.01,
+        halves=0.5,
+    )
+    return found_in(effects=(named,), evidence={named.key: told})
+
+
+@pytest.mark.parametrize(("errors", "equal"), [(-0.5, [True]), (1.5, [False]), (2.5, [])])
+def test_a_rival_is_equal_close_or_none_by_its_standard_errors(errors, equal):
     offset = effect("torque_offset", torque=0.2)
     spring = effect("joint_spring", stiffness=0.1, rest_angle=2.0)
-    viscous = effect("viscous_friction", coefficient=0.1)
-    fits = [fitted(offset, 2.0), fitted(spring, 2.1), fitted(viscous, 40.0)]
-    (told,) = confusable_sets(found_in((100.0, fits, True)), [offset])
-    assert [(a.effect, a.equal, a.more_parameters) for a in told.alternatives] == [
-        ("asymmetric_friction", True, 0),
-        ("joint_spring", True, 1),
-    ]
-    assert told.alternatives[1].lost == pytest.approx(0.1 / 98.0)
+    (told,) = confusable_sets(rivalled(offset, spring, errors), [offset])
+    assert [one.equal for one in told.alternatives] == equal
+    assert [one.more_parameters for one in told.alternatives] == [1] * len(equal)
+    assert all(one.effect == "joint_spring" and one.told_by for one in told.alternatives)
 
 
-def test_what_leaves_more_than_noise_is_no_equal_of_what_leaves_noise():
-    """However much it explains: here 99.2 %."""
-    lag, delay = effect("actuator_lag", time_constant=0.03), effect("command_delay", delay=0.03)
-    for best, alternatives in ((1.1, []), (8.0, ["command_delay"])):
-        found = found_in((5380.0, [fitted(lag, best), fitted(delay, 45.0)], True))
-        (told,) = confusable_sets(found, [lag])
-        assert [a.effect for a in told.alternatives] == alternatives
-        (suspect,) = suspects_of(found, (lag,))
-        assert suspect.reason.startswith("equal to") is bool(alternatives)
+def test_the_other_name_of_a_law_is_its_equal_and_stands_first():
+    offset, viscous = effect("torque_offset", torque=0.2), effect("viscous_friction", coefficient=1)
+    twin = effect("asymmetric_friction", difference=-0.4)
+    found = replace(rivalled(offset, viscous, 1.0), equals={offset.key: (twin,)})
+    (told,) = confusable_sets(found, [offset])
+    assert [one.effect for one in told.alternatives] == ["asymmetric_friction", "viscous_friction"]
+    assert told.alternatives[0].errors == 0.0
 
 
-def test_what_was_found_together_was_weighed_against_nothing_alone():
-    offset = effect("torque_offset", torque=0.2)
-    viscous = effect("viscous_friction", coefficient=0.1)
-    fits = [fitted(viscous, 2.0, base=(offset,)), fitted(viscous, 60.0)]
-    found = found_in((100.0, fits, True))
-    found = replace(found, rounds=(replace(found.rounds[0], together=2),))
-    told = confusable_sets(found, [viscous])
-    assert (told[0].weighed, told[0].alternatives) == (False, ())
-    (row,) = stopping(found).rounds
-    assert row.best == "2 effects together"
-    assert row.needed == pytest.approx(0.7)
+OFFSET = effect("torque_offset", torque=0.2)
 
 
 @pytest.mark.parametrize(
     ("found", "reason"),
     [
-        (found_in(), "nothing was looked for"),
+        (found_in(), "is not visible beside what a right model leaves"),
+        (found_in(room=(9.0, 1.0), out_of_time=True), "its time was over"),
         (
-            found_in((100.0, [fitted(effect("torque_offset", torque=0.2), 1.0)], True)),
-            "what is left is noise",
+            found_in(step(9.0, tried(OFFSET, 8.0, gain=1.0), won=False), room=(9.0, 1.0)),
+            "no candidate predicts clearly better",
         ),
         (
-            found_in((100.0, [fitted(effect("torque_offset", torque=0.2), 99.0)], False)),
-            "no candidate explains enough",
+            found_in(
+                step(9.0, tried(effect("coulomb_friction", torque=0.0), 8.0), won=False),
+                room=(9.0, 1.0),
+            ),
+            "coulomb friction on j predicts best, but its amount is none, or has no end",
         ),
     ],
 )
 def test_it_is_said_why_the_search_ended(found, reason):
     told = stopping(found)
     assert reason in told.reason
-    assert len(told.rounds) == len(found.rounds)
+    assert len(told.steps) == len(found.steps)
+    assert (told.room, told.room_error) == (found.room.nats, found.room.error)
+
+
+def test_it_is_said_of_every_step_what_was_best_and_what_it_brought():
+    viscous = effect("viscous_friction", coefficient=0.1)
+    both = Tried(
+        new=(OFFSET, viscous), fit=tried(viscous, 2.0, (OFFSET,)).fit, gain=Difference(70.0, 9.0)
+    )
+    rows = stopping(
+        found_in(
+            step(100.0, both, move=Move.COMMON_ERRORS),
+            step(2.0, tried(viscous, 1.9, gain=1.0, error=4.0), won=False),
+            step(2.0, move=Move.INTERMITTENT, won=False),
+        )
+    ).steps
+    assert [row.best for row in rows] == ["2 effects together", "viscous friction on j", ""]
+    assert [row.chosen for row in rows] == [True, False, False]
+    assert [(row.gain, row.error) for row in rows] == [(70.0, 9.0), (1.0, 4.0), (0.0, 0.0)]
 
 
 def test_it_is_said_what_was_taken_out_again_and_why():
-    offset, spring = effect("torque_offset", torque=0.2), effect("joint_spring", stiffness=0.1)
-    viscous, armature = effect("viscous_friction", coefficient=0.1), effect("armature", inertia=0.1)
-    accepted = [(9.0, [fitted(one, 3.0)], True) for one in (spring, viscous, armature, offset)]
-    found = found_in(*accepted)
-    *rounds, last = found.rounds
-    found = replace(
-        found,
-        fit=replace(found.fit, effects=(offset,)),
-        rounds=(*rounds, replace(last, instead_of=spring)),
-        unsupported=(armature,),
+    spring = effect("joint_spring", stiffness=0.1, rest_angle=0.0)
+    viscous = effect("viscous_friction", coefficient=0.1)
+    less = Tried(new=(viscous,), fit=tried(OFFSET, 3.0).fit, gain=Difference(-1.0, 2.0))
+    steps = (
+        step(9.0, tried(OFFSET, 3.0), move=Move.EXCHANGE, replaced=spring),
+        Step(move=Move.REMOVE, before=3.0, chosen=less, replaced=viscous),
     )
-    told = stopping(found)
-    assert [row.instead_of for row in told.rounds] == ["", "", "", "joint spring on j"]
+    told = stopping(found_in(*steps, effects=(OFFSET,)))
+    assert [row.replaced for row in told.steps] == ["joint spring on j", "viscous friction on j"]
+    assert [row.best for row in told.steps] == ["torque offset on j", ""]
     assert told.taken_out == (
-        "joint spring on j: torque offset on j gives nearly the same torque and explains more",
-        "viscous friction on j: superfluous beside what was found later",
-        "armature on j: explains nothing on recordings that it was not fitted to",
+        "joint spring on j: torque offset on j predicts better, or as well and is simpler",
+        "viscous friction on j: it predicts as well without",
     )
-    suspects = {one.effect: one.reason for one in suspects_of(found, (offset,))}
-    assert suspects["armature"] == "explains nothing on recordings that it was not fitted to"
-    sister = effect("armature", joints=("k",), inertia=0.1)
-    assert (
-        "armature on k: explains nothing"
-        in stopping(replace(found, unsupported=(sister,))).taken_out[-1]
-    )
-
-
-def test_what_closes_too_little_of_the_held_out_error_is_not_called_superfluous():
-    offset = effect("torque_offset", torque=0.2)
-    found = found_in((9.0, [fitted(offset, 3.0)], True))
-    (suspect,) = suspects_of(replace(found, fit=replace(found.fit, effects=(offset,))), ())
-    assert suspect.reason.startswith("explains too little of the held-out recordings")
-
-
-def test_a_rival_that_explains_more_by_rollouts_is_not_called_equal():
-    """It held nowhere else, or the missing torque spoke for the other one."""
-    armature, drag = effect("armature", inertia=0.1), effect("quadratic_drag", coefficient=0.1)
-    found = found_in((900.0, [fitted(armature, 330.0), fitted(drag, 310.0)], True))
-    (suspect,) = suspects_of(found, (armature,))
-    assert suspect.reason.startswith("explains 65.6 % of the squared residual, armature on j only")
-
-
-def test_what_the_model_says_fitted_anew_has_a_row_of_its_own_and_ends_no_search():
-    friction, less = effect("coulomb_friction", torque=0.1), effect("armature", inertia=-0.01)
-    won, both = fitted(friction, 50.0), fitted(less, 10.0, base=(friction,))
-    found = Round(before=200.0, screened=(), fits=(won,), accepted=won)
-    over = Round(
-        before=50.0,
-        screened=(),
-        fits=(fitted(effect("torque_offset", torque=0.1), 49.9),),
-        accepted=None,
-    )
-    late_s = (np.full(9, 0.02), np.zeros(9))
-    for heard, needed in ((late_s, LEAST_GAIN), (None, 0.5)):
-        again = Round(
-            before=50.0, screened=(), fits=(both,), accepted=both, restated=True, late_s=heard
-        )
-        told = stopping(Attribution(nominal_cost=200.0, fit=both, rounds=(found, over, again)))
-        row = told.rounds[-1]
-        assert (row.restated, row.answers) == (True, 9 if heard else 0)
-        assert row.needed == pytest.approx(needed)
-        assert row.explained == pytest.approx(0.8)
-        assert "no candidate explains enough" in told.reason
-
-
-def test_only_laws_with_a_kink_may_leave_more_than_noise():
-    friction, spring = effect("coulomb_friction", torque=0.1), effect("joint_spring", stiffness=0.1)
-    assert enough(1e4, [spring]) == enough(1e4, []) == ADEQUATE
-    assert enough(1e4, [spring, friction]) == pytest.approx(1.0 + 1e4 * INEXACT, rel=1e-3)
+    assert stopping(found_in(*steps, effects=(OFFSET, spring, viscous))).taken_out == ()
 
 
 def test_no_error_in_a_few_cases_leaves_a_rate_possible():

@@ -8,10 +8,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind
-from gfm.diagnosis.former import attribution
-from gfm.diagnosis.former.attribution import polished, settled_fit
 from gfm.diagnosis.inference.fitting import fit
-from gfm.diagnosis.residuals.problem import Noise, Problem, settled, unsettled
+from gfm.diagnosis.residuals.problem import Noise, Problem, unsettled
+from gfm.diagnosis.search.hypothesis import hypothesis, settled_hypothesis
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.segment import Segment
 
@@ -65,7 +64,7 @@ def falling(kind, *, error):
 
 def test_initial_states_are_found_where_the_first_order_is_not_enough():
     rough = falling(CommandKind.EFFORT, error=0.05)
-    fine = settled(rough, ())
+    fine = rough.settled(())
     assert fine.segments[0].initial_velocity[0] == pytest.approx(0.0, abs=1e-3)
     assert fine.segments[0].initial_position[0] == pytest.approx(0.1, abs=1e-4)
     assert np.abs(rough.position_errors(())[0]).max() > 0.1
@@ -74,21 +73,21 @@ def test_initial_states_are_found_where_the_first_order_is_not_enough():
 
 def test_a_servo_forgets_how_it_began():
     led = falling(CommandKind.POSITION, error=0.05)
-    assert settled(led, ()).segments == led.segments
+    assert led.settled(()).segments == led.segments
     off = replace(led, segments=(replace(led.segments[0], servo_gain=np.zeros(1)),))
-    assert settled(off, ()).segments[0].initial_velocity[0] == pytest.approx(0.0, abs=1e-3)
+    assert off.settled(()).segments[0].initial_velocity[0] == pytest.approx(0.0, abs=1e-3)
 
 
 def test_a_stretch_that_is_followed_as_it_begins_stays_as_it_is():
     followed = falling(CommandKind.EFFORT, error=0.0)
-    assert settled(followed, ()).segments[0] is followed.segments[0]
+    assert followed.settled(()).segments[0] is followed.segments[0]
 
 
 def suited_to_none(friction):
     """The problem of a fall with friction, from initial states that suit a model without it."""
     problem = falling(CommandKind.EFFORT, error=0.0)
     slowed = replace(problem.segments[0], position=fallen(0.1, 0.0, friction))
-    return settled(replace(problem, segments=(slowed,)), ())
+    return replace(problem, segments=(slowed,)).settled(())
 
 
 def viscous(coefficient):
@@ -96,21 +95,19 @@ def viscous(coefficient):
     return EffectInstance(effect=effect, joints=("j",), values={"coefficient": coefficient})
 
 
-def test_states_and_amounts_are_found_in_turn(monkeypatch):
+def test_states_and_amounts_are_found_in_turn():
+    """States that suit the model without friction hold amounts back if they stay."""
     problem = suited_to_none(friction=0.3)
-    monkeypatch.setattr(attribution, "MUCH", np.inf)  # never from the states as measured
-    monkeypatch.setattr(attribution, "IN_TURN", 1)
-    assert settled_fit(problem, (viscous(0.01),))[1].cost > 5.0
-    monkeypatch.setattr(attribution, "IN_TURN", 4)
-    _, found = settled_fit(problem, (viscous(0.01),))
-    assert found.cost < 0.1
+    assert fit(problem, (viscous(0.01),)).cost > 5.0
+    found = settled_hypothesis(problem, (viscous(0.01),), np.full(1, 1e4))
+    assert found.fit.cost < 0.1
     assert found.effects[0].values["coefficient"] == pytest.approx(0.3, rel=0.01)
 
 
 def test_states_as_measured_are_kept_beside_those_that_suit_a_model():
     measured = falling(CommandKind.EFFORT, error=0.0)
     slowed = replace(measured.segments[0], position=fallen(0.1, 0.0, 0.3))
-    bent = settled(settled(replace(measured, segments=(slowed,)), ()), (viscous(0.1),))
+    bent = replace(measured, segments=(slowed,)).settled(()).settled((viscous(0.1),))
     assert bent.segments[0].initial_velocity[0] < -0.01
     assert unsettled(bent, (viscous(0.3),)).segments[0] is slowed
 
@@ -119,17 +116,8 @@ def test_errors_as_measured_are_those_of_what_was_measured():
     """A speed that is off by 0.05 rad/s, in closed form; bent states make nothing of it better."""
     measured = falling(CommandKind.EFFORT, error=0.05)
     off = fallen(0.1, 0.0) - fallen(0.1, 0.05)
-    for problem in (measured, settled(measured, ())):
+    for problem in (measured, measured.settled(())):
         assert problem.as_measured().position_errors(())[0] == pytest.approx(off, abs=1e-5)
-
-
-def test_states_that_suited_a_wrong_model_are_given_up_where_they_hold_a_fit(monkeypatch):
-    """One turn leaves much from there; from the states as measured it comes to the truth."""
-    monkeypatch.setattr(attribution, "IN_TURN", 1)
-    there, found = settled_fit(suited_to_none(friction=0.3), (viscous(0.01),))
-    assert found.cost < 0.1
-    assert found.effects[0].values["coefficient"] == pytest.approx(0.3, rel=0.01)
-    assert there.segments[0].measured is None
 
 
 def test_rivals_are_compared_from_initial_states_of_their_own():
@@ -137,6 +125,6 @@ def test_rivals_are_compared_from_initial_states_of_their_own():
     suited = suited_to_none(friction=0.05)
     there = fit(suited, (viscous(0.01),))
     assert there.cost > 5.0
-    best = polished(suited, [there])[0]
+    best = hypothesis(suited, fit(suited, ()), np.full(1, 1e4)).fitted_out(there)
     assert best.cost < 0.1
     assert best.effects[0].values["coefficient"] == pytest.approx(0.05, rel=0.01)

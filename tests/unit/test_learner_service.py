@@ -195,7 +195,7 @@ def test_tells_actors_what_it_learns_for_with_paths_that_hold_anywhere(tmp_path,
     environment = EnvironmentSettings(
         recordings=("a.mcap",),
         models={"velocity": "m.xml"},
-        control=ControlSettings(ensemble=("coulomb_j6_1", "own.npz")),
+        control=ControlSettings(ensemble=("coulomb_j6_1", "own.npz"), ranges="r.toml"),
     )
     bench = Bench(config(env="gfm_fit", environment=environment))
     request = EnvironmentRequest(name="gfm_fit")
@@ -208,6 +208,7 @@ def test_tells_actors_what_it_learns_for_with_paths_that_hold_anywhere(tmp_path,
     assert shipped.is_file()
     assert shipped.is_absolute()
     assert own == tmp_path / "own.npz"
+    assert told.control.ranges == str(tmp_path / "r.toml")
 
 
 def test_an_actor_for_another_environment_is_told_which_one_this_is():

@@ -8,9 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind
-from gfm.diagnosis.former.attribution import earns_its_states
-from gfm.diagnosis.inference.fitting import Fit
-from gfm.diagnosis.residuals.problem import Noise, Problem, settled, with_state_basis
+from gfm.diagnosis.residuals.problem import Noise, Problem, with_state_basis
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.motor_sides import springs
 from gfm.sim.plant import make_plant
@@ -118,26 +116,9 @@ def test_what_swings_slower_than_a_stretch_tells_is_where_its_load_holds_it():
 
 
 def test_states_of_motors_are_settled_with_those_of_links():
-    rung = settled(problem(ringing(ahead=0.02, faster=-1.0)), elastic(STIFFNESS))
+    rung = problem(ringing(ahead=0.02, faster=-1.0)).settled(elastic(STIFFNESS))
     found = rung.segments[0].initial_motor
     # The load that holds the link at first is none: the motor is ahead by what it was.
     np.testing.assert_allclose(found[:, 0], [0.02, -1.0], rtol=0.01)
     plain = replace(rung, state_basis=())
     assert cost(plain, elastic(STIFFNESS)) < 0.1
-
-
-@pytest.mark.parametrize(
-    ("left", "kind", "expected"),
-    [
-        (0.6, CommandKind.EFFORT, False),
-        (0.4, CommandKind.EFFORT, True),
-        (0.6, CommandKind.POSITION, True),
-    ],
-)
-def test_a_spring_must_explain_half_where_its_motor_has_states_of_its_own(left, kind, expected):
-    rung = problem(ringing(), kind=kind)
-    found, start = (
-        Fit(effects=e, cost=c, jacobian=np.zeros((0, len(e))), residual=np.zeros(0))
-        for e, c in ((elastic(STIFFNESS), left), ((), 1.0))
-    )
-    assert earns_its_states(rung, found, start) is expected

@@ -75,9 +75,10 @@ class Answers:
 def _with_absolute_paths(settings: EnvironmentSettings) -> str:
     """Returns the settings as JSON that means the same in any working directory."""
     ensemble = tuple(str(forces_path(path).resolve()) for path in settings.control.ensemble)
+    ranges = settings.control.ranges and str(Path(settings.control.ranges).resolve())
     absolute = msgspec.structs.replace(
         settings,
-        control=msgspec.structs.replace(settings.control, ensemble=ensemble),
+        control=msgspec.structs.replace(settings.control, ensemble=ensemble, ranges=ranges),
         models={kind: str(Path(path).resolve()) for kind, path in settings.models.items()},
         recordings=tuple(str(Path(path).resolve()) for path in settings.recordings),
     )

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
+from itertools import islice
 
 import mujoco
 import numpy as np
 
-from gfm.core import CommandKind, Trajectory
+from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
+from gfm.diagnosis.changes import Found, what_changed
 from gfm.diagnosis.data.quality import all_findings, doubts
 from gfm.diagnosis.data.segmentation import (
     LONG,
@@ -25,6 +27,7 @@ from gfm.diagnosis.evidence import evidence_chain, plots
 from gfm.diagnosis.inference.fitting import fit
 from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.objects import ObjectPart, examine_object, widened
+from gfm.diagnosis.output.changes import Changes
 from gfm.diagnosis.output.claims import (
     credible,
     named_effects,
@@ -120,6 +123,7 @@ def diagnose(
     learned: Sequence[LearnedForces] = (),
     in_time: Callable[[], bool] = lambda: True,
     keep_suspects: bool = False,
+    since: Sequence[Sequence[Trajectory]] = (),
 ) -> Diagnosis:
     """Returns what `specs` lack to explain `recordings`, judged on `holdout`.
 
@@ -134,14 +138,18 @@ def diagnose(
         learned: Forces that were fitted to recordings under the nominal model, to be named, too.
         in_time: Whether there is time left to go on searching.
         keep_suspects: Whether effects that are more likely wrong than right stay in the model.
+        since: Earlier sets of recordings, oldest first, since which changes are told.
 
     Raises:
         BadInputError: recordings, models and forces do not belong together.
     """
-    check_recordings(specs, [*recordings, *holdout])
-    ordered = in_model_order(specs, [*recordings, *holdout])
-    driven, runs = with_idle_drives(specs, ordered)
-    recordings, holdout = runs[: len(recordings)], runs[len(recordings) :]
+    every = [*recordings, *holdout, *(one for earlier in since for one in earlier)]
+    check_recordings(specs, every)
+    driven, runs = with_idle_drives(specs, in_model_order(specs, every))
+    rest = iter(runs)
+    recordings, holdout, *since = (
+        list(islice(rest, len(part))) for part in (recordings, holdout, *since)
+    )
     thing = examine_object(driven[recordings[0].command_kind], recordings, holdout, report)
     pushed = _pushed(thing)
     added = [e.instance() for e in pushed]
@@ -161,6 +169,7 @@ def diagnose(
     robot = replace(
         robot,
         gfm=told,
+        changes=_changes(case, found, since, report, in_time) if since else None,
         notes=(*notes, *_out_of_time(found), *robot.notes),
         provenance=dict(provenance or {}),
     )
@@ -222,6 +231,38 @@ def _found(case: _Case, report: Callable[[str], None], in_time: Callable[[], boo
     everything = all_segments(specs, recordings, short.noise, given=case.given)
     result, long = search(short, long, everything, recordings, report, in_time)
     return _Found(short=short, long=long, result=result)
+
+
+def _changes(
+    case: _Case,
+    now: _Found,
+    since: Sequence[Sequence[Trajectory]],
+    report: Callable[[str], None],
+    in_time: Callable[[], bool],
+) -> Changes | None:
+    """Returns what changed since earlier sets of recordings; None where nothing can be said now."""
+    sets = [_as_set(now, case.recordings)]
+    if sets[0] is None:
+        return None
+    for earlier in reversed(since):
+        report(f"looking at an earlier set: {', '.join(one.name for one in earlier)}")
+        before = replace(case, recordings=earlier, lack=_lacking(earlier))
+        if before.lack:
+            raise ConfigError(f"{earlier[0].name}: {before.lack}; expected motion to compare with")
+        sets.append(_as_set(_found(before, report, in_time), earlier))
+    found = [one for one in reversed(sets) if one is not None]
+    return what_changed(found, case.beside.values(), case.given, report)
+
+
+def _as_set(found: _Found, recordings: Sequence[Trajectory]) -> Found | None:
+    if found.result is None:
+        return None
+    return Found(
+        names=tuple(one.name for one in recordings),
+        problem=found.long,
+        effects=found.result.fit.effects,
+        credible=credible(found.result),
+    )
 
 
 def _judged(
@@ -398,8 +439,8 @@ def _notes(verdict: Verdict, *, outside: bool, less: bool) -> tuple[str, ...]:
     notes = [
         "Errors are of open-loop rollouts whose initial state is fitted (two numbers per joint, "
         "and two per motor that rings against its link where no servo holds it); recordings of "
-        "torque commands are cut into stretches of half a second, others of a robot that touches "
-        "something into stretches of about two."
+        "torque commands are cut into segments of half a second, others of a robot that touches "
+        "something into segments of about two."
     ]
     if less:
         notes.append("A negative amount takes off what the model has of it.")

@@ -284,8 +284,7 @@ class EffectInstance:
         values: Its amounts.
         in_model: Whether the model has what MuJoCo expresses of it already, and only the rest (how
             it misleads a gravity compensation, say) is to be added.
-        most: Amounts beyond which a fit does not look, where its parameter allows for more.
-        least: Amounts to which it does, where its parameter does not allow for as little: by so
+        least: Amounts to which a fit looks, where its parameter does not allow for as little: by so
             much the model may have too much of it.
     """
 
@@ -293,7 +292,6 @@ class EffectInstance:
     joints: tuple[str, ...]
     values: Mapping[str, float] = field(default_factory=dict)
     in_model: bool = False
-    most: Mapping[str, float] = field(default_factory=dict)
     least: Mapping[str, float] = field(default_factory=dict)
 
     @property

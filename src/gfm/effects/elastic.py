@@ -77,6 +77,8 @@ class Backlash(Effect):
     abrupt = True
     confused_with = ("joint_elasticity",)
     parameters = (Parameter(name="gap", unit="rad", lower=0.0, upper=0.5),)
+    #: Where the motor is in its play at first depends on how large that is.
+    valleys = ("gap",)
     separates_motor = True
     shown_by = "reversals under changing load"
 
@@ -96,7 +98,12 @@ class Backlash(Effect):
 
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
-        return [[{"gap": gap}] for gap in (2e-3, 1e-2)]
+        return [[{"gap": gap}] for gap in (1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2, 3.2e-2)]
+
+    @override
+    def combine(self, group: ProbeGroup, amplitudes: Sequence[float]) -> dict[str, float] | None:
+        # Twice the play is not twice the answer: a probe either looks like it or does not.
+        return dict(group[0]) if amplitudes[0] > 0.0 else None
 
 
 @final

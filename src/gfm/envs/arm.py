@@ -39,11 +39,13 @@ class ArmProblem:
         settings: Gain and disturbances.
         ensemble: Generalized force models; each episode has one of them. The model's own period is
             the longest that fits into theirs and into the task's (see `common_period_s`).
+        drawn: Models with amounts drawn from ranges; each episode has one of them.
     """
 
     model: HybridModel
     settings: ControlSettings = field(default_factory=ControlSettings)
     ensemble: tuple[LearnedForces, ...] = ()
+    drawn: tuple[mujoco.MjModel, ...] = ()
 
     def __post_init__(self) -> None:
         period_s = self.model.control_period_s
@@ -80,7 +82,7 @@ class ArmProblem:
         """What an episode's model is drawn from."""
         settings = self.settings
         if settings.randomisation == 0.0:
-            return (self.nominal,)
+            return self.drawn or (self.nominal,)
         rng = np.random.default_rng(_VARIANTS_SEED)  # every actor draws from the same ones
         return randomised_models(self.nominal, settings.variants, settings.randomisation, rng)
 

@@ -45,6 +45,9 @@ class ControlSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
             the force limits: a baseline that the paper compares with.
         randomisation: Each episode draws masses, friction, damping and servo gains between 1 / (1 +
             this) and 1 + this times the model's; another baseline.
+        ranges: File that a diagnosis of several sets of recordings wrote (ranges.toml): each
+            episode draws the amounts of the named effects from it, in the model that was
+            diagnosed, which `models` has to name.
         variants: How many such models are drawn once, for episodes to choose from.
         ensemble: Generalized force models, files or names of some that come with gfm; each episode
             draws one of them.
@@ -53,5 +56,13 @@ class ControlSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     curriculum: Curriculum = Curriculum()
     perturbation: Share = 0.0
     randomisation: Annotated[float, Meta(ge=0.0, le=4.0)] = 0.0
+    ranges: str = ""
     variants: Annotated[int, Meta(ge=1)] = 64
     ensemble: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.ranges and self.randomisation > 0.0:
+            raise ConfigError(
+                f"ranges is {self.ranges} and randomisation {self.randomisation}, expected one of "
+                "them"
+            )

@@ -76,12 +76,14 @@ class EnvironmentAssets:
         effects: What stands beside them: the robot's effects that MuJoCo cannot express.
         trajectories: The recordings.
         ensemble: Generalized force models for the control tasks.
+        drawn: Models for velocity commands with amounts drawn from ranges, for the same.
     """
 
     models: Mapping[CommandKind, mujoco.MjModel] = field(default_factory=dict)
     effects: tuple[EffectInstance, ...] = ()
     trajectories: Sequence[Trajectory] = ()
     ensemble: tuple[LearnedForces, ...] = ()
+    drawn: tuple[mujoco.MjModel, ...] = ()
 
 
 def fit_problem(settings: EnvironmentSettings, assets: EnvironmentAssets) -> FitProblem:
@@ -149,7 +151,9 @@ def arm_problem(name: str, settings: EnvironmentSettings, assets: EnvironmentAss
         forced_joints=settings.forced_joints,
         effects=assets.effects,
     )
-    return ArmProblem(model=model, settings=settings.control, ensemble=assets.ensemble)
+    return ArmProblem(
+        model=model, settings=settings.control, ensemble=assets.ensemble, drawn=assets.drawn
+    )
 
 
 def _nominal_cell(name: str) -> mujoco.MjSpec:

@@ -29,7 +29,8 @@ Recordings are MCAP files with sensor_msgs/msg/JointState on both topics (`gfm i
 from tables). The model has one actuator per joint, of the kind of the commands: position servo,
 velocity servo or motor. What MJCF cannot say stands in a file beside it: corrected models are
 written to corrected.xml and, where need be, corrected.effects.json, and whoever is given the first
-reads both. For several models corrected_KIND.xml is written, too. Exit status: 0 a verdict was
+reads both. For several models corrected_KIND.xml is written, too. With --since the report begins
+with what changed, and ranges.toml says what training should draw from. Exit status: 0 a verdict was
 reached, 2 bad input.
 """
 
@@ -157,12 +158,21 @@ def add_diagnose_parser(subparsers: Subparsers) -> None:
         metavar="FORCES.npz",
         help="learned forces to name, too (checkpoints/forces.npz of a run); several are averaged",
     )
+    parser.add_argument(
+        "--since",
+        nargs="+",
+        action="append",
+        type=Path,
+        default=[],
+        metavar="RECORDING",
+        help="an earlier set of recordings: what changed since then? Once per set, oldest first",
+    )
     parser.add_argument("--seed", type=int, default=0, help="kept in the report")
     parser.add_argument(
         "--minutes",
         type=float,
-        default=float("inf"),
-        help="after which the search ends with its best answer so far (default: no limit)",
+        default=10.0,
+        help="after which no more is looked for: best answer so far (default: %(default)g)",
     )
     parser.add_argument(
         "--keep-suspects",
@@ -187,6 +197,7 @@ def run_diagnose(arguments: argparse.Namespace) -> int:
         gfm=tuple(arguments.gfm),
         minutes=arguments.minutes,
         keep_suspects=arguments.keep_suspects,
+        since=tuple(map(tuple, arguments.since)),
     )
     diagnose_files(request, Console(), Console(file=sys.stderr))
     return 0

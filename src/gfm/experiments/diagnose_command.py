@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 from rich.console import Console
@@ -51,6 +52,7 @@ class DiagnoseRequest:
         gfm: Fitted force models, whose forces are to be named.
         minutes: After which the search ends with its best answer so far.
         keep_suspects: Whether what is more likely wrong than right stays in the corrected model.
+        since: Earlier sets of recordings, oldest first, since which changes are told.
     """
 
     recordings: tuple[Path, ...]
@@ -63,10 +65,16 @@ class DiagnoseRequest:
     gfm: tuple[Path, ...] = ()
     minutes: float = float("inf")
     keep_suspects: bool = False
+    since: tuple[tuple[Path, ...], ...] = ()
+
+    @property
+    def files(self) -> list[Path]:
+        """All recordings: of now, held out, and of each earlier set."""
+        return [*self.recordings, *self.holdout, *(path for one in self.since for path in one)]
 
     def __post_init__(self) -> None:
         check_folder(self.out)
-        given = [*self.recordings, *self.holdout]
+        given = self.files
         twice = [path for i, path in enumerate(given) if path.resolve() in _resolved(given[:i])]
         if twice:
             raise ConfigError(f"{twice[0]}: given twice; expected different recordings")
@@ -92,18 +100,22 @@ def diagnose_files(request: DiagnoseRequest, answer: Console, progress: Console)
 
 def _diagnosed(request: DiagnoseRequest, progress: Console) -> Diagnosis:
     nominal = load_nominal(request.models)
-    say = partial(_say, progress)
+    say = partial(_say, progress, time.monotonic())
     for line in nominal.about:
         say(line)
-    paths = [*request.recordings, *request.holdout]
+    paths = request.files
     recordings = read_recordings(paths, joint_states=request.joint_states, command=request.command)
     check_different(paths)
     recordings, notes = without_strangers(nominal.specs, recordings)
-    count, read = len(request.recordings), list(zip(paths, recordings, strict=True))
-    check_together(nominal.specs, read)
-    check_usable(nominal.specs, read[:count], read[count:])
+    check_together(nominal.specs, list(zip(paths, recordings, strict=True)))
+    read = zip(paths, recordings, strict=True)
+    sets = (request.recordings, request.holdout, *request.since)
+    now, held, *since = (list(islice(read, len(one))) for one in sets)
+    check_usable(nominal.specs, now, held)
+    for earlier in since:
+        check_usable(nominal.specs, earlier, [])
     learned = _read_learned(request.gfm, recordings[0].joint_names)
-    training, holdout = recordings[:count], recordings[count:]
+    training, holdout = ([run for _, run in one] for one in (now, held))
     if not holdout:
         training, holdout, note = split(training)
         notes.append(note)
@@ -111,6 +123,7 @@ def _diagnosed(request: DiagnoseRequest, progress: Console) -> Diagnosis:
         "model": nominal.files,
         "recording": request.recordings,
         "held-out recording": request.holdout,
+        "earlier recording": [path for one in request.since for path in one],
         "force model": request.gfm,
     }
     return diagnose(
@@ -124,6 +137,7 @@ def _diagnosed(request: DiagnoseRequest, progress: Console) -> Diagnosis:
         learned=learned,
         in_time=_clock(request.minutes),
         keep_suspects=request.keep_suspects,
+        since=[[run for _, run in one] for one in since],
     )
 
 
@@ -150,8 +164,10 @@ def _read_learned(paths: Sequence[Path], joints: tuple[str, ...]) -> list[Learne
     return learned
 
 
-def _say(progress: Console, words: str) -> None:
-    progress.print(Text(f"  {words}", style="dim"), soft_wrap=True)
+def _say(progress: Console, began_s: float, words: str) -> None:
+    """Tells what is happening, and how many seconds after the beginning."""
+    seconds = f"{time.monotonic() - began_s:6.1f} s"
+    progress.print(Text(f"{seconds}  {words}", style="dim"), soft_wrap=True)
 
 
 def check_different(paths: Sequence[Path]) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from gfm.diagnosis.output.changes import Changes
 from gfm.diagnosis.output.result import (
     SCHEMA,
     Diagnosis,
@@ -69,6 +70,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, object]:
         "blind_spots": [dict(vars(spot)) for spot in diagnosis.blind_spots],
         "evidence": chain_json(diagnosis.chain),
         "gfm": learned_json(diagnosis),
+        "changes": diagnosis.changes and _changes_json(diagnosis.changes),
         "notes": diagnosis.notes,
         "provenance": diagnosis.provenance,
     }
@@ -122,6 +124,10 @@ def evidence(diagnosis: Diagnosis, limit: int) -> Sequence[Picture]:
 
 def _error_json(error: ErrorSummary) -> dict[str, object]:
     return {**vars(error), "ratio": words.ratio(error.after, error.noise_floor)}
+
+
+def _changes_json(changes: Changes) -> dict[str, object]:
+    return {**vars(changes), "amounts": [dict(vars(one)) for one in changes.amounts]}
 
 
 def _suspect_json(suspect: Suspect) -> dict[str, object]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from gfm.core import CommandKind
 from gfm.diagnosis.output.result import Diagnosis, ModelPair
 from gfm.report.document import diagnosis_html, diagnosis_json, effect_json
+from gfm.report.ranges import ranges_toml
 from gfm.report.run import RunReport
 from gfm.report.run_document import run_html, run_json
 
@@ -20,7 +21,8 @@ def write_diagnosis(folder: Path, diagnosis: Diagnosis) -> tuple[Path, ...]:
     document, page = diagnosis_json(diagnosis), diagnosis_html(diagnosis)
     twins = [model_texts(f"corrected_{kind}", model) for kind, model in diagnosis.twins.items()]
     models = _corrected_texts(diagnosis) | {n: text for two in twins for n, text in two.items()}
-    return write_texts(folder, _report_texts(document, page) | models)
+    ranges = {"ranges.toml": ranges_toml(diagnosis.changes)} if diagnosis.changes else {}
+    return write_texts(folder, _report_texts(document, page) | models | ranges)
 
 
 def write_run(folder: Path, report: RunReport) -> tuple[Path, ...]:

@@ -22,6 +22,10 @@ _SUSPECTS_SHOWN = 5
 
 def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     """Prints verdict, effects, errors, the best suspects, and what a reader should know."""
+    if diagnosis.changes:
+        console.print(
+            Panel(Text(diagnosis.changes.sentence), title=" What changed ", title_align="left")
+        )
     verdict = words.VERDICTS[diagnosis.verdict]
     title = Text(f" {verdict.title} ", style=f"bold {_TONES[verdict.tone]}")
     console.print(Panel(Text(diagnosis.sentence), title=title, title_align="left"))

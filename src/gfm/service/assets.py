@@ -6,13 +6,14 @@ Apart from the rest of this package because it needs mujoco, which the replay se
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
-from gfm.core import BadInputError
+from gfm.core import BadInputError, CommandKind, ConfigError
 from gfm.envs.batched import BatchedEnvironment
 from gfm.envs.registry import (
     EnvironmentAssets,
@@ -24,8 +25,12 @@ from gfm.policies import forces_path
 from gfm.recording import read_recording
 from gfm.service.force_files import read_forces
 from gfm.service.model_files import ModelFile, read_robot, shared_effects
+from gfm.service.ranges_file import read_ranges
 from gfm.sim.plant import stepping_spec
+from gfm.sim.ranges import drawn_models, with_usual
 
+#: Every actor draws the same models.
+_DRAWN_SEED = 0
 _log = logging.getLogger(__name__)
 
 Complete = Callable[[mujoco.MjSpec], mujoco.MjSpec]
@@ -56,6 +61,8 @@ def load_assets(
         BadInputError: a file is missing or damaged, or files do not belong together.
     """
     files = read_robot(settings.models, partial(_log.info, "%s"))
+    if settings.control.ranges:
+        return _drawn_assets(settings, files, complete)
     return EnvironmentAssets(
         models={kind: _compiled(file, complete) for kind, file in files.items()},
         effects=shared_effects(files.values()),
@@ -64,10 +71,45 @@ def load_assets(
     )
 
 
+def _drawn_assets(
+    settings: EnvironmentSettings,
+    files: Mapping[CommandKind, ModelFile],
+    complete: Complete | None,
+) -> EnvironmentAssets:
+    """Returns the same for a control task whose models have amounts drawn from ranges.
+
+    The first of them is drawn, too: whoever builds the environment gets the same ones.
+    """
+    control, kind = settings.control, CommandKind.VELOCITY
+    if kind not in files:
+        raise ConfigError(
+            f"ranges {control.ranges}: expected beside it the model that was diagnosed "
+            "(models.velocity)"
+        )
+    file, ranges = files[kind], read_ranges(Path(control.ranges))
+    effects = with_usual(ranges, file.effects)
+    rng = np.random.default_rng(_DRAWN_SEED)
+    try:
+        spec = complete(file.spec) if complete else file.spec
+        drawn = drawn_models(spec, ranges, effects, control.variants, rng)
+    except ValueError as exc:
+        raise _refused(file, exc) from exc
+    return EnvironmentAssets(
+        models={kind: drawn[0]},
+        effects=effects,
+        ensemble=tuple(read_forces(forces_path(path)) for path in control.ensemble),
+        drawn=drawn,
+    )
+
+
+def _refused(file: ModelFile, exc: ValueError) -> BadInputError:
+    reason = " ".join(str(exc).split())
+    return BadInputError(f"model {file.path}: {reason}; expected a robot's model")
+
+
 def _compiled(file: ModelFile, complete: Complete | None) -> mujoco.MjModel:
     try:
         spec = complete(file.spec) if complete else file.spec
         return stepping_spec(spec, file.effects).compile()
     except ValueError as exc:
-        reason = " ".join(str(exc).split())
-        raise BadInputError(f"model {file.path}: {reason}; expected a robot's model") from exc
+        raise _refused(file, exc) from exc

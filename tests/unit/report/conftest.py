@@ -10,7 +10,7 @@ from gfm.diagnosis.evidence.confusable import Alternative, ConfusableSet
 from gfm.diagnosis.evidence.domains import Agreement, TwoDomains
 from gfm.diagnosis.evidence.energy import Dissipation, EnergyBalance
 from gfm.diagnosis.evidence.localisation import JointRegions
-from gfm.diagnosis.evidence.stopping import RoundRow, Stopping
+from gfm.diagnosis.evidence.stopping import StepRow, Stopping
 from gfm.diagnosis.output.result import (
     Diagnosis,
     ErrorSummary,
@@ -48,6 +48,7 @@ def friction(joint="right_j1"):
         parameters={"torque": ParameterEstimate(value=1.32, unit="N m", ci95=(1.27, 1.37))},
         confidence=0.97,
         native=True,
+        evidence={"nats": 5400.0, "z_without": 17.4, "left": 0.02, "halves": 0.6},
     )
 
 
@@ -142,13 +143,32 @@ def make_chain(joints=JOINTS, name="coulomb_friction", where=("right_j1",), riva
         ),
         domains=(named, other),
         stopping=Stopping(
-            rounds=(
-                RoundRow(before=900.0, best=name, explained=0.93, needed=0.03, accepted=True),
-                RoundRow(before=1.3, best="", explained=0.0, needed=0.0, accepted=False),
+            steps=(
+                StepRow(move="add", before=900.0, best=name, gain=5400.0, error=310.0, chosen=True),
+                StepRow(
+                    move="remove",
+                    before=1.4,
+                    best="",
+                    gain=-3.0,
+                    error=4.0,
+                    chosen=True,
+                    replaced="drag",
+                ),
+                StepRow(
+                    move="intermittent",
+                    before=1.3,
+                    best="surface contact",
+                    gain=1.5,
+                    error=2.0,
+                    chosen=False,
+                    segments=6,
+                ),
             ),
             left=1.3,
-            enough=1.15,
-            reason="no candidate could be fitted",
+            room=2.5,
+            room_error=3.0,
+            reason="no candidate predicts clearly better",
+            taken_out=("drag: it predicts as well without",),
         ),
         energy=EnergyBalance(
             drive_w=0.5,
@@ -167,7 +187,7 @@ def make_chain(joints=JOINTS, name="coulomb_friction", where=("right_j1",), riva
                     Alternative(
                         effect="joint_spring",
                         joints=where,
-                        lost=0.0,
+                        errors=0.0,
                         told_by="slow motion over the whole range",
                         more_parameters=1,
                     ),

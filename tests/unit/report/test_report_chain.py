@@ -63,7 +63,12 @@ def test_a_page_shows_every_step_in_figures(diagnosis_with):
         "Of 85 simulated robots",
         "2 of 4 amounts have an interval",
         "The balance is even",
-        "equal, but less simple: joint spring (right_j1)",
+        "equal, with more parameters: joint spring (right_j1)",
+        "5400 ± 310",
+        "The search ended because no candidate predicts clearly better.",
+        "without drag",
+        "intermittent (6 segments that stayed far off)",
+        "Taken out again: drag: it predicts as well without.",
     ):
         assert text in page
 
@@ -81,6 +86,9 @@ def test_the_document_has_the_chain(diagnosis_with):
     assert told["regions"][0]["concentrated"] == "70 % at low speed"
     assert told["domains"][0]["agreement"] == "agrees"
     assert told["domains"][1]["rollout_share"] is None
+    first = told["stopping"]["steps"][0]
+    assert (first["move"], first["gain"], first["error"]) == ("add", 5400.0, 310.0)
+    assert (told["stopping"]["room"], told["stopping"]["room_error"]) == (2.5, 3.0)
     assert told["stopping"]["false_alarm_rate_at_most"] == pytest.approx(0.0346, abs=1e-4)
     assert told["energy"]["even"] is True
     assert told["confusable"][0]["alternatives"][0]["effect"] == "joint_spring"

@@ -20,11 +20,11 @@ from gfm.core.rounding import resolution
 NOISE_ORDER = 4
 #: Noise of a channel that shows none.
 LEAST_NOISE = 1e-9
-#: Stretches whose noise is looked at by itself: their length, and the least of their measurements.
+#: Parts whose noise is looked at by itself: their length, and the least of their measurements.
 QUIET_S, QUIET_LEAST = 1.0, 100
 #: Change between measurements, in steps of the rounding, that rounding does not hide as at rest.
 CHANGING_STEPS = 0.5
-#: Percentile of the stretches at which they are quiet, and the share of its typical noise that
+#: Percentile of the parts at which they are quiet, and the share of its typical noise that
 #: white noise shows there at least.
 QUIET, QUIET_SHARE = 5.0, 0.65
 
@@ -75,13 +75,13 @@ def typical_noise(signals: Sequence[Signal]) -> Array:
 def steady_noise(signals: Sequence[Signal]) -> Array:
     """Returns the noise on each column that is there at all times, shape (J,).
 
-    The typical noise, unless quiet stretches show far less: a sensor's noise does not come and go,
+    The typical noise, unless quiet parts show far less: a sensor's noise does not come and go,
     while a loop that rings about as fast as it is sampled does.
     """
     white, shown = [], []
     for time_s, values in signals:
         least = CHANGING_STEPS * resolution(values)
-        for here in _stretches(time_s):
+        for here in _parts(time_s):
             part = values[here]
             white.append(noise_std(time_s[here], part))
             changes = np.median(np.abs(np.diff(part, axis=0)), axis=0)
@@ -106,8 +106,8 @@ def _changing(signals: Sequence[Signal]) -> list[NDArray[np.bool_]]:
     return [np.ptp(values, axis=0) > 0.0 for _, values in signals]
 
 
-def _stretches(time_s: Array) -> list[slice]:
-    """Returns the stretches of a recording, each long enough to show its noise."""
+def _parts(time_s: Array) -> list[slice]:
+    """Returns the parts of a recording, each long enough to show its noise."""
     count = max(round(QUIET_S / float(np.median(np.diff(time_s)))), QUIET_LEAST)
     return [slice(i, i + count) for i in range(0, len(time_s) - count + 1, count)]
 

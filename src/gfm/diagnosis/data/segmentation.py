@@ -1,6 +1,6 @@
-"""Recordings cut into stretches: how a diagnosis' least-squares problem is made.
+"""Recordings cut into segments: how a diagnosis' least-squares problem is made.
 
-Shape letters: T measurements of a stretch, J joints.
+Shape letters: T measurements of a segment, J joints.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from gfm.sim.plant import check_joints
 from gfm.sim.segment import Segment
 from gfm.sim.still import unrecorded, with_still_joints
 
-#: Length of the stretches in which effects are looked for. A servo keeps a rollout on track and a
+#: Length of the segments in which effects are looked for. A servo keeps a rollout on track and a
 #: torque does not; in longer ones errors add up, and fits end in the nearest of many valleys.
 SHORT: Mapping[CommandKind, float] = {
     CommandKind.POSITION: 2.0,
@@ -44,7 +44,7 @@ WHOLE: Mapping[CommandKind, float] = {
     CommandKind.POSITION: float("inf"),
     CommandKind.VELOCITY: float("inf"),
 }
-#: Measurements that a stretch has at least.
+#: Measurements that a segment has at least.
 LEAST_MEASUREMENTS = 8
 #: Share of a period within which stamps are the same, and the share of commands that have another
 #: one so near unless clocks run free: by chance a fifth of them do.
@@ -68,7 +68,7 @@ def make_problem(
         noise: Of the sensors; measured where it is not given.
         given: Effects of the nominal model that `specs` cannot say.
         windows_s: Length of a rollout by kind of command, s.
-        most_s: Recorded time of the stretches that are kept, see `Problem.sample`; one of each
+        most_s: Recorded time of the segments that are kept, see `Problem.sample`; one of each
             recording is kept in any case.
 
     Raises:
@@ -89,7 +89,7 @@ def all_segments(
     given: Sequence[EffectInstance] = (),
     windows_s: Mapping[CommandKind, float] = SHORT,
 ) -> Problem:
-    """Returns the problem with all stretches, and nothing yet that takes simulations to make.
+    """Returns the problem with all segments, and nothing yet that takes simulations to make.
 
     Initial states are as measured, and efforts taken before the command of the same stamp. The
     models are simulated accurately whatever they say themselves: a first-order step of theirs would
@@ -133,7 +133,7 @@ def _cut_as_it_touches(
     windows_s: Mapping[CommandKind, float],
     touch: Mapping[CommandKind, Touch],
 ) -> list[Segment]:
-    """Returns a recording's stretches; short ones where things are touched.
+    """Returns a recording's segments; short ones where things are touched.
 
     Nothing is followed for long then: what is touched a little earlier is soon elsewhere.
     """
@@ -228,11 +228,15 @@ def cut(
     window_s: float,
     touch: Touch | None = None,
 ) -> list[Segment]:
-    """Returns the stretches of a recording that are rolled out, first to last.
+    """Returns the segments of a recording that are rolled out, first to last.
 
     Where the robot may touch something, each begins with it in the air, if it can, and an object at
     rest: how far two things are in each other decides about their forces, and no measurement is as
     exact; nor is the speed of an object measured.
+
+    What rests at first begins with no speed at all: where nothing holds a joint (play in a gear,
+    friction that is missing in the model), a speed made of noise would carry it away. What has next
+    to no measurements is left out.
     """
     time_s = recording.time_s
     count = max(int(time_s[-1] / window_s), 1)
@@ -240,24 +244,11 @@ def cut(
     edges[-1] = len(time_s)
     if touch is not None:
         edges = at_ease(touch, recording, edges)
-    return between(recording, index, noise, list(pairwise(edges.tolist())))
-
-
-def between(
-    recording: Trajectory, index: int, noise: Noise, spans: Sequence[tuple[int, int]]
-) -> list[Segment]:
-    """Returns the stretches from one measurement of a recording to before another.
-
-    What rests at first begins with no speed at all: where nothing holds a joint (play in a gear,
-    friction that is missing in the model), a speed made of noise would carry it away. What has next
-    to no measurements is left out.
-    """
-    time_s = recording.time_s
     position, velocity, _ = smooth_states(time_s, recording.position)
     effort_noise, together_s = _own_effort_noise(recording, noise), _same_stamp_s(recording)
     gain = np.array([recording.servo_gain.get(name, 1.0) for name in recording.joint_names])
     segments = []
-    for start, end in spans:
+    for start, end in pairwise(edges.tolist()):
         if end - start < LEAST_MEASUREMENTS:
             continue
         here = slice(start, end)

@@ -1,4 +1,4 @@
-"""Where a robot touches something and an object rests: stretches begin where neither is in doubt.
+"""Where a robot touches something and an object rests: segments begin where neither is in doubt.
 
 Shape letters: J joints.
 """
@@ -17,7 +17,7 @@ from gfm.sim.plant import make_plant
 
 #: Way of an object from which on it slides, within so much time.
 SLIDING_M, SLIDING_S = 2e-3, 0.1
-#: Times around a stretch's first moment in which the pose of what rests is averaged, longest first.
+#: Times around a segment's first moment in which the pose of what rests is averaged, longest first.
 RESTING_S = (0.5, 0.2, 0.05)
 #: Places along a recording at which contacts are looked for.
 CONTACT_LOOKS = 300

@@ -1,7 +1,7 @@
 """The evidence chain: what a reader can check for himself, step by step, of how a verdict came.
 
-All of it is measured on held-out recordings, none of it decides anything: rollouts do (see
-`gfm.diagnosis.former.attribution`). A step that cannot be taken is left empty, not passed.
+All of it is measured on held-out recordings, none of it decides anything: the score does
+(`gfm.diagnosis.inference.score`). A step that cannot be taken is left empty, not passed.
 """
 
 from gfm.diagnosis.evidence.links import EvidenceChain, evidence_chain

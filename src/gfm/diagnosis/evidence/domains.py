@@ -1,10 +1,9 @@
 """Two independent witnesses for every effect: open-loop rollouts, and the missing torque.
 
-Rollouts decide, but for close calls where much is left; they integrate a model over seconds. The
-missing torque needs no integration and no fit of states: there an effect is a column of numbers,
-and its amount a linear regression. Errors that fool one of them (a clock, a wrong initial state,
-noise of accelerations) hardly fool the other in the same way, so that a name on which both agree is
-worth more than either.
+Rollouts decide; they integrate a model over seconds. The missing torque needs no integration and no
+fit of states: there an effect is a column of numbers, and its amount a linear regression. Errors
+that fool one of them (a clock, a wrong initial state, noise of accelerations) hardly fool the other
+in the same way, so that a name on which both agree is worth more than either.
 
 Shape letters: B blocks, J joints, E effects.
 """
@@ -75,10 +74,10 @@ class TwoDomains:
 
 @dataclass(frozen=True, kw_only=True)
 class _Candidate:
-    """An effect in the round in which it did best, what was accepted before, and its share."""
+    """An effect in the step in which it did best, what was accepted before, and its share."""
 
     instance: EffectInstance
-    round: int
+    step: int
     base: tuple[Key, ...]
     share: float | None
 
@@ -101,7 +100,7 @@ def two_domains(
 
 
 def _fitted(found: SearchResult) -> dict[Key, _Candidate]:
-    """Returns every candidate that was fitted, in the round in which it explained most."""
+    """Returns every candidate that was fitted, in the step in which it explained most."""
     best: dict[Key, _Candidate] = {}
     for number, step in enumerate(found.steps):
         for tried in step.ranked if step.move is not Move.REMOVE else ():
@@ -113,7 +112,7 @@ def _fitted(found: SearchResult) -> dict[Key, _Candidate]:
             if before is None or share > (before.share or 0.0):
                 best[tried.new[0].key] = _Candidate(
                     instance=tried.new[0],
-                    round=number,
+                    step=number,
                     base=tuple(e.key for e in base),
                     share=share,
                 )
@@ -131,7 +130,7 @@ def _as_found(
     found = next((fitted[key] for key in keys if key in fitted), None)
     if found is None:
         others = tuple(e.key for e in named if e is not instance)
-        return _Candidate(instance=instance, round=-1, base=others, share=None)
+        return _Candidate(instance=instance, step=-1, base=others, share=None)
     return replace(found, instance=instance)
 
 
@@ -190,7 +189,7 @@ def _judged(
     rivals = [
         (other.torque_share, one.instance)
         for one, other in others
-        if one.round == candidate.round and set(other.joints) & set(row.joints)
+        if one.step == candidate.step and set(other.joints) & set(row.joints)
     ]
     share, rival = max(rivals, key=lambda pair: pair[0], default=(0.0, candidate.instance))
     if share > row.torque_share + CLEARLY_MORE:

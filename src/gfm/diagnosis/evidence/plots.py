@@ -125,7 +125,7 @@ def profile_plots(
     Args:
         instances: What was found.
         problem: In which rollouts are compared, outliers bounded as in the fit.
-        rare: The same for what acts now and then only: stretches in which it acts.
+        rare: The same for what acts now and then only: segments in which it acts.
     """
     plots = []
     for place, instance in enumerate(instances):
@@ -170,26 +170,6 @@ def _with_amount(
     first = one.effect.parameters[0]
     changed = replace(one, values=dict(one.values) | {first.name: amount})
     return (*instances[:place], changed, *instances[place + 1 :])
-
-
-def answers_plot(late_s: tuple[Array, Array]) -> EvidencePlot:
-    """Returns by how much later than predicted answers to steps began, without a delay and with.
-
-    Args:
-        late_s: Both, s, shape (A,).
-    """
-    number = np.arange(1.0, len(late_s[0]) + 1.0)
-    return EvidencePlot(
-        title="answers to steps from rest: how much later than predicted they begin",
-        effect="command_delay",
-        joint="",
-        x_label="answer",
-        y_label="late [ms]",
-        series=tuple(
-            Series(label=label, x=number, y=1e3 * late, style="points")
-            for label, late in zip(("without the delay", "with it"), late_s, strict=True)
-        ),
-    )
 
 
 def error_plot(

@@ -11,7 +11,7 @@ from __future__ import annotations
 CLEARLY = 2.0
 #: RMS of what a right model leaves beside the noise, in units of it: integrators, time steps and
 #: stamps alone make as much.
-LEAST_DISCREPANCY = 0.75
+LEAST_DISCREPANCY = 1.0
 #: Correlation between the discrepancies of two blocks: a wrong model is wrong alike everywhere, so
 #: that many blocks tell no more than one over this.
 WRONG_ALIKE = 0.05
@@ -23,6 +23,9 @@ DEGREES_OF_FREEDOM = 4.0
 CONFIDENCE = (-3.0, 1.0, 2.0, -0.8, -0.7)
 #: Confidence from which on a name is given: below it is a suspect.
 LEAST_CONFIDENCE = 0.5
-#: Held-out error, in noise floors, up to which a model is adequate; and the share of a gap that
-#: laws may leave by not being quite exact. They decide no name, but the verdict.
-ADEQUATE_RATIO, INEXACT_SHARE = 2.0, 3e-3
+#: Share of a joint's squared gap that laws may leave by not being quite exact: nothing is
+#: looked for in it.
+INEXACT_SHARE = 1e-4
+#: Held-out error, in noise floors, up to which a model is adequate, or share of the squared gap
+#: that it leaves. They decide no name, but the verdict.
+ADEQUATE_RATIO, ADEQUATE_SHARE = 2.0, 3e-3

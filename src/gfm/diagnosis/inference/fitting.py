@@ -13,6 +13,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from gfm.core.checks import Array
+from gfm.diagnosis.residuals.outliers import slopes
 from gfm.effects import EffectInstance
 
 #: Gauss-Newton steps of a fit, and the relative gain below which it ends.
@@ -34,7 +35,10 @@ class LeastSquares(Protocol):
         """Returns the residual of every candidate, shape (candidates, N)."""
 
     def coarse(self) -> Self:
-        """Returns the same, faster: good enough for differences."""
+        """Returns the same, faster and with nothing outlying: good enough for differences."""
+
+    def limits(self) -> Array | None:
+        """Returns beyond what numbers count less in a fit, shape (N,); None where none does."""
 
     def differences(self, effects: Sequence[EffectInstance]) -> Array:
         """Returns the changes of free amounts over which derivatives are taken, shape (P,)."""
@@ -70,8 +74,10 @@ def nothing(problem: LeastSquares) -> Fit:
 
 def measured(problem: LeastSquares, effects: Sequence[EffectInstance]) -> Fit:
     """Returns `effects` with the values that they have as a fit."""
+    if not effects:
+        return nothing(problem)
     residual = problem.residuals([effects])[0]
-    jacobian = derivatives(problem.coarse(), tuple(effects), None)
+    jacobian = derivatives(problem, tuple(effects), residual)
     return Fit(
         effects=tuple(effects), cost=mean_square(residual), jacobian=jacobian, residual=residual
     )
@@ -81,7 +87,6 @@ def fit(
     problem: LeastSquares,
     effects: Sequence[EffectInstance],
     *,
-    known: Array | None = None,
     tolerance: float = FIT_TOLERANCE,
 ) -> Fit:
     """Returns `effects` with the values that leave the least residual (damped Gauss-Newton).
@@ -89,25 +94,24 @@ def fit(
     Args:
         problem: What they should explain.
         effects: With the values to begin with.
-        known: Derivatives by the first parameters, shape (N, K), that are good enough as they are.
         tolerance: Relative gain of a step at which the fit ends.
     """
     if not effects:
         return nothing(problem)
     current, values = tuple(effects), amounts(effects)
-    bounds, fast = _bounds(effects), problem.coarse()
+    bounds = bounds_of(effects)
     residual = problem.residuals([current])[0]
-    jacobian = derivatives(fast, current, known)
+    jacobian = derivatives(problem, current, residual)
     damping = DAMPING
     for _ in range(FIT_STEPS):
         trial = values + _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
-        candidate = _with_amounts(current, trial)
+        candidate = with_amounts(current, trial)
         tried = problem.residuals([candidate])[0]
         gain = 1.0 - mean_square(tried) / max(mean_square(residual), np.finfo(float).tiny)
         damping *= 0.1 if gain > 0.0 else 30.0
         if gain > 0.0:
             current, values, residual = candidate, trial, tried
-            jacobian = derivatives(fast, current, known)
+            jacobian = derivatives(problem, current, residual)
         if 0.0 <= gain < tolerance or damping > MOST_DAMPING:
             break
     usual = tuple(replace(e, values=e.effect.canonical(e.values)) for e in current)
@@ -138,9 +142,9 @@ def _both_sides(fitted: Fit) -> list[tuple[EffectInstance, ...]]:
     shares = (fitted.jacobian * values)[:, acting]
     flattest[acting] = np.linalg.svd(shares, full_matrices=False)[2][-1]
     step = FARTHER ** (flattest / np.abs(flattest).max())
-    bounds = _bounds(fitted.effects)
+    bounds = bounds_of(fitted.effects)
     return [
-        _with_amounts(fitted.effects, np.clip(start, *bounds))
+        with_amounts(fitted.effects, np.clip(start, *bounds))
         for start in (values * step, values / step)
     ]
 
@@ -150,9 +154,9 @@ def without_each(problem: LeastSquares, fitted: Fit) -> list[tuple[EffectInstanc
     rests, theirs = each_left_out(fitted.effects)
     moved = []
     for rest, columns, residual in zip(rests, theirs, problem.residuals(rests), strict=True):
-        values, (low, high) = amounts(rest), _bounds(rest)
+        values, (low, high) = amounts(rest), bounds_of(rest)
         step = _step(fitted.jacobian[:, columns], residual, DAMPING, low - values, high - values)
-        moved.append(_with_amounts(rest, values + step))
+        moved.append(with_amounts(rest, values + step))
     return moved
 
 
@@ -203,16 +207,18 @@ def amounts(effects: Sequence[EffectInstance]) -> Array:
     return np.array([effects[i].values[name] for i, name in free_parameters(effects)])
 
 
-def _with_amounts(effects: Sequence[EffectInstance], vector: Array) -> tuple[EffectInstance, ...]:
+def with_amounts(effects: Sequence[EffectInstance], vector: Array) -> tuple[EffectInstance, ...]:
+    """Returns effects with other values of their free parameters, shape (P,)."""
     values = [dict(instance.values) for instance in effects]
     for (i, name), value in zip(free_parameters(effects), vector, strict=True):
         values[i][name] = float(value)
     return tuple(replace(e, values=v) for e, v in zip(effects, values, strict=True))
 
 
-def _bounds(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
+def bounds_of(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
+    """Returns the least and the largest value of every free parameter, shape (P,) each."""
     both = [
-        (effects[i].least.get(name, p.lower), effects[i].most.get(name, p.upper))
+        (effects[i].least.get(name, p.lower), p.upper)
         for i, name in free_parameters(effects)
         for p in effects[i].effect.parameters
         if p.name == name
@@ -222,25 +228,25 @@ def _bounds(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
 
 def small_differences(effects: Sequence[EffectInstance]) -> Array:
     """Returns small changes of the free amounts, shape (P,): where residuals are smooth."""
-    low, high = _bounds(effects)
+    low, high = bounds_of(effects)
     least = 1e-2 * np.minimum(high - low, 1.0)
     return np.asarray(1e-2 * np.maximum(np.abs(amounts(effects)), least))
 
 
 def derivatives(
-    problem: LeastSquares, effects: tuple[EffectInstance, ...], known: Array | None
+    problem: LeastSquares, effects: tuple[EffectInstance, ...], residual: Array
 ) -> Array:
     """Returns the derivative of the residual by each free parameter, shape (N, P).
 
-    By forward differences; the first are taken from `known`, shape (N, K), where they are.
+    By forward differences of a faster simulation. That errs by more than a limit may be: how much
+    less a number counts beyond it is taken from the accurate residual, shape (N,).
     """
-    values, sizes, high = amounts(effects), problem.differences(effects), _bounds(effects)[1]
+    values, sizes, high = amounts(effects), problem.differences(effects), bounds_of(effects)[1]
     steps = np.where(values + sizes > high, -sizes, sizes)
-    first = 0 if known is None else known.shape[1]
-    moved = [_with_amounts(effects, values + step) for step in np.diag(steps)[first:]]
-    still, *rows = problem.residuals([effects, *moved])
-    rest = ((np.stack(rows) - still) / steps[first:, None]).T
-    return np.asarray(rest if known is None else np.concatenate([known, rest], axis=1))
+    moved = [with_amounts(effects, values + step) for step in np.diag(steps)]
+    still, *rows = problem.coarse().residuals([effects, *moved])
+    weights = slopes(residual, problem.limits())
+    return np.asarray(((np.stack(rows) - still) * weights / steps[:, None]).T)
 
 
 def _step(jacobian: Array, residual: Array, damping: float, low: Array, high: Array) -> Array:

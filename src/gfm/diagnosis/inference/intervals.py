@@ -31,7 +31,7 @@ def covariance(jacobian: Array, residual: Array, segments: Sequence[slice]) -> A
     Args:
         jacobian: Derivative of the residual, shape (N, P).
         residual: At the optimum, shape (N,).
-        segments: Stretches of the residual that are independent of each other.
+        segments: Segments of the residual that are independent of each other.
     """
     bread = np.linalg.pinv(jacobian.T @ jacobian)
     scores = [
@@ -54,20 +54,29 @@ def half_widths(
 ) -> Array:
     """Returns half the width of each parameter's 95 % interval, shape (P,).
 
-    Infinite where the residual does not depend on the parameter.
+    Infinite where the residual does not depend on the parameter. Arguments as of `standard_errors`.
+    """
+    freedom = max(BLOCKS - jacobian.shape[1], 3)
+    errors = standard_errors(values, jacobian, residual, segments)
+    return np.asarray(stats.t.ppf(0.975, freedom) * errors)
+
+
+def standard_errors(
+    values: Array, jacobian: Array, residual: Array, segments: Sequence[slice]
+) -> Array:
+    """Returns the standard error of each parameter, infinite where nothing depends on it, (P,).
 
     Args:
         values: The estimates, shape (P,).
         jacobian: Derivative of the residual, shape (N, P).
         residual: At the optimum, shape (N,).
-        segments: Stretches of the residual that are independent of each other.
+        segments: Segments of the residual that are independent of each other.
     """
     variance = np.maximum(np.diag(covariance(jacobian, residual, segments)), 0.0)
     deviations = np.sqrt(variance + (LAW_SHARE * values) ** 2)
     unseen = np.linalg.norm(jacobian, axis=0) * np.maximum(np.abs(values), UNSEEN) < UNSEEN
     deviations[unseen] = np.inf
-    freedom = max(BLOCKS - jacobian.shape[1], 3)
-    return np.asarray(stats.t.ppf(0.975, freedom) * deviations)
+    return deviations
 
 
 def disagreement(

@@ -32,6 +32,7 @@ from gfm.diagnosis.inference.constants import (
     WRONG_ALIKE,
 )
 from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.residuals.outliers import unbounded
 
 #: Longest block, s, fewest measurements of one, and lower edges of the octaves, Hz.
 BLOCK_S, BLOCK_LEAST, OCTAVES_HZ = 2.0, 8, (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)
@@ -62,6 +63,9 @@ class Segmented(Protocol):
     def layout(self) -> Sequence[SegmentShape]:
         """Returns what each segment's numbers are."""
 
+    def limits(self) -> Array | None:
+        """Returns beyond what numbers count less in a fit, shape (N,); None where none does."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Blocks:
@@ -75,6 +79,8 @@ class Blocks:
         joint: The joint of each cell, shape (C,).
         count: Coefficients of each cell in each block, shape (B, C).
         floor: Mean square that no right model falls below, shape (B, C).
+        limit: Beyond what numbers count less in a fit, shape (N,). Here they count in full: a
+            residual that is bent has another spectrum, and the tails of Student's t bear them.
     """
 
     pieces: tuple[NDArray[np.intp], ...]
@@ -84,9 +90,11 @@ class Blocks:
     joint: NDArray[np.intp]
     count: Array
     floor: Array
+    limit: Array | None = None
 
     def spectrum(self, residual: Array) -> Array:
         """Returns a residual in frequencies, block by block, shape (N,)."""
+        residual = unbounded(residual, self.limit)
         out = np.empty_like(residual)
         for rows in self.pieces:
             out[rows] = dct(residual[rows], axis=1, norm="ortho")
@@ -129,6 +137,7 @@ def blocks_of(problem: Segmented) -> Blocks:
         joint=np.arange(count.shape[1]) // len(OCTAVES_HZ) % joints,
         count=count,
         floor=1.0 + LEAST_DISCREPANCY**2 * _of_joint(count) / np.maximum(count, 1.0),
+        limit=problem.limits(),
     )
 
 
@@ -258,11 +267,12 @@ def difference(blocks: Blocks, one: Predictive, other: Predictive) -> Difference
     number = effective(blocks, scale)
     share = number / np.maximum(blocks.count.sum(axis=0), 1.0)
     by_block = (share * (one.density - other.density)).sum(axis=1)
+    blocks_differ = len(by_block) * float(np.var(by_block, ddof=1)) if len(by_block) > 1 else 0.0
     sizes = [blocks.sums(p.spectrum**2).sum(axis=0) for p in (one, other)]
     both = blocks.sums(one.spectrum * other.spectrum).sum(axis=0)
     alike = both**2 / np.maximum(sizes[0] * sizes[1], 1e-12)
     common = float(number @ np.clip(1.0 - alike, 0.0, 1.0))
-    return Difference(float(by_block.sum()), float(np.sqrt(by_block @ by_block + common)))
+    return Difference(float(by_block.sum()), float(np.sqrt(blocks_differ + common)))
 
 
 def room(blocks: Blocks, one: Predictive) -> Difference:
@@ -274,4 +284,5 @@ def room(blocks: Blocks, one: Predictive) -> Difference:
     left = 1.0 - (blocks.count * best.mean_square).sum(axis=0) / np.maximum(
         (blocks.count * one.mean_square).sum(axis=0), 1.0
     )
-    return Difference(float(by_block.sum()), float(np.sqrt(by_block @ by_block + number @ left)))
+    blocks_differ = len(by_block) * float(np.var(by_block, ddof=1)) if len(by_block) > 1 else 0.0
+    return Difference(float(by_block.sum()), float(np.sqrt(blocks_differ + number @ left)))

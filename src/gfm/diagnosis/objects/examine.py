@@ -10,7 +10,7 @@ import numpy as np
 
 from gfm.core import ConfigError, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.objects.find import Found, find, friction_cost
+from gfm.diagnosis.objects.find import find, friction_cost, seen_and_unseen
 from gfm.diagnosis.objects.problem import ObjectProblem, predicted
 from gfm.diagnosis.objects.segments import ObjectSegment, cut, make_scene
 from gfm.diagnosis.objects.stage import make_stage, run
@@ -42,13 +42,13 @@ class ObjectPart:
     """What is known of the object.
 
     Attributes:
-        found: Candidates, fits, rounds.
+        found: The search.
         problem: What they were fitted to, initial states as they fit best.
         overall: Held-out error of place and yaw together, in units of their noise.
         errors: Held-out errors of the place (m) and the yaw (rad).
         cone: How contacts are computed: the model's own, or the elliptic one where it fits better.
-        blind_spots: What the recordings could not have shown.
         plots: The object's path.
+        blind_spots: What the recordings could not have shown.
         notes: What a reader should know.
     """
 
@@ -57,9 +57,9 @@ class ObjectPart:
     overall: ErrorSummary
     errors: tuple[ErrorSummary, ErrorSummary]
     cone: int
-    blind_spots: tuple[BlindSpot, ...]
     plots: tuple[EvidencePlot, ...]
-    notes: tuple[str, ...]
+    blind_spots: tuple[BlindSpot, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def effects(self) -> tuple[EffectInstance, ...]:
@@ -87,7 +87,16 @@ def examine_object(
     held = _problem(spec, holdout)
     best = _with_cone(training, _better_cone(training))
     own = int(spec.option.cone)
-    return _part(held or training, find(best, report), own, held is not None)
+    seen, unseen = seen_and_unseen(best)
+    found, problem = find(best, seen, report)
+    return replace(
+        _part(held or training, problem, found, own),
+        blind_spots=tuple(
+            BlindSpot(effect=e.name, joints=(), why=UNSEEN[e.name], motion=e.shown_by)
+            for e in unseen
+        ),
+        notes=_notes(problem, own=own, held=held is not None),
+    )
 
 
 def _better_cone(problem: ObjectProblem) -> int:
@@ -157,9 +166,11 @@ def _with_cone(problem: ObjectProblem, cone: int) -> ObjectProblem:
     return ObjectProblem(spec=spec, segments=problem.segments, noise=problem.noise)
 
 
-def _part(judged: ObjectProblem, found: Found, own: int, held: bool) -> ObjectPart:
-    problem, effects = found.problem, found.result.fit.effects
-    cone = int(problem.spec.option.cone)
+def _part(
+    judged: ObjectProblem, problem: ObjectProblem, found: SearchResult, own: int
+) -> ObjectPart:
+    """Returns what was found, judged on some segments."""
+    effects, cone = found.fit.effects, int(problem.spec.option.cone)
     before = _with_cone(judged, own).settled(())
     after = _with_cone(judged, cone).settled(effects)
     parts = [before.parts(()), after.parts(effects)]
@@ -174,17 +185,12 @@ def _part(judged: ObjectProblem, found: Found, own: int, held: bool) -> ObjectPa
         for columns, unit in ((slice(0, 2), "m"), (slice(2, 3), "rad"))
     )
     return ObjectPart(
-        found=found.result,
+        found=found,
         problem=problem,
         overall=ErrorSummary(before=rms[0], after=rms[1], noise_floor=1.0, unit="noise"),
         errors=(place, yaw),
         cone=cone,
-        blind_spots=tuple(
-            BlindSpot(effect=e.name, joints=(), why=UNSEEN[e.name], motion=e.shown_by)
-            for e in found.unseen
-        ),
         plots=(_path_plot(before, after, effects),),
-        notes=_notes(problem, own=own, held=held),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,25 +19,17 @@ from gfm.effects import Effect, EffectInstance, Scope, effect_library
 SEEN = 6.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class Found:
-    """What was found, and what could not have been.
-
-    Attributes:
-        result: The search.
-        problem: The segments, begun as they fit best.
-        unseen: Effects on which the segments do not depend.
-    """
-
-    result: SearchResult
-    problem: ObjectProblem
-    unseen: tuple[Effect, ...]
-
-
-def find(problem: ObjectProblem, report: Callable[[str], None]) -> Found:
-    """Returns what the object lacks in the model."""
+def seen_and_unseen(problem: ObjectProblem) -> tuple[list[Effect], list[Effect]]:
+    """Returns the effects of the object on which segments depend, and those on which not."""
     effects = [one for one in effect_library().values() if one.scope is Scope.OBJECT]
     seen = [one for one in effects if _is_seen(problem, one)]
+    return seen, [one for one in effects if one not in seen]
+
+
+def find(
+    problem: ObjectProblem, seen: Sequence[Effect], report: Callable[[str], None]
+) -> tuple[SearchResult, ObjectProblem]:
+    """Returns which of some effects the object lacks, and the segments begun as fits that best."""
     settled, nominal = in_turn(problem, ())
     here = hypothesis(settled, nominal, settled.joint_costs(nominal.residual))
     search = Search[ObjectProblem](report=report)
@@ -59,17 +51,14 @@ def find(problem: ObjectProblem, report: Callable[[str], None]) -> Found:
         return [rest.fitted_out(one) for one in begun]
 
     final, evidence = search.end(search.run(here, [one_more]), rivals)
-    return Found(
-        result=SearchResult(
-            nominal_cost=nominal.cost,
-            fit=final.fit,
-            room=final.room,
-            steps=tuple(search.steps),
-            evidence=evidence,
-        ),
-        problem=final.problem,
-        unseen=tuple(one for one in effects if one not in seen),
+    result = SearchResult(
+        nominal_cost=nominal.cost,
+        fit=final.fit,
+        room=final.room,
+        steps=tuple(search.steps),
+        evidence=evidence,
     )
+    return result, final.problem
 
 
 def friction_cost(problem: ObjectProblem) -> float:

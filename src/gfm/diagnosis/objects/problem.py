@@ -143,6 +143,15 @@ class ObjectProblem(SegmentedProblem):
         return replace(self, outlying_from=np.inf)
 
     @override
+    def coarse(self) -> ObjectProblem:
+        return self.plain()
+
+    @override
+    def limits(self) -> Array | None:
+        count = sum(3 * len(segment.time_s) for segment in self.segments)
+        return np.full(count, self.outlying_from) if np.isfinite(self.outlying_from) else None
+
+    @override
     def robust(self, effects: Sequence[EffectInstance]) -> ObjectProblem:
         typical = np.median([np.sqrt(np.mean(p**2)) for p in self.parts(effects)])
         return replace(self, outlying_from=OUTLYING * max(float(typical), 1.0))

@@ -13,8 +13,8 @@ import numpy as np
 
 from gfm.diagnosis.inference.constants import (
     ADEQUATE_RATIO,
+    ADEQUATE_SHARE,
     CONFIDENCE,
-    INEXACT_SHARE,
     LEAST_CONFIDENCE,
 )
 from gfm.diagnosis.inference.fitting import free_parameters
@@ -51,7 +51,7 @@ def verdict_on(error: ErrorSummary, named: Sequence[NamedEffect]) -> Verdict:
         adequate = error.before <= ADEQUATE_RATIO * error.noise_floor
         return Verdict.NO_GAP if adequate else Verdict.UNEXPLAINED
     near = error.after <= FAR_FROM_NOISE * error.noise_floor
-    inexact = near and closed_share(error) >= 1.0 - INEXACT_SHARE
+    inexact = near and closed_share(error) >= 1.0 - ADEQUATE_SHARE
     if error.after <= ADEQUATE_RATIO * error.noise_floor or inexact:
         return Verdict.EXPLAINED
     return Verdict.PARTLY_EXPLAINED

@@ -14,6 +14,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis.data.quality import Finding
 from gfm.diagnosis.evidence import EvidenceChain
 from gfm.diagnosis.learned import LearnedReport
+from gfm.diagnosis.output.changes import Changes
 from gfm.effects import EffectInstance, find_effect
 from gfm.excitation.blind_spots import BlindSpot
 
@@ -214,6 +215,7 @@ class Diagnosis:
         twins: The corrected models by kind of command, where there was more than one.
         chain: The evidence step by step.
         gfm: What learned forces say, where there are any.
+        changes: Since earlier recordings, where there were any.
         plots: Evidence, in the order in which it should be read.
         notes: What a reader should know: assumptions, doubts, what to record next.
         provenance: Files, hashes, versions, seed.
@@ -235,6 +237,7 @@ class Diagnosis:
     blind_spots: tuple[BlindSpot, ...] = ()
     chain: EvidenceChain | None = None
     gfm: LearnedReport | None = None
+    changes: Changes | None = None
     plots: tuple[EvidencePlot, ...] = ()
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, object] = field(default_factory=dict)

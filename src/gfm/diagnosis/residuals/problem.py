@@ -230,11 +230,13 @@ class Problem(SegmentedProblem):
         return own
 
     def _bounded(self, parts: Sequence[Array]) -> Array:
-        residual = np.concatenate(parts)
+        return bounded(np.concatenate(parts), self.limits())
+
+    def limits(self) -> Array | None:
+        """Returns from where on each number is outlying, shape (N,); None where none is."""
         if self.outlying_from is None:
-            return residual
-        limits = [self._by_number(self.outlying_from, segment) for segment in self.segments]
-        return bounded(residual, np.concatenate(limits))
+            return None
+        return np.concatenate([self._by_number(self.outlying_from, s) for s in self.segments])
 
     def _by_number(self, limits: Array, segment: Segment) -> Array:
         count = len(segment.position)
@@ -330,8 +332,11 @@ class Problem(SegmentedProblem):
 
     @override
     def coarse(self) -> Problem:
-        """Returns the problem with fast integration: good enough for differences of predictions."""
-        return replace(self, rough=True)
+        """Returns the problem with fast integration: good enough for differences of predictions.
+
+        With no limits: it errs by more than these may be.
+        """
+        return replace(self, rough=True, outlying_from=None)
 
     def joined(self, other: Problem) -> Problem:
         """Returns the same problem with the segments of another one behind its own."""

@@ -20,11 +20,11 @@ from gfm.diagnosis.residuals.problem import Problem, Stepping
 from gfm.effects import EffectInstance
 
 #: Longest step that is taken, s.
-LONGEST_S = 4e-3
+LONGEST_S = 2e-3
 #: Times that a model's own step is halved at most.
 MOST_HALVED = 4
-#: By how much a longer step may change what a joint leaves, RMS: in units of the noise, and as a
-#: share of it, whichever is more.
+#: By how much a longer step may change what a joint leaves RMS: in units of the
+#: noise, and as a share of it, whichever is more.
 HARDLY = (0.25, 0.02)
 #: The same of the model's own step, halved, from which on it is too long while something else does
 #: better, and from which on it is in any case.
@@ -40,39 +40,55 @@ def with_suitable_steps(problem: Problem, effects: Sequence[EffectInstance] = ()
     """
     if problem.motors_apart([effects]):
         return problem
-    part = problem.subset(_compared(problem, effects))
-    stepping = {kind: _suitable(part, kind, spec, effects) for kind, spec in problem.specs.items()}
+    groups = _compared(problem, effects)
+    stepping = {
+        kind: _suitable([problem.subset(group) for group in groups], kind, spec, effects)
+        for kind, spec in problem.specs.items()
+    }
     return replace(problem, stepping=stepping)
 
 
-def _compared(problem: Problem, effects: Sequence[EffectInstance]) -> list[int]:
-    """Returns the stretches on which steps are compared: of all, and where `effects` change most.
+def _compared(problem: Problem, effects: Sequence[EffectInstance]) -> list[list[int]]:
+    """Returns the segments on which steps are compared: of all, and where `effects` change most.
 
-    A servo comes to its limit now and then only, and only there is a step too long for that.
+    A servo comes to its limit now and then only, and only there is a step far too long for that.
     """
     chosen = problem.sample(COMPARED_S)
     if not effects:
-        return chosen
+        return [chosen]
     without, beside = problem.coarse().residuals([(), tuple(effects)])
     change = [float(np.mean((beside - without)[rows] ** 2)) for rows in problem.slices()]
     most = [int(i) for i in np.argsort(change)[::-1]]
-    return sorted({*chosen, *problem.first(most, COMPARED_S)})
+    return [chosen, problem.first(most, COMPARED_S)]
 
 
 def _suitable(
-    problem: Problem, kind: CommandKind, spec: mujoco.MjSpec, effects: Sequence[EffectInstance]
+    parts: Sequence[Problem],
+    kind: CommandKind,
+    spec: mujoco.MjSpec,
+    effects: Sequence[EffectInstance],
 ) -> Stepping:
-    """Returns what suits the model of one kind of command."""
+    """Returns what suits the model of one kind of command, in each part of the recordings."""
     own = Stepping(step_s=float(spec.option.timestep))
-    of_kind = problem.subset([i for i, s in enumerate(problem.segments) if s.kind is kind])
-    if not of_kind.segments:
+    of_kind = [
+        part.subset([i for i, s in enumerate(part.segments) if s.kind is kind]) for part in parts
+    ]
+    trials = [_Trial(part, effects) for part in of_kind if part.segments]
+    if not trials:
         return own
-    trial = _Trial(of_kind, effects)
-    methods = (True,) if problem.is_implicit(kind) else (False, True)
+
+    def agree(finer: Stepping, coarser: Stepping, most: tuple[float, float]) -> bool:
+        usual, *most_changed = trials
+        # There, joints may come to rest or just not, whatever the step.
+        return usual.agree(finer, coarser, most) and all(
+            trial.agree(finer, coarser, TOO_MUCH) for trial in most_changed
+        )
+
+    methods = (True,) if parts[0].is_implicit(kind) else (False, True)
     longer = int(np.log2(max(LONGEST_S / own.step_s, 1.0)) + 1e-9)
     for n in range(longer, 0, -1):
         one = Stepping(step_s=own.step_s * 2.0**n, implicit=methods[0])
-        if trial.agree(replace(own, implicit=methods[0]), one, HARDLY):
+        if agree(replace(own, implicit=methods[0]), one, HARDLY):
             return one
     shorter = [
         Stepping(step_s=own.step_s / 2.0**n, implicit=implicit)
@@ -81,7 +97,7 @@ def _suitable(
     ]
     for most in (MUCH, TOO_MUCH):
         for one in shorter:
-            if trial.agree(one.halved(), one, most):
+            if agree(one.halved(), one, most):
                 return one
     return shorter[-1]
 

@@ -44,6 +44,7 @@ class RobotMoves:
         candidates: What may be missing, and where.
         scales: Of every joint's signals.
         report: Told what is happening, in words.
+        in_time: Whether there is time left.
         everything: All short segments there are.
         steps: Of the search so far.
         segments: That told of what acts now and then only.
@@ -52,6 +53,7 @@ class RobotMoves:
     candidates: Sequence[Place]
     scales: Sequence[Scales]
     report: Callable[[str], None]
+    in_time: Callable[[], bool]
     everything: Problem
     steps: Sequence[Step]
     segments: list[Problem] = field(default_factory=list)
@@ -63,13 +65,15 @@ class RobotMoves:
 
     def add(self, here: Hypothesis[Problem], _best: Step | None) -> Proposal[Problem]:
         """Proposes the best single effect."""
-        return _proposal(here, add(here, self.always, self.scales, self.report))
+        step = add(here, self.always, self.scales, self.report, self.in_time)
+        return _proposal(here, step)
 
     def common(self, here: Hypothesis[Problem], best: Step | None) -> Proposal[Problem] | None:
         """Proposes common errors, once, where more can be gained than a single effect does."""
         tried = any(step.move is Move.COMMON_ERRORS for step in self.steps)
         much = here.fit.cost > MUCH * float(np.mean(here.nominal))
-        if tried or not much or gain_of(best) >= 0.5 * here.room.nats:
+        enough = gain_of(best) >= 0.5 * here.room.nats
+        if tried or enough or not much or not self.in_time():
             return None
         return _proposal(here, common_errors(here, self.always, self.scales, self.report))
 
@@ -77,7 +81,7 @@ class RobotMoves:
         self, here: Hypothesis[Problem], best: Step | None
     ) -> Proposal[Problem] | None:
         """Proposes what acts now and then only, where nothing else gains anything."""
-        if best is not None and best.chosen is not None:
+        if (best is not None and best.chosen is not None) or not self.in_time():
             return None
         found = intermittent(here, self.everything, self.candidates, self.scales, self.report)
         if found is None:
@@ -132,6 +136,7 @@ def search(
         candidates=_candidates(problem),
         scales=scales,
         report=report,
+        in_time=in_time,
         everything=replace(everything, stepping=problem.stepping),
         steps=under_way.steps,
     )

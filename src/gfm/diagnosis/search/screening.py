@@ -5,7 +5,7 @@ Shape letters: N numbers of a residual.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
@@ -14,6 +14,7 @@ import numpy as np
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import Fit, mean_square, orthonormal
 from gfm.diagnosis.inference.score import Difference, blocks_of, difference, predictive
+from gfm.diagnosis.residuals.outliers import bounded, slopes, unbounded
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis
@@ -41,9 +42,11 @@ class _Response:
     change: Array
 
 
-def open_to(before: Hypothesis, candidates: Sequence[Place]) -> list[Place]:
+def open_to(
+    before: Hypothesis, candidates: Sequence[Place], open_joints: Collection[str]
+) -> list[Place]:
     """Returns the candidates not yet there that touch a joint with something to explain."""
-    problem, joints = before.problem, set(before.open_joints)
+    problem, joints = before.problem, set(open_joints)
     given = [e for e in problem.given if not e.joints]  # a tilt is no amount to add to another
     taken = {instance.key for instance in (*given, *before.effects)}
     separated = {e.joints for e in before.effects if e.effect.separates_motor} | problem.separated
@@ -69,20 +72,18 @@ def screen(
         sample_s: Recorded time on which they are looked at, s.
     """
     sample = before.problem.sample(sample_s)
-    fast = before.problem.subset(sample).coarse()
+    part = before.problem.subset(sample)
     base = _rows_of(before, sample)
-    responses = _responses(fast, candidates, scales, base)
-    blocks = blocks_of(fast)
+    responses = _responses(part, candidates, scales, base)
+    blocks = blocks_of(part)
     start = predictive(blocks, base)
 
-    def weighed(one: _Response, left: Array) -> Difference:
-        jacobian = np.concatenate([base.jacobian, one.change[:, None]], axis=1)
-        told = Fit(effects=(), cost=0.0, jacobian=jacobian, residual=left)
+    def weighed(left: Array) -> Difference:
+        # Its amount is that of all parts: left out, a few segments would be told by one or two.
+        told = Fit(effects=(), cost=0.0, jacobian=base.jacobian, residual=left)
         return difference(blocks, predictive(blocks, told), start)
 
-    found = [
-        Screened(one.instance, weighed(one, left)) for one, left in _tried(fast, responses, base)
-    ]
+    found = [Screened(one.instance, weighed(left)) for one, left in _tried(part, responses, base)]
     return sorted(found, key=lambda s: -s.gain.nats)
 
 
@@ -109,8 +110,10 @@ def _responses(
     groups = list(probes(problem, candidates, scales))
     basis = orthonormal(base.jacobian)
     residual = base.residual - basis @ (basis.T @ base.residual)
+    weights = slopes(base.residual, problem.limits())[:, None]
     best: dict[tuple[object, ...], tuple[float, _Response]] = {}
-    for place, group, columns in _columns(problem, groups, base.effects):
+    for place, group, changes in _changes(problem.coarse(), groups, base.effects):
+        columns = weights * changes
         beside = columns - basis @ (basis.T @ columns)
         weighed = weigh(place, group, beside, residual)
         if weighed is None:
@@ -125,7 +128,7 @@ def _responses(
     return [response for _, response in best.values()]
 
 
-def _columns(
+def _changes(
     problem: SegmentedProblem,
     groups: Sequence[tuple[Place, list[EffectInstance]]],
     effects: Sequence[EffectInstance],
@@ -152,20 +155,23 @@ def _on_same_steps(items: Sequence[T], effect: Callable[[T], Effect]) -> list[li
 def _tried(
     problem: SegmentedProblem, found: Sequence[_Response], base: Fit
 ) -> Iterator[tuple[_Response, Array]]:
-    """Yields candidates with what they leave: to first order, or in a rollout if that is less.
+    """Yields candidates with what they leave: to first order, or by a rollout if that is less.
 
-    The effects of `base` make up for it to first order.
+    Of the rollout, the share that fits best: where the first order says too much, less of it may
+    explain all. The effects of `base` make up for it to first order.
     """
-    basis = orthonormal(base.jacobian)
+    basis, fast, limits = orthonormal(base.jacobian), problem.coarse(), problem.limits()
+    full = unbounded(base.residual, limits)
     for alike in _on_same_steps(found, lambda one: one.instance.effect):
         sets = [base.effects, *((*base.effects, one.instance) for one in alike)]
-        before, *after = problem.residuals(sets)
+        before, *after = fast.residuals(sets)
         for one, rolled in zip(alike, after, strict=True):
             # What fast integration alone changes is no gain of a candidate.
-            left = base.residual + rolled - before
-            left -= basis @ (basis.T @ left)
-            straight = base.residual + one.change
-            yield one, min(left, straight, key=np.linalg.norm)
+            moved = rolled - before
+            best = -float(moved @ full) / max(float(moved @ moved), 1e-12)
+            shares = [bounded(full + share * moved, limits) for share in (1.0, best)]
+            lefts = [left - basis @ (basis.T @ left) for left in shares]
+            yield one, min(*lefts, base.residual + one.change, key=np.linalg.norm)
 
 
 def probes(

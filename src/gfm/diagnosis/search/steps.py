@@ -12,8 +12,10 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeAlias
 
 from gfm.diagnosis.inference.fitting import acting, along_valley, measured
+from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, hypothesis
 from gfm.diagnosis.search.moves.reduce import Compared, RivalsOf, exchange, remove
+from gfm.diagnosis.search.naming import describe
 from gfm.diagnosis.search.support import support
 from gfm.diagnosis.search.trace import Evidence, Step
 from gfm.effects import EffectInstance, Key
@@ -49,9 +51,10 @@ class Search(Generic[P]):
     steps: list[Step] = field(default_factory=list)
 
     @property
-    def held(self) -> set[Key]:
-        """Keys of what a few segments judge: it is not weighed by all of them."""
-        return {s.chosen.new[0].key for s in self.steps if s.segments and s.chosen is not None}
+    def held(self) -> dict[Key, Difference]:
+        """What a few segments judge, and by how much they predict better with it."""
+        chosen = [step.chosen for step in self.steps if step.segments]
+        return {one.new[0].key: one.gain for one in chosen if one is not None}
 
     def run(self, here: Hypothesis[P], moves: Sequence[MoveFrom[P]]) -> Hypothesis[P]:
         """Returns the best hypothesis that steps lead to."""
@@ -62,7 +65,9 @@ class Search(Generic[P]):
             self.steps.append(best.step)
             if best.step.chosen is None:
                 break
-            here, removed = remove(best.after(), self.held, self.report)
+            left, here = here.fit.cost, best.after()
+            self.report(f"{in_words(best.step)}: misfit {left:.3g} -> {here.fit.cost:.3g}")
+            here, removed = remove(here, self.held, self.report)
             self.steps.extend(removed)
         return here
 
@@ -83,7 +88,7 @@ class Search(Generic[P]):
         fewer = len(some) < len(here.effects)
         final = measured(here.problem, some) if fewer else along_valley(here.problem, here.fit)
         here = hypothesis(here.problem, final, here.nominal)
-        return here, support(here, compared)
+        return here, support(here, compared, self.held)
 
     def _reduced(
         self, here: Hypothesis[P], rivals: RivalsOf
@@ -99,6 +104,12 @@ class Search(Generic[P]):
 def gain_of(step: Step | None) -> float:
     """Returns by how much better a step predicts, nats; nothing where it chose nothing."""
     return 0.0 if step is None or step.chosen is None else step.chosen.gain.nats
+
+
+def in_words(step: Step) -> str:
+    """Returns what a step brought."""
+    new = () if step.chosen is None else step.chosen.new
+    return f"{step.move}: {', '.join(map(describe, new)) or 'nothing'}"
 
 
 def effects_of(step: Step) -> tuple[EffectInstance, ...]:

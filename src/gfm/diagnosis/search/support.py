@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from gfm.diagnosis.inference.fitting import amounts, free_parameters
 from gfm.diagnosis.inference.intervals import disagreement
+from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.search.hypothesis import Hypothesis
 from gfm.diagnosis.search.moves.reduce import Compared, gains_of_each
@@ -15,13 +16,21 @@ from gfm.diagnosis.search.trace import Evidence
 from gfm.effects import EffectInstance, Key, Scope
 
 
-def support(here: Hypothesis, compared: Sequence[Compared]) -> dict[Key, Evidence]:
-    """Returns what speaks for each effect of a hypothesis."""
+def support(
+    here: Hypothesis, compared: Sequence[Compared], held: Mapping[Key, Difference]
+) -> dict[Key, Evidence]:
+    """Returns what speaks for each effect of a hypothesis.
+
+    Args:
+        here: The hypothesis.
+        compared: Its effects beside their best rivals.
+        held: What spoke for those that a few segments judge, there: all others know nothing of it.
+    """
     rivals = {one.instance.key: one for one in compared}
     left, halves = _left_by_joint(here), _halves(here)
     return {
         instance.key: Evidence(
-            without=without,
+            without=held.get(instance.key, without),
             rival=rivals[instance.key].over if instance.key in rivals else None,
             by=rivals[instance.key].rival if instance.key in rivals else None,
             left=_left_of(instance, here.problem, left),

@@ -9,7 +9,12 @@ from gfm.core import Trajectory
 from gfm.diagnosis.data.quality import channels, efforts, limits, stamps, units
 from gfm.diagnosis.data.quality.finding import Finding, Objection
 from gfm.diagnosis.data.quality.overlap import shared_share, shared_stamps
-from gfm.diagnosis.data.quality.timing import EVERYWHERE, predicted_positions, stretches, timing_of
+from gfm.diagnosis.data.quality.timing import (
+    EVERYWHERE,
+    as_recordings,
+    predicted_positions,
+    timing_of,
+)
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import EffectInstance
 from gfm.sim.plant import Plant, make_plant
@@ -83,7 +88,7 @@ def all_findings(
     Lateness is measured on what the problem is made of; held-out recordings are only examined.
 
     Args:
-        problem: Of `recordings`, in stretches as long as they can be.
+        problem: Of `recordings`, in segments as long as they can be.
         recordings: What effects are looked for in.
         holdout: What errors are measured on.
         effects: What corrects the model.
@@ -97,7 +102,7 @@ def all_findings(
     unseen = [_unrecorded(name, position) for name, position in problem.still.items()]
     nominal = predicted_positions(problem)
     corrected = predicted_positions(problem, effects) if effects else None
-    return (*unseen, *each, *timing_of(recordings, nominal, corrected, stretches(problem)))
+    return (*unseen, *each, *timing_of(recordings, nominal, corrected, as_recordings(problem)))
 
 
 def _unrecorded(name: str, position: float) -> Finding:

@@ -31,7 +31,7 @@ from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.signals import SMOOTHING_S, evenly
 
-#: Length of the stretches whose lateness is measured one by one, s.
+#: Length of the segments whose lateness is measured one by one, s.
 BLOCK_S = 3.0
 #: Least and greatest lateness that is looked for, s. Effects come after their cause: what comes
 #: before shows stamps that are wrong.

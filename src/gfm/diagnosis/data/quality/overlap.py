@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gfm.core import Trajectory
 
 #: So many measurements in a row, a good part of them of a motion, that agree to the last digit: one
-#: joint with a coarse encoder repeats short stretches by chance, this long it does not.
+#: joint with a coarse encoder repeats short parts by chance, this long it does not.
 WINDOW, MOVING = 40, 0.25
 Number = TypeVar("Number", bound=np.generic)
 

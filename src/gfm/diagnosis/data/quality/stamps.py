@@ -95,7 +95,7 @@ def _jumped(recording: Trajectory, i: int, period_s: float) -> bool:
 
 
 def _cubic_misfit(windows: Array) -> Array:
-    """Returns what cubics leave of even stretches (W, J, ACROSS): root mean square, (W, J)."""
+    """Returns what cubics leave of even parts (W, J, ACROSS): root mean square, (W, J)."""
     basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, ACROSS), 4))
     rest = windows - windows @ basis @ basis.T
     return np.asarray(np.sqrt(np.mean(rest**2, axis=-1)))

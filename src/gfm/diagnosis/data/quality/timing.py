@@ -26,11 +26,11 @@ _OWN = "beyond what all joints share: this joint's own delay, or a lag that the 
 _IN_TURN = "joints read one after the other under one stamp: give read_offset_s in the mapping"
 
 
-def stretches(problem: Problem) -> list[Trajectory]:
-    """Returns what the problem is made of as recordings."""
+def as_recordings(problem: Problem) -> list[Trajectory]:
+    """Returns the segments of a problem as recordings."""
     return [
         Trajectory(
-            name=f"stretch {i}",
+            name=f"segment {i}",
             joint_names=problem.joints,
             stamp_ns=_stamps_ns(segment.time_s),
             position=segment.position,
@@ -52,7 +52,7 @@ def _stamps_ns(time_s: Array) -> Stamps:
 def predicted_positions(
     problem: Problem, effects: Sequence[EffectInstance] = ()
 ) -> list[Array | None]:
-    """Returns what a model predicts for each of its stretches, rad, shape (T, J).
+    """Returns what a model predicts for each of its segments, rad, shape (T, J).
 
     None where the simulation broke off.
     """

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from gfm.diagnosis.inference.fitting import ROUGH, Fit, at_bound, fit
 from gfm.diagnosis.inference.score import Blocks, difference, predictive
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
+from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis, parameters_of
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import Screened, is_whole, open_to, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
@@ -18,11 +18,9 @@ from gfm.sim.plant import acts_on_command
 GLANCE_S, SCREENING_S = 8.0, 24.0
 #: Candidates that are looked at again, that are fitted, places of one effect among those, amounts
 #: from which the fit of one begins, and kinds that are tried on several joints.
-LOOKED_AT, FITTED, PLACES, STARTS, KINDS = 16, 4, 2, 2, 1
+LOOKED_AT, FITTED, PLACES, STARTS, KINDS = 16, 4, 2, 2, 2
 #: Fits in front that are compared from initial states of their own.
 FRONT = 2
-#: Standard errors by which a candidate must seem to predict better, to first order, to be fitted.
-PROMISING = 0.5
 
 
 def add(
@@ -30,29 +28,39 @@ def add(
     candidates: Sequence[Place],
     scales: Sequence[Scales],
     report: Callable[[str], None],
+    in_time: Callable[[], bool] = lambda: True,
 ) -> Step:
     """Returns the step that adds what predicts best, or none where nothing does clearly.
 
-    What takes long to simulate is looked at only where all else leaves something to explain.
+    What takes long to simulate is looked at only where all else leaves something to explain, and
+    where there is time for it.
     """
-    here = open_to(before, candidates)
     ranked: list[Tried] = []
     for costly in (False, True):
-        tier = [p for p in here if (p.effect.costly or p.effect.separates_motor) is costly]
+        left = _after(before, best_of(before.blocks, ranked))
+        tier = [
+            place
+            for place in open_to(before, candidates, left.open_joints)
+            if (place.effect.costly or place.effect.separates_motor) is costly
+        ]
         report(f"screening {len(tier)} candidates (misfit {before.fit.cost:.3g})")
         screened = _screened(before, tier, scales)
-        ranked += _all_tried(before, _shortlist(screened), report)
-        if _worth_more(before, best_of(before.blocks, ranked)):
-            # What no single joint's effect explains, all joints may lack.
-            ranked += _all_tried(before, _kinds(screened), report)
-        ranked = _with_front_fitted_out(before, ranked)
+        tried = _all_tried(before, _shortlist(screened), report)
+        if _worth_more(before, best_of(before.blocks, tried)) and in_time():
+            # What no single joint's effect explains, all joints may lack, also beside one of the
+            # whole robot: late commands and friction everywhere look like lags.
+            kinds = _kinds(screened)
+            whole = [o.new for o in tried if is_whole(o.new[0].effect)]
+            kinds += [(*one, *kind) for one in whole[:1] for kind in kinds]
+            tried += _all_tried(before, kinds, report)
+        ranked += _with_front_fitted_out(before, tried)
         best = best_of(before.blocks, ranked)
-        if not _worth_more(before, best):
+        if not (_worth_more(before, best) and in_time()):
             break
     return Step(
         move=Move.ADD,
         before=before.fit.cost,
-        ranked=tuple(ranked),
+        ranked=tuple(sorted(ranked, key=lambda one: -one.gain.nats)),
         chosen=best_of(before.blocks, ranked),
     )
 
@@ -68,17 +76,21 @@ def add_of_few(before: Hypothesis, begun: Sequence[Fit]) -> Step:
     )
 
 
+def _with_front_fitted_out(before: Hypothesis, tried: Sequence[Tried]) -> list[Tried]:
+    """Returns what was tried, best first, those in front from initial states of their own.
+
+    No two of them are the same effects in the same place.
+    """
+    ranked = sorted(tried, key=lambda one: -one.gain.nats)
+    first = first_of_each(ranked, lambda one: tuple(e.key for e in one.new))[:FRONT]
+    rest = [one for one in ranked if all(one is not other for other in first)]
+    own = [_beside(before, before.fitted_out(one.fit)) for one in first]
+    return sorted([*own, *rest], key=lambda one: -one.gain.nats)
+
+
 def _beside(before: Hypothesis, fitted: Fit) -> Tried:
     new = fitted.effects[len(before.effects) :]
     return Tried(new=new, fit=fitted, gain=before.gain_of(fitted))
-
-
-def _with_front_fitted_out(before: Hypothesis, tried: Sequence[Tried]) -> list[Tried]:
-    """Returns what was tried, best first, those in front from initial states of their own."""
-    ranked = sorted(tried, key=lambda one: -one.gain.nats)
-    for i, one in enumerate(ranked[:FRONT]):
-        ranked[i] = _beside(before, before.fitted_out(one.fit))
-    return sorted(ranked, key=lambda one: -one.gain.nats)
 
 
 def best_of(blocks: Blocks, tried: Sequence[Tried]) -> Tried | None:
@@ -104,21 +116,21 @@ def _worth_more(before: Hypothesis, best: Tried | None) -> bool:
     """
     if best is None:
         return True
-    after = Hypothesis(
-        problem=before.problem, fit=best.fit, blocks=before.blocks, nominal=before.nominal
-    )
+    after = _after(before, best)
     return after.is_open and after.room.nats > best.gain.nats
+
+
+def _after(before: Hypothesis, best: Tried | None) -> Hypothesis:
+    return before if best is None else hypothesis(before.problem, best.fit, before.nominal)
 
 
 def _screened(
     before: Hypothesis, places: Sequence[Place], scales: Sequence[Scales]
 ) -> list[Screened]:
-    """Returns the candidates that promise something, best first: at a glance, then the best."""
+    """Returns the candidates that promise most, best first: at a glance, then the best."""
     glanced = screen(before, places, scales, GLANCE_S)
-    keys = list(dict.fromkeys(one.instance.key for one in glanced if one.gain.nats > 0.0))
-    again = {*keys[:LOOKED_AT]}
-    looked = screen(before, [p for p in places if p.key in again], scales, SCREENING_S)
-    return [one for one in looked if one.gain.errors > PROMISING]
+    again = list(dict.fromkeys(one.instance.key for one in glanced))[:LOOKED_AT]
+    return screen(before, [p for p in places if p.key in again], scales, SCREENING_S)
 
 
 def _shortlist(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
@@ -141,7 +153,7 @@ def _kinds(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
     kinds: dict[str, list[Screened]] = {}
     for one in first_of_each(screened, lambda one: one.instance.key):
         effect = one.instance.effect
-        if effect.scope is Scope.JOINT and not effect.separates_motor:
+        if effect.scope is Scope.JOINT and not effect.separates_motor and one.gain.nats > 0.0:
             kinds.setdefault(effect.name, []).append(one)
     several = [kind for kind in kinds.values() if len(kind) > 1]
     several.sort(key=lambda kind: -sum(one.gain.nats for one in kind))
@@ -163,7 +175,10 @@ def _tried(
     more = f" and {len(new) - 1} more" if len(new) > 1 else ""
     report(f"fitting {describe(new[0])}{more}")
     fits = [before.fitted(effects, ROUGH) for effects in _beginnings(before, new)]
-    return _beside(before, min(fits, key=lambda f: f.cost))
+    best: Fit = min(fits, key=lambda f: f.cost)
+    if any(one.effect.separates_motor for one in new):
+        best = before.fitted_out(best)  # a motor that rings has states that nothing else knows of
+    return _beside(before, best)
 
 
 def _beginnings(

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import ROUGH, fit
+from gfm.diagnosis.inference.fitting import ROUGH, acting, fit
+from gfm.diagnosis.residuals.outliers import bounded
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis
 from gfm.diagnosis.search.trace import Move, Step, Tried
@@ -43,8 +44,8 @@ class Common:
     grid: Callable[[Scales], Sequence[float]]
 
 
+#: A soft servo looks late: how late commands are is told last.
 COMMON = (
-    Common(name="command_delay", none=0.0, grid=lambda _: (0.0, 0.01, 0.02, 0.04, 0.08)),
     Common(name="actuator_gain", none=1.0, grid=lambda _: (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)),
     Common(name="coulomb_friction", none=0.0, grid=lambda s: [x * s.torque_nm for x in SHARES]),
     Common(
@@ -53,6 +54,7 @@ COMMON = (
         grid=lambda s: [x * s.torque_nm / s.velocity_rad_s for x in SHARES],
     ),
     Common(name="armature", none=0.0, grid=lambda s: [x * s.inertia for x in SHARES]),
+    Common(name="command_delay", none=0.0, grid=lambda _: (0.0, 0.01, 0.02, 0.04, 0.08)),
 )
 
 
@@ -68,7 +70,7 @@ def common_errors(
     report(f"fitting {len(new)} effects together")
     effects = (*before.effects, *new)
     problem = before.problem.robust(effects)
-    begun = fit(problem, effects, tolerance=ROUGH).effects
+    begun = acting(fit(problem, effects, tolerance=ROUGH).effects)
     fitted = before.fitted(begun, ROUGH)
     tried = Tried(
         new=fitted.effects[len(before.effects) :], fit=fitted, gain=before.gain_of(fitted)
@@ -88,7 +90,7 @@ def _from_grid(
     """Returns every common error on every open joint, with the best of its grid.
 
     All joints are tried side by side: each takes what leaves least on itself. What is there already
-    is left out, and what comes to none.
+    is left out; what comes to none on the grid may be found beside the others by a fit.
     """
     problem, taken = before.problem, {e.key for e in before.effects}
     places = [
@@ -102,7 +104,8 @@ def _from_grid(
                 (*before.effects, *_instances(places, problem.joints, {**chosen, one.name: row}))
                 for row in grid
             ]
-            costs = np.stack([problem.joint_costs(r) for r in problem.coarse().residuals(sets)])
+            left = bounded(problem.coarse().residuals(sets), problem.limits())
+            costs = np.stack([problem.joint_costs(r) for r in left])
             if find_effect(one.name).scope is not Scope.JOINT:
                 costs[:] = costs.mean(axis=1, keepdims=True)
             chosen[one.name] = grid[costs.argmin(axis=0), np.arange(len(scales))]
@@ -128,16 +131,13 @@ def _grid(
 def _instances(
     places: Sequence[Place], joints: Sequence[str], values: dict[str, Array]
 ) -> list[EffectInstance]:
-    """Returns the effects of which there is something, with these amounts by joint."""
-    none = {one.name: one.none for one in COMMON}
+    """Returns the effects with these amounts by joint."""
     found = []
     for place in places:
         name = place.effect.name
-        if name not in none:
+        if name not in values:
             continue
         amount = float(values[name][joints.index(place.joints[0])])
-        if amount == none[name]:
-            continue
         parameter = place.effect.parameters[0].name
         found.append(
             EffectInstance(

@@ -56,7 +56,7 @@ def intermittent(
     held = replace(part, given=(*part.given, *before.effects))
     held = held.settled(()).robust(())
     alone = hypothesis(held, nothing(held), before.nominal)
-    screened = screen(alone, open_to(before, candidates), scales, SCREENING_S)
+    screened = screen(alone, open_to(before, candidates, before.open_joints), scales, SCREENING_S)
     likely = first_of_each([s.instance for s in screened if s.gain.clear], lambda e: e.key)
     tried = [_tried(alone, before.effects, one, report) for one in likely[:FITTED]]
     ranked = tuple(sorted(tried, key=lambda one: -one.gain.nats))

@@ -26,14 +26,16 @@ def remove(
 ) -> tuple[Hypothesis[P], list[Step]]:
     """Returns a hypothesis without what it predicts as well without, that first which says least.
 
+    As well as with all effects: what each leaves little worse, together would leave much worse.
+
     Args:
         here: With all effects.
         kept: Keys of those that are judged by a few segments only.
         report: Told what is happening, in words.
     """
-    steps: list[Step] = []
+    whole, steps = here, list[Step]()
     while len(here.effects) > 1:
-        step = next(_removals(here, kept), None)
+        step = next(_removals(here, whole, kept), None)
         if step is None or step.chosen is None or step.replaced is None:
             break
         report(f"going on without {describe(step.replaced)}")
@@ -42,14 +44,14 @@ def remove(
     return here, steps
 
 
-def _removals(here: Hypothesis, kept: Collection[Key]) -> Iterator[Step]:
+def _removals(here: Hypothesis, whole: Hypothesis, kept: Collection[Key]) -> Iterator[Step]:
     """Yields the steps that take out one effect, that which says least to first order first."""
     for gain, instance in sorted(gains_of_each(here), key=lambda pair: pair[0].errors):
         if instance.key in kept or (gain.clear and not at_bound(instance)):
             continue
         rest = [e for e in here.effects if e is not instance]
         without = here.fitted(rest, ROUGH)
-        if at_bound(instance) or not here.over(without).clear:
+        if at_bound(instance) or not (here.over(without).clear or whole.over(without).clear):
             tried = Tried(new=(instance,), fit=without, gain=here.gain_of(without))
             yield Step(move=Move.REMOVE, before=here.fit.cost, chosen=tried, replaced=instance)
 

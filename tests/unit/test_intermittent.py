@@ -1,4 +1,4 @@
-"""What acts now and then only is found in the stretches where it acts, and nothing else blamed."""
+"""What acts now and then only is found in the segments where it acts, and nothing else blamed."""
 
 import mujoco
 import numpy as np
@@ -7,8 +7,8 @@ import pytest
 from gfm.core import CommandKind
 from gfm.diagnosis.data.segmentation import all_segments, make_problem
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.former.stretches import far_off
 from gfm.diagnosis.output.result import Verdict
+from gfm.diagnosis.search.moves.intermittent import far_off
 from pendulum import LENGTH, MODEL, PERIOD_S, swung
 
 NOISE = 3e-4
@@ -66,7 +66,7 @@ def test_friction_beside_a_table_is_found_and_nothing_stands_for_the_table():
     assert {e.effect for e in told.effects} == {"coulomb_friction", "surface_contact"}
 
 
-def test_no_stretch_is_far_off_where_the_model_is_right():
+def test_no_segment_is_far_off_where_the_model_is_right():
     runs = [recording(seed, lambda _q, _v: 0.0) for seed in range(2)]
     noise = make_problem(SPECS, runs).noise
     assert far_off(all_segments(SPECS, runs, noise), ()) == []

@@ -1,0 +1,216 @@
+"""What is claimed of what was found: names, suspects, confidences, verdicts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gfm.diagnosis.inference.constants import ADEQUATE_RATIO, ADEQUATE_SHARE, LEAST_CONFIDENCE
+from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.inference.score import Difference
+from gfm.diagnosis.output.claims import (
+    WRONG_ALIKE,
+    closed_share,
+    confidence,
+    credible,
+    features,
+    named_effects,
+    suspects_of,
+    verdict_on,
+    verdict_on_both,
+)
+from gfm.diagnosis.output.result import ErrorSummary, Verdict
+from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step, Tried
+from one_joint import TIME_S, instance
+
+FRICTION, SPRING, DRAG = (
+    instance("coulomb_friction", torque=0.2),
+    instance("joint_spring", stiffness=0.1, rest_angle=0.0),
+    instance("quadratic_drag", coefficient=0.1),
+)
+BLOCKS = [slice(0, 20), slice(20, 40)]
+
+
+def speaking(errors=40.0, rival=10.0, left=1e-3, halves=0.5, by=SPRING):
+    """What speaks for an effect: standard errors over without it and over its rival, and so on."""
+    over = None if rival is None else Difference(5.0 * rival, 5.0)
+    return Evidence(
+        without=Difference(5.0 * errors, 5.0), rival=over, by=by, left=left, halves=halves
+    )
+
+
+STRONG, WEAK = speaking(), speaking(errors=2.1, rival=0.0, left=0.9, halves=5.0)
+
+
+def found(evidence, *effects, cost=1.0, steps=(), equals=None):
+    """A search that ended with effects of one parameter each."""
+    end = Fit(
+        effects=effects,
+        cost=cost,
+        jacobian=np.eye(len(TIME_S))[:, : len(effects)],
+        residual=np.full(len(TIME_S), np.sqrt(cost)),
+    )
+    return SearchResult(
+        nominal_cost=100.0,
+        fit=end,
+        room=Difference(0.0, 1.0),
+        steps=steps,
+        evidence={e.key: told for e, told in zip(effects, evidence, strict=True)},
+        equals=equals or {},
+    )
+
+
+@pytest.mark.parametrize(
+    ("figure", "better"),
+    [
+        ("errors", [0.5, 3.0, 10.0, 100.0]),
+        ("rival", [0.0, 1.0, 3.0, 30.0]),
+        ("left", [1.0, 0.3, 0.01, 1e-5]),
+        ("halves", [30.0, 3.0, 1.0, 0.0]),
+    ],
+)
+def test_a_name_is_surer_the_more_speaks_for_it(figure, better):
+    told = [confidence(speaking(**{figure: value})) for value in better]
+    assert told == sorted(told)
+    assert len(set(told)) == len(told)
+    assert all(0.0 < one < 1.0 for one in told)
+
+
+def test_a_name_that_nothing_rivals_is_weighed_against_the_model_without_it():
+    alone = speaking(errors=8.0, rival=None, by=None)
+    assert confidence(alone) == confidence(speaking(errors=8.0, rival=8.0))
+    assert features(alone)[1] == pytest.approx(np.log(9.0))
+
+
+def test_a_rival_that_predicts_better_is_as_bad_as_one_that_predicts_as_well():
+    assert confidence(speaking(rival=-5.0)) == confidence(speaking(rival=0.0))
+
+
+def test_only_what_is_more_likely_right_than_wrong_is_credible():
+    assert confidence(WEAK) < LEAST_CONFIDENCE < confidence(STRONG)
+    assert credible(found((STRONG, WEAK), FRICTION, DRAG)) == [FRICTION]
+    unweighed = replace(found((STRONG,), FRICTION), evidence={})
+    assert credible(unweighed) == []
+
+
+def test_names_have_their_figures_and_the_strongest_stands_first():
+    stronger = replace(STRONG, without=Difference(900.0, 30.0))
+    result = found((STRONG, stronger), FRICTION, DRAG)
+    first, second = named_effects(BLOCKS, result, result.fit.effects)
+    assert (first.effect, second.effect) == ("quadratic_drag", "coulomb_friction")
+    assert second.confidence == pytest.approx(confidence(STRONG), abs=5e-4)
+    assert second.evidence == {
+        "nats": 200.0,
+        "z_without": 40.0,
+        "left": 1e-3,
+        "halves": 0.5,
+        "z_rival": 10.0,
+    }
+    assert named_effects(BLOCKS, result, ()) == ()
+
+
+def test_the_spread_of_a_model_that_stays_wrong_is_wider_than_an_interval():
+    right, wrong = (
+        named_effects(BLOCKS, one, one.fit.effects)[0].parameters["torque"]
+        for one in (
+            found((STRONG,), FRICTION),
+            replace(
+                found((STRONG,), FRICTION),
+                fit=replace(found((STRONG,), FRICTION).fit, cost=1.1 * ADEQUATE_RATIO**2),
+            ),
+        )
+    )
+    assert right.spread is None
+    assert wrong.ci95 is None
+    assert wrong.spread == pytest.approx(WRONG_ALIKE * (right.ci95[1] - right.value))
+
+
+def test_a_doubtful_name_is_a_suspect_with_its_confidence():
+    result = found((STRONG, WEAK), FRICTION, DRAG)
+    suspects = {one.effect: one for one in suspects_of(result, [FRICTION])}
+    doubtful = suspects["quadratic_drag"]
+    assert doubtful.reason.startswith("more likely wrong than right")
+    assert doubtful.confidence == pytest.approx(confidence(WEAK), abs=5e-4)
+    assert doubtful.evidence["z_without"] == pytest.approx(2.1)
+    assert doubtful.decided_by
+    assert "coulomb_friction" not in suspects
+
+
+@pytest.mark.parametrize(
+    ("rival", "says"),
+    [(0.4, "equal to coulomb friction on joint"), (1.6, "close to coulomb friction"), (5.0, "")],
+)
+def test_what_predicts_as_well_in_the_place_of_a_name_is_a_suspect(rival, says):
+    suspects = suspects_of(found((speaking(rival=rival),), FRICTION), [FRICTION])
+    assert [one.effect for one in suspects] == (["joint_spring"] if says else [])
+    assert all(one.reason.startswith(says) for one in suspects)
+
+
+def test_another_name_of_the_same_law_is_a_suspect_and_never_doubtful():
+    offset = instance("torque_offset", torque=0.1)
+    twin = instance("asymmetric_friction", difference=-0.2)
+    result = found((speaking(by=None, rival=None),), offset, equals={offset.key: (twin,)})
+    (suspect,) = suspects_of(result, [offset])
+    assert (suspect.effect, suspect.confidence) == ("asymmetric_friction", None)
+    assert suspect.reason == "equal to torque offset on joint: the same under another name"
+
+
+def test_what_was_fitted_and_lost_is_listed_with_what_it_would_have_brought():
+    """Of what explains next to nothing, nothing is said."""
+    ranked = tuple(
+        Tried(
+            new=(one,),
+            fit=replace(found((), cost=cost).fit, effects=(one,)),
+            gain=Difference(gain, 4.0),
+        )
+        for one, cost, gain in ((FRICTION, 1.0, 60.0), (DRAG, 40.0, 30.0), (SPRING, 99.9, 0.1))
+    )
+    steps = (Step(move=Move.ADD, before=100.0, ranked=ranked, chosen=ranked[0]),)
+    alone = speaking(rival=None, by=None)
+    (lost,) = suspects_of(found((alone,), FRICTION, steps=steps), [FRICTION])
+    assert (lost.effect, lost.gain) == ("quadratic_drag", pytest.approx(0.6))
+    assert lost.reason == "predicts better by 30 ± 4 nats; coulomb friction on joint by 60"
+
+
+def summary(before, after):
+    return ErrorSummary(before=before, after=after, noise_floor=1.0)
+
+
+NAMES = named_effects(BLOCKS, found((STRONG,), FRICTION), [FRICTION])
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "named", "verdict"),
+    [
+        (1.2, 1.2, (), Verdict.NO_GAP),
+        (1.05 * ADEQUATE_RATIO, 1.05 * ADEQUATE_RATIO, (), Verdict.UNEXPLAINED),
+        (20.0, 1.4, NAMES, Verdict.EXPLAINED),
+        (20.0, 5.0, NAMES, Verdict.PARTLY_EXPLAINED),
+        # As exact as laws are: next to nothing of the gap is left, though more than noise.
+        (400.0, 400.0 * 0.9 * np.sqrt(ADEQUATE_SHARE) / 4.0, NAMES, Verdict.EXPLAINED),
+        # As small a share, but far from noise.
+        (3000.0, 30.0, NAMES, Verdict.PARTLY_EXPLAINED),
+    ],
+)
+def test_the_verdict_follows_what_names_leave_of_the_held_out_error(before, after, named, verdict):
+    assert verdict_on(summary(before, after), named) is verdict
+
+
+def test_the_share_of_a_gap_is_one_where_noise_is_left_and_none_where_nothing_changed():
+    assert closed_share(summary(9.0, 1.0)) == pytest.approx(1.0)
+    assert closed_share(summary(9.0, 9.0)) == 0.0
+    assert closed_share(summary(1.0, 0.5)) == 0.0  # no gap
+
+
+@pytest.mark.parametrize(
+    ("robot", "thing", "both"),
+    [
+        (Verdict.EXPLAINED, Verdict.NO_GAP, Verdict.EXPLAINED),
+        (Verdict.NO_GAP, Verdict.EXPLAINED, Verdict.EXPLAINED),
+        (Verdict.EXPLAINED, Verdict.EXPLAINED, Verdict.EXPLAINED),
+        (Verdict.EXPLAINED, Verdict.UNEXPLAINED, Verdict.PARTLY_EXPLAINED),
+        (Verdict.INSUFFICIENT_DATA, Verdict.EXPLAINED, Verdict.INSUFFICIENT_DATA),
+    ],
+)
+def test_robot_and_object_have_one_verdict(robot, thing, both):
+    assert verdict_on_both(robot, thing) is both

@@ -1,0 +1,196 @@
+"""Amounts that leave least, and how sure a fit is of them, on problems in closed form."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from gfm.diagnosis.inference.fitting import (
+    acting,
+    along_valley,
+    amounts,
+    at_bound,
+    fit,
+    measured,
+    nothing,
+    without_each,
+)
+from gfm.diagnosis.inference.intervals import disagreement, half_widths
+from gfm.effects import effect_library
+from one_joint import instance
+
+
+@dataclass(frozen=True)
+class Regression:
+    """Least squares whose columns are those of the effects' amounts, in their order."""
+
+    measured: np.ndarray
+    columns: dict[str, np.ndarray]
+
+    def residuals(self, candidates):
+        return np.stack([self.measured - sum(self._told(e) for e in c) for c in candidates])
+
+    def _told(self, effect):
+        return self.columns[effect.effect.name] * next(iter(effect.values.values()))
+
+    def coarse(self):
+        return self
+
+    def limits(self):
+        return None
+
+
+@dataclass(frozen=True)
+class Valley:
+    """Two amounts x and y whose product is nearly all that counts, with lower minima along it."""
+
+    def residuals(self, candidates):
+        rows = []
+        for first, second in candidates:
+            x, y = (next(iter(e.values.values())) for e in (first, second))
+            along = np.log2(x / y)
+            rows.append(
+                [10.0 * np.log2(x * y), 1.5 - 0.2 * along + 0.5 * np.cos(np.pi * along), 0.0]
+            )
+        return np.array(rows)
+
+    def coarse(self):
+        return self
+
+    def limits(self):
+        return None
+
+
+def friction(torque):
+    return instance("coulomb_friction", torque=torque)
+
+
+def viscous(coefficient):
+    return instance("viscous_friction", coefficient=coefficient)
+
+
+@pytest.fixture
+def regression():
+    rng = np.random.default_rng(0)
+    dry, damped = rng.standard_normal((2, 200))
+    noise = 0.01 * rng.standard_normal(200)
+    columns = {"coulomb_friction": dry, "viscous_friction": damped}
+    return Regression(0.3 * dry + 0.7 * damped + noise, columns)
+
+
+def test_a_linear_problem_is_solved_as_by_normal_equations(regression):
+    found = fit(regression, [friction(0.1), viscous(0.1)])
+    columns = np.stack(list(regression.columns.values()), axis=1)
+    exact = np.linalg.lstsq(columns, regression.measured, rcond=None)[0]
+    np.testing.assert_allclose(amounts(found.effects), exact, rtol=1e-5)
+    np.testing.assert_allclose(found.jacobian, -columns, atol=1e-9)
+    assert found.cost == pytest.approx(np.mean((regression.measured - columns @ exact) ** 2))
+
+
+def test_a_fit_does_not_go_beyond_its_bounds(regression):
+    """No friction drives: where less than none would fit best, there is none."""
+    backward = Regression(-regression.measured, regression.columns)
+    found = fit(backward, [friction(0.1), viscous(0.1)])
+    np.testing.assert_allclose(amounts(found.effects), 0.0, atol=1e-12)
+    assert (amounts(found.effects) >= 0.0).all()
+
+
+def test_without_effects_the_nominal_model_is_left(regression):
+    for found in (nothing(regression), fit(regression, ()), measured(regression, ())):
+        assert found.effects == ()
+        assert found.jacobian.shape == (200, 0)
+        np.testing.assert_array_equal(found.residual, regression.measured)
+
+
+def test_others_make_up_for_what_is_left_out_as_a_fit_without_it_would(regression):
+    found = fit(regression, [friction(0.1), viscous(0.1)])
+    for rest in without_each(regression, found):
+        begun = [type(e)(effect=e.effect, joints=e.joints, values=e.values) for e in rest]
+        exact = fit(regression, begun)
+        np.testing.assert_allclose(amounts(rest), amounts(exact.effects), rtol=2e-3)
+
+
+def test_lower_minima_along_a_valley_are_found():
+    start = fit(Valley(), [friction(2.0**-0.5), viscous(2.0**0.5)])
+    assert start.cost > 0.4
+    best = along_valley(Valley(), start)
+    assert best.cost < 1e-3
+    assert np.prod(amounts(best.effects)) == pytest.approx(1.0, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("excess", "speed", "expected"), [(0.5, 0.05, False), (0.5, 5.0, True), (0.0, 0.05, True)]
+)
+def test_a_value_at_its_bound_has_not_been_found(excess, speed, expected):
+    stribeck = instance("stribeck_friction", static_excess=excess, stribeck_velocity=speed)
+    assert at_bound(stribeck) is expected
+
+
+@pytest.mark.parametrize(("lag_s", "expected"), [(5e-5, True), (5e-4, False)])
+def test_a_lag_shorter_than_any_stamp_is_exact_has_not_been_found(lag_s, expected):
+    assert at_bound(instance("actuator_lag", time_constant=lag_s)) is expected
+
+
+def test_an_effect_of_which_a_fit_left_nothing_does_not_act():
+    none, some = friction(0.0), friction(1e-4)
+    less = viscous(-0.1)  # taken off what the model has
+    short = instance("command_delay", delay=1e-5)  # than any stamp is exact
+    assert acting([none, some, less, short]) == (some, less)
+
+
+def test_a_phase_is_told_within_half_a_turn():
+    cogging = effect_library()["cogging_torque"]
+    told = cogging.canonical({"amplitude": 1.0, "per_revolution": 24.0, "phase": -3.58})
+    assert told["phase"] == pytest.approx(2.0 * np.pi - 3.58)
+
+
+def test_what_looks_weak_where_friction_holds_begins_stronger():
+    stribeck = effect_library()["stribeck_friction"]
+    probe = {"static_excess": 0.1, "stribeck_velocity": 0.05}
+    assert stribeck.combine([probe], [1.0])["static_excess"] > 0.1
+
+
+def test_intervals_cover_the_truth_about_as_often_as_they_say():
+    rng = np.random.default_rng(0)
+    covered = []
+    for _ in range(300):
+        columns = rng.standard_normal((600, 2))
+        truth, noise = np.array([1.0, -2.0]), rng.standard_normal(600)
+        told = columns @ truth + noise
+        found = np.linalg.lstsq(columns, told, rcond=None)[0]
+        widths = half_widths(found, -columns, told - columns @ found, [slice(0, 600)])
+        covered.extend(np.abs(found - truth) < widths)
+    assert 0.92 < np.mean(covered) < 0.98
+
+
+def test_what_the_residual_does_not_depend_on_has_no_interval():
+    columns = np.random.default_rng(0).standard_normal((600, 2)) * np.array([1.0, 0.0])
+    seen, unseen = half_widths(np.ones(2), columns, np.ones(600), [slice(0, 600)])
+    assert np.isfinite(seen)
+    assert unseen == np.inf
+
+
+def halves(second, seed=0):
+    """By how many errors two halves disagree where the truth of the second is this one."""
+    rng = np.random.default_rng(seed)
+    column, segments = rng.standard_normal((600, 1)), [slice(0, 300), slice(300, 600)]
+    told = np.concatenate([column[:300, 0], second * column[300:, 0]]) + rng.standard_normal(600)
+    amount = np.linalg.lstsq(column, told, rcond=None)[0]
+    left = told - column @ amount
+    return float(disagreement(amount, -column, left, segments, [0, 1])[0])
+
+
+def test_halves_of_the_same_truth_disagree_by_chance_only():
+    apart = np.array([halves(1.0, seed) for seed in range(200)])
+    assert np.sqrt(np.mean(apart**2)) == pytest.approx(1.0, abs=0.25)
+
+
+def test_halves_of_two_truths_disagree_by_as_much_as_those_differ():
+    """Each half knows its amount to 1 / sqrt(300), and the difference to sqrt(2) times that."""
+    apart = [halves(2.0, seed) for seed in range(50)]
+    assert np.mean(apart) == pytest.approx(np.sqrt(150.0), rel=0.15)
+
+
+def test_one_half_alone_disagrees_with_nothing():
+    found = disagreement(np.ones(1), np.ones((9, 1)), np.ones(9), [slice(0, 9)], [0])
+    assert found.tolist() == [0.0]

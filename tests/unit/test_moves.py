@@ -1,0 +1,261 @@
+"""Hypotheses and the moves between them, on a pendulum that SciPy integrates."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from gfm.core import CommandKind
+from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.inference.fitting import fit, nothing
+from gfm.diagnosis.inference.score import Difference
+from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
+from gfm.diagnosis.search.hypothesis import columns_of, hypothesis, parameters_of
+from gfm.diagnosis.search.moves.add import add, best_of
+from gfm.diagnosis.search.moves.common_errors import common_errors
+from gfm.diagnosis.search.moves.reduce import exchange, gains_of_each, remove, rivals_of
+from gfm.diagnosis.search.trace import Move, Step, Tried
+from gfm.effects import EffectInstance, find_effect
+from pendulum import MODEL, PERIOD_S, swung
+
+SPECS = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
+NOISE, FRICTION, LITTLE, OFFSET, LIMIT = 3e-4, 0.3, 0.2, 0.25, 3.0
+
+
+def command(seed, duration_s=8.0):
+    time_s = np.arange(0.0, duration_s, PERIOD_S)
+    speeds, phases = np.random.default_rng(seed).uniform(1.0, 5.0, (2, 3))
+    waves = np.sin(np.outer(time_s, speeds) + phases).sum(axis=1)
+    return 0.3 * np.minimum(time_s, 1.0) * waves
+
+
+def runs(**truth):
+    return [swung(command(seed), seed=seed, noise=NOISE, **truth) for seed in range(4)]
+
+
+def dry(_q, v):
+    return -FRICTION * np.tanh(v / 1e-3)
+
+
+def instance(name, **values):
+    return EffectInstance(effect=find_effect(name), joints=("j",), values=values)
+
+
+def candidates(*names):
+    return [Place(effect=find_effect(name), joints=("j",)) for name in names]
+
+
+class Case:
+    """Recordings, the problem of explaining them, and hypotheses about it."""
+
+    def __init__(self, recordings):
+        self.problem = make_problem(SPECS, recordings).robust(())
+        self.scales = joint_scales(self.problem, torque_views(self.problem, recordings))
+        self.nominal = self.problem.joint_costs(nothing(self.problem).residual)
+
+    def with_effects(self, *effects):
+        return hypothesis(self.problem, fit(self.problem, effects), self.nominal)
+
+
+@pytest.fixture(scope="module")
+def rubbing():
+    return Case(runs(torque=dry))
+
+
+@pytest.fixture(scope="module")
+def pulled():
+    return Case(runs(torque=lambda _q, _v: OFFSET))
+
+
+@pytest.fixture(scope="module")
+def right():
+    return Case(runs())
+
+
+def added(case, *names, before=()):
+    return add(case.with_effects(*before), candidates(*names), case.scales, lambda _: None)
+
+
+LAWS = ("coulomb_friction", "viscous_friction", "armature", "quadratic_drag", "command_delay")
+
+
+def test_a_right_model_is_not_open_and_a_wrong_one_is(rubbing, right):
+    assert rubbing.with_effects().is_open
+    assert rubbing.with_effects().open_joints == ("j",)
+    assert not rubbing.with_effects(instance("coulomb_friction", torque=0.1)).is_open
+    assert not right.with_effects().is_open
+
+
+def test_what_one_hypothesis_gains_another_loses(rubbing):
+    nominal = rubbing.with_effects()
+    friction = rubbing.with_effects(instance("coulomb_friction", torque=0.1))
+    gain, loss = nominal.gain_of(friction.fit), friction.gain_of(nominal.fit)
+    assert gain.clear
+    assert not loss.clear
+    assert gain.nats == pytest.approx(-loss.nats)
+    assert gain.error == pytest.approx(loss.error)
+    assert friction.over(nominal.fit).nats == pytest.approx(gain.nats)
+    assert gain.nats <= 1.001 * nominal.room.nats or gain.error > 0.0
+
+
+def test_every_number_of_an_effect_is_a_parameter():
+    wave = instance("cogging_torque", amplitude=0.1, per_revolution=12.0, phase=0.0)
+    assert parameters_of([wave, instance("armature", inertia=0.1)]) == 4
+
+
+def test_columns_belong_to_the_effect_whose_amounts_they_are(rubbing):
+    friction = instance("coulomb_friction", torque=0.1)
+    spring = instance("joint_spring", stiffness=0.1, rest_angle=0.1)
+    found = rubbing.with_effects(friction, spring).fit
+    assert columns_of(found, found.effects[0]).tolist() == [True, False, False]
+    assert columns_of(found, found.effects[1]).tolist() == [False, True, True]
+
+
+def test_what_is_missing_is_added_with_its_amount(rubbing):
+    step = added(rubbing, *LAWS)
+    (new,) = step.chosen.new
+    assert step.move is Move.ADD
+    assert new.effect.name == "coulomb_friction"
+    assert new.values["torque"] == pytest.approx(FRICTION, rel=0.03)
+    assert step.chosen.gain.clear
+    assert step.before > 10.0 > step.chosen.fit.cost
+    gains = [tried.gain.nats for tried in step.ranked]
+    assert gains == sorted(gains, reverse=True)
+
+
+def test_nothing_is_added_where_nothing_is_missing(right):
+    assert added(right, *LAWS).chosen is None
+
+
+def test_nothing_is_added_to_what_is_right_already(rubbing):
+    friction = instance("coulomb_friction", torque=0.1)
+    step = added(rubbing, *LAWS, before=(friction,))
+    assert step.chosen is None
+    assert all(tried.new[0].effect.name != "coulomb_friction" for tried in step.ranked)
+
+
+def test_of_what_predicts_as_well_the_simplest_is_added(pulled):
+    """A spring whose rest is far away pulls with the same torque everywhere."""
+    step = added(pulled, "joint_spring", "torque_offset")
+    assert step.chosen.new[0].effect.name == "torque_offset"
+    assert step.chosen.new[0].values["torque"] == pytest.approx(OFFSET, rel=0.02)
+
+
+def test_an_amount_that_is_none_or_has_no_end_is_never_the_best(rubbing):
+    before = rubbing.with_effects()
+    friction = rubbing.with_effects(instance("coulomb_friction", torque=0.1)).fit
+    none, some = (
+        Tried(new=(instance("coulomb_friction", torque=t),), fit=friction, gain=Difference(n, 1.0))
+        for t, n in ((0.0, 90.0), (0.3, 50.0))
+    )
+    faint = replace(some, gain=Difference(1.0, 1.0))
+    assert best_of(before.blocks, [none, some]) is some
+    assert best_of(before.blocks, [none]) is None
+    assert best_of(before.blocks, [faint]) is None
+
+
+@pytest.mark.parametrize("asked", [1.5, 15.0])
+def test_a_torque_limit_is_added_though_only_few_segments_reach_it(asked):
+    """What is asked for is ten times, or a hundred times the limit."""
+    time_s, recordings = np.arange(0.0, 18.0, PERIOD_S), []
+    for seed in range(2):
+        told = 0.15 * command(seed, 18.0)
+        for dip in (5.0, 11.0):
+            told[(time_s > dip + seed) & (time_s < dip + seed + 0.4)] += asked
+        recordings.append(swung(told, seed=seed, noise=0.3 * NOISE, limit=LIMIT))
+    case = Case(recordings)
+    step = added(case, "torque_saturation", "coulomb_friction", "armature")
+    best = step.ranked[0].new[0]
+    assert best.effect.name == "torque_saturation"
+    assert best.values["limit"] == pytest.approx(LIMIT, rel=0.01)
+
+
+COMMON = ("command_delay", "actuator_gain", "coulomb_friction", "viscous_friction", "armature")
+
+
+@pytest.fixture(scope="module")
+def wrong_all_over():
+    return Case(runs(torque=lambda _q, v: -LITTLE * np.tanh(v / 1e-3), delay=0.03, gain=0.15))
+
+
+@pytest.mark.parametrize("known", [(), (instance("coulomb_friction", torque=0.05),)])
+def test_common_errors_are_found_together_beside_what_is_known(wrong_all_over, known):
+    before = wrong_all_over.with_effects(*known)
+    step = common_errors(before, candidates(*COMMON), wrong_all_over.scales, lambda _: None)
+    found = {e.effect.name: next(iter(e.values.values())) for e in step.chosen.fit.effects}
+    assert found["command_delay"] == pytest.approx(0.03, rel=0.1)
+    assert found["actuator_gain"] == pytest.approx(0.15, rel=0.05)
+    assert found["coulomb_friction"] == pytest.approx(LITTLE, rel=0.05)
+    assert {e.key for e in step.chosen.new}.isdisjoint(e.key for e in known)
+
+
+def test_what_an_effect_gains_is_clear_only_where_it_is_there(rubbing):
+    friction, armature = (
+        instance("coulomb_friction", torque=0.1),
+        instance("armature", inertia=1e-3),
+    )
+    gains = {e.effect.name: g for g, e in gains_of_each(rubbing.with_effects(friction, armature))}
+    assert gains["coulomb_friction"].clear
+    assert not gains["armature"].clear
+    assert gains_of_each(rubbing.with_effects()) == []
+
+
+def test_what_says_nothing_is_removed_and_what_is_there_stays(rubbing):
+    both = rubbing.with_effects(
+        instance("armature", inertia=1e-3), instance("coulomb_friction", torque=0.1)
+    )
+    after, steps = remove(both, (), lambda _: None)
+    assert [e.effect.name for e in after.effects] == ["coulomb_friction"]
+    assert [(s.move, s.replaced.effect.name) for s in steps] == [(Move.REMOVE, "armature")]
+    assert after.effects[0].values["torque"] == pytest.approx(FRICTION, rel=0.03)
+
+
+def test_what_few_segments_judge_and_the_last_effect_are_not_removed(rubbing, right):
+    armature = instance("armature", inertia=1e-3)
+    both = rubbing.with_effects(armature, instance("coulomb_friction", torque=0.1))
+    kept, steps = remove(both, [armature.key], lambda _: None)
+    assert kept is both
+    assert steps == []
+    alone = right.with_effects(armature)
+    assert remove(alone, (), lambda _: None) == (alone, [])
+
+
+def rivals(case, *names, steps=()):
+    def of(effect, rest):
+        return rivals_of(effect, rest, candidates(*names), case.scales, steps)
+
+    return of
+
+
+def test_a_spring_makes_way_for_the_constant_torque_that_it_stands_for(pulled):
+    spring, friction = (
+        instance("joint_spring", stiffness=0.01, rest_angle=15.0),
+        instance("viscous_friction", coefficient=1e-3),
+    )
+    here = pulled.with_effects(spring, friction)
+    after, steps, told = exchange(here, (), rivals(pulled, "torque_offset"), lambda _: None)
+    assert {e.effect.name for e in after.effects} == {"torque_offset", "viscous_friction"}
+    assert [(s.move, s.replaced.effect.name) for s in steps] == [(Move.EXCHANGE, "joint_spring")]
+    assert [one.instance.effect.name for one in told] == ["viscous_friction"]
+    offset = next(e for e in after.effects if e.effect.name == "torque_offset")
+    assert offset.values["torque"] == pytest.approx(OFFSET, rel=0.02)
+
+
+def test_a_right_effect_stays_and_is_told_with_what_was_weighed_beside_it(rubbing):
+    friction = rubbing.with_effects(instance("coulomb_friction", torque=0.1))
+    before = rubbing.with_effects()
+    tried = tuple(
+        Tried(new=fitted.effects, fit=fitted, gain=before.gain_of(fitted))
+        for fitted in (
+            friction.fit,
+            rubbing.with_effects(instance("viscous_friction", coefficient=0.1)).fit,
+        )
+    )
+    step = Step(move=Move.ADD, before=before.fit.cost, ranked=tried, chosen=tried[0])
+    weighed = rivals(rubbing, "armature", steps=(step,))
+    after, steps, told = exchange(friction, (), weighed, lambda _: None)
+    assert after is friction
+    assert steps == []
+    assert [one.rival.effect.name for one in told] == ["viscous_friction"]
+    assert told[0].over.clear

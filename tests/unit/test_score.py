@@ -1,0 +1,348 @@
+"""The score by which hypotheses are compared, on residuals whose answer is known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from gfm.diagnosis.inference import constants
+from gfm.diagnosis.inference.constants import (
+    CLEARLY,
+    DEGREES_OF_FREEDOM,
+    LEAST_DISCREPANCY,
+    WRONG_ALIKE,
+)
+from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.inference.score import (
+    BLOCK_LEAST,
+    OCTAVES_HZ,
+    Difference,
+    SegmentShape,
+    blocks_of,
+    difference,
+    effective,
+    predictive,
+    room,
+)
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Segments without a model: what a residual would belong to."""
+
+    joints: tuple[str, ...]
+    segments: tuple[SegmentShape, ...]
+
+    def layout(self):
+        return self.segments
+
+    def limits(self):
+        return None
+
+    @property
+    def size(self):
+        return sum(s.channels * s.measurements * len(self.joints) for s in self.segments)
+
+
+def recorded(recordings=4, segments=3, joints=("a",), channels=1, measurements=400):
+    """Segments of 2 s at most, one block each."""
+    shape = {"duration_s": 2.0, "channels": channels, "measurements": measurements}
+    rows = [SegmentShape(recording=r, **shape) for r in range(recordings) for _ in range(segments)]
+    return Recorded(joints, tuple(rows))
+
+
+#: A recording of torque commands beside one with efforts, and one that is too short to be cut.
+MIXED = Recorded(
+    ("a", "b"),
+    (
+        SegmentShape(recording=0, duration_s=6.0, channels=2, measurements=301),
+        SegmentShape(recording=1, duration_s=0.5, channels=1, measurements=50),
+        SegmentShape(recording=1, duration_s=7.0, channels=1, measurements=11),
+    ),
+)
+
+
+def fitted(residual, columns=None):
+    """The least-squares fit of columns to what would be left without them."""
+    if columns is None:
+        columns = np.zeros((len(residual), 0))
+    amounts = np.linalg.lstsq(columns, residual, rcond=None)[0]
+    left = residual - columns @ amounts
+    return Fit(effects=(), cost=float(np.mean(left**2)), jacobian=-columns, residual=left)
+
+
+def gain(layout, residual, columns):
+    """By how much columns that are fitted to a residual predict it better than nothing does."""
+    blocks = blocks_of(layout)
+    return difference(
+        blocks, predictive(blocks, fitted(residual, columns)), predictive(blocks, fitted(residual))
+    )
+
+
+@pytest.mark.parametrize("layout", [recorded(), recorded(joints=("a", "b"), channels=2), MIXED])
+def test_blocks_divide_every_number_exactly_once(layout):
+    blocks = blocks_of(layout)
+    rows = np.concatenate([piece.ravel() for piece in blocks.pieces])
+    np.testing.assert_array_equal(np.sort(rows), np.arange(layout.size))
+    assert blocks.count.sum() == layout.size
+    for number, piece in enumerate(blocks.pieces):
+        assert (blocks.block[piece] == number).all()
+        assert len(np.unique(blocks.fold[piece])) == 1
+        assert blocks.count[number].sum() == piece.size
+
+
+def test_blocks_are_two_seconds_long_or_as_short_as_measurements_allow():
+    lengths = [piece.shape[1] for piece in blocks_of(MIXED).pieces]
+    assert lengths == [101, 100, 100, 50, 11]
+    assert min(lengths) >= BLOCK_LEAST
+
+
+def test_a_cell_is_one_channel_and_joint_in_one_octave():
+    blocks, octaves = blocks_of(MIXED), len(OCTAVES_HZ)
+    assert blocks.count.shape == (5, 2 * 2 * octaves)
+    assert blocks.joint.tolist() == ([0] * octaves + [1] * octaves) * 2
+    whole = blocks.count.reshape(5, 4, octaves).sum(axis=2)
+    np.testing.assert_array_equal(whole[0], [101.0] * 4)  # both channels
+    np.testing.assert_array_equal(whole[3], [50.0, 50.0, 0.0, 0.0])  # positions alone
+
+
+@pytest.mark.parametrize("hertz", [0.5, 1.5, 3.0, 6.0, 12.0, 40.0])
+def test_what_swings_is_found_in_the_octave_of_its_frequency(hertz):
+    layout = recorded(recordings=1, segments=1)
+    blocks = blocks_of(layout)
+    time_s = (np.arange(400) + 0.5) / 200.0
+    power = blocks.sums(blocks.spectrum(np.cos(2.0 * np.pi * hertz * time_s)) ** 2)[0]
+    assert np.argmax(power) == np.searchsorted(OCTAVES_HZ, hertz, side="right") - 1
+    assert power.max() > 0.99 * power.sum()
+
+
+def test_frequencies_have_the_power_of_the_residual_in_every_block():
+    residual = np.random.default_rng(0).standard_normal(MIXED.size)
+    blocks = blocks_of(MIXED)
+    power = blocks.sums(blocks.spectrum(residual) ** 2).sum(axis=1)
+    np.testing.assert_allclose(power, [np.sum(residual[p] ** 2) for p in blocks.pieces])
+
+
+def test_parts_are_recordings_or_every_other_segment_of_one():
+    several, one = blocks_of(recorded(3, 2)), blocks_of(recorded(1, 4))
+    assert [int(several.fold[p][0, 0, 0]) for p in several.pieces] == [0, 0, 1, 1, 2, 2]
+    assert [int(one.fold[p][0, 0, 0]) for p in one.pieces] == [0, 1, 0, 1]
+
+
+def test_the_density_is_that_of_students_t():
+    """All coefficients of a block's cell share one scale, that of the other blocks.
+
+    Up to a constant: a multivariate t, held against that of nothing at all at a scale of one.
+    """
+    layout, freedom = recorded(recordings=5, segments=1, measurements=16), DEGREES_OF_FREEDOM
+    rng = np.random.default_rng(1)
+    residual = rng.standard_normal(layout.size) * np.repeat(rng.uniform(200.0, 900.0, 5), 16)
+    blocks = blocks_of(layout)
+    told, spectrum = predictive(blocks, fitted(residual)), blocks.spectrum(residual)
+    for block, cell in ((0, 0), (2, 1), (4, 2)):
+        here = [spectrum[(blocks.block == number) & (blocks.cell == cell)] for number in range(5)]
+        count, own = len(here[block]), here.pop(block)
+        squares = np.array([float(values @ values) for values in here])
+        weights = (freedom + count) / (freedom + squares / told.scale[cell])
+        scale = float(weights @ squares) / (4 * count)
+
+        def density(values, scale, count=count):
+            return stats.multivariate_t.logpdf(
+                values, loc=np.zeros(count), shape=scale * np.eye(count), df=freedom
+            )
+
+        exact = density(own, scale) - density(np.zeros(count), 1.0)
+        assert told.density[block, cell] == pytest.approx(exact, rel=1e-3)
+
+
+def test_the_scale_is_the_most_likely_one():
+    layout = recorded(recordings=40, segments=1)
+    residual = 7.0 * np.random.default_rng(0).standard_normal(layout.size)
+    blocks = blocks_of(layout)
+    told = predictive(blocks, fitted(residual))
+    square, number = told.mean_square, blocks.count
+
+    def likelihood(scale):
+        off = DEGREES_OF_FREEDOM + number
+        return np.sum(
+            -0.5 * number * np.log(scale)
+            - 0.5 * off * np.log1p(number * square / (DEGREES_OF_FREEDOM * scale)),
+            axis=0,
+        )
+
+    best = likelihood(told.scale)
+    assert (best >= likelihood(1.05 * told.scale)).all()
+    assert (best >= likelihood(told.scale / 1.05)).all()
+
+
+def test_no_model_is_as_exact_as_the_sensors():
+    """A residual smaller than what a right model leaves is as good as nothing at all."""
+    blocks = blocks_of(recorded())
+    small, none = (
+        predictive(blocks, fitted(np.full(recorded().size, size))) for size in (1e-3, 0.0)
+    )
+    assert difference(blocks, none, small).nats == pytest.approx(0.0, abs=1e-9)
+    # A right model may leave all of its discrepancy in one octave, which one is not known.
+    power = (blocks.count * small.mean_square).sum(axis=1)
+    np.testing.assert_allclose(power, 400.0 * (1.0 + len(OCTAVES_HZ) * LEAST_DISCREPANCY**2))
+
+
+def test_a_hypothesis_differs_from_its_equal_by_nought():
+    residual = 5.0 * np.random.default_rng(0).standard_normal(recorded().size)
+    blocks = blocks_of(recorded())
+    one, same = (predictive(blocks, fitted(residual)) for _ in range(2))
+    told = difference(blocks, one, same)
+    assert told.nats == 0.0
+    assert told.error == pytest.approx(0.0, abs=1e-6)
+    assert not told.clear
+
+
+def test_a_difference_is_the_same_the_other_way_round_with_its_sign():
+    rng = np.random.default_rng(0)
+    blocks = blocks_of(recorded())
+    one, other = (
+        predictive(blocks, fitted(size * rng.standard_normal(recorded().size))) for size in (3, 9)
+    )
+    there, back = difference(blocks, one, other), difference(blocks, other, one)
+    assert there.nats == pytest.approx(-back.nats)
+    assert there.error == pytest.approx(back.error)
+    assert there.nats > 0.0
+
+
+def test_a_column_that_is_not_there_gains_nothing_on_white_noise():
+    rng, layout = np.random.default_rng(0), recorded()
+    gains = [
+        gain(layout, rng.standard_normal(layout.size), rng.standard_normal((layout.size, 1)))
+        for _ in range(100)
+    ]
+    assert np.mean([one.nats for one in gains]) <= 0.0
+    assert not any(one.clear for one in gains)
+
+
+def test_a_column_that_is_not_there_is_hardly_ever_clear_beside_a_discrepancy():
+    """What a wrong model leaves is slow; a slow column that knows nothing of it predicts worse."""
+    rng, layout = np.random.default_rng(0), recorded(recordings=4, segments=4)
+    time_s = np.tile((np.arange(400) + 0.5) / 200.0, 16)
+    clear = []
+    for _ in range(100):
+        wrong, column = (
+            np.sin(2.0 * np.pi * rng.uniform(0.3, 3.0) * time_s + np.repeat(phases, 400))
+            for phases in rng.uniform(0.0, 6.0, (2, 16))
+        )
+        residual = 20.0 * wrong + rng.standard_normal(layout.size)
+        clear.append(gain(layout, residual, column[:, None]).clear)
+    assert np.mean(clear) <= 0.05
+
+
+def test_a_planted_effect_is_clear():
+    rng, layout = np.random.default_rng(0), recorded()
+    column = np.sin(np.linspace(0.0, 90.0, layout.size))[:, None]
+    residual = 30.0 * column[:, 0] + rng.standard_normal(layout.size)
+    told = gain(layout, residual, column)
+    assert told.clear
+    assert told.nats > 20.0
+
+
+def test_a_planted_effect_is_clear_beside_a_discrepancy_that_is_not_its():
+    rng, layout = np.random.default_rng(0), recorded(recordings=4, segments=4)
+    time_s = np.tile((np.arange(400) + 0.5) / 200.0, 16)
+    column = np.sin(2.0 * np.pi * time_s)[:, None]
+    phases = np.repeat(rng.uniform(0.0, 6.0, 16), 400)
+    wrong = 5.0 * np.sin(2.0 * np.pi * 1.4 * time_s + phases)
+    residual = 40.0 * column[:, 0] + wrong + rng.standard_normal(layout.size)
+    assert gain(layout, residual, column).clear
+
+
+def test_amounts_of_one_recording_alone_gain_nothing():
+    """A column that explains one recording of four, however well, is no help to the others."""
+    rng, layout = np.random.default_rng(0), recorded()
+    column = np.zeros(layout.size)
+    column[: layout.size // 4] = np.sin(np.linspace(0.0, 20.0, layout.size // 4))
+    residual = 30.0 * column + rng.standard_normal(layout.size)
+    assert not gain(layout, residual, column[:, None]).clear
+
+
+def test_leaving_a_part_out_by_the_jacobian_is_the_same_as_fitting_without_it():
+    rng, layout = np.random.default_rng(0), recorded(measurements=40)
+    columns = rng.standard_normal((layout.size, 3))
+    residual = columns @ [2.0, -1.0, 0.5] + 3.0 * rng.standard_normal(layout.size)
+    blocks = blocks_of(layout)
+    exact = np.empty(layout.size)
+    for part in range(4):
+        rows = blocks.fold == part
+        amounts = np.linalg.lstsq(columns[~rows], residual[~rows], rcond=None)[0]
+        exact[rows] = residual[rows] - columns[rows] @ amounts
+    told = predictive(blocks, fitted(residual, columns)).spectrum
+    np.testing.assert_allclose(told, blocks.spectrum(exact), rtol=0.01, atol=0.02)
+
+
+def test_a_discrepancy_that_all_blocks_share_makes_the_standard_error_larger():
+    """Two hypotheses that differ in what each leaves: the same everywhere, beside much or none."""
+    rng, layout = np.random.default_rng(0), recorded(recordings=4, segments=5)
+    blocks, noise = blocks_of(layout), rng.standard_normal(layout.size)
+    time_s = np.tile((np.arange(400) + 0.5) / 200.0, 20)
+    wave, other = np.cos(2.0 * np.pi * 1.5 * time_s), np.cos(2.0 * np.pi * 1.25 * time_s)
+
+    def apart(size):
+        one, two = (predictive(blocks, fitted(noise + size * w)) for w in (wave, other))
+        return difference(blocks, one, two)
+
+    near, far = apart(0.01), apart(30.0)
+    assert far.error > 5.0 * near.error
+    assert not far.clear
+
+
+def test_blocks_with_a_discrepancy_in_common_count_as_few():
+    blocks = blocks_of(recorded(recordings=20, segments=5))
+    number = blocks.count.sum(axis=0)
+    np.testing.assert_allclose(effective(blocks, np.ones(len(number))), number)
+    wrong = effective(blocks, np.full(len(number), 1e9))
+    np.testing.assert_allclose(wrong, number / (1.0 + (number - 1.0) * WRONG_ALIKE))
+    assert (wrong <= 1.0 / WRONG_ALIKE).all()
+    halfway = effective(blocks, np.full(len(number), 2.0))
+    assert ((wrong < halfway) & (halfway < number)).all()
+
+
+@pytest.mark.parametrize("size", [1.0, 3.0, 100.0])
+def test_no_hypothesis_gains_more_than_there_is_room(size):
+    rng, layout = np.random.default_rng(0), recorded(joints=("a", "b"))
+    blocks = blocks_of(layout)
+    wave = np.sin(np.linspace(0.0, 200.0, layout.size))
+    residual = size * wave + rng.standard_normal(layout.size)
+    here = predictive(blocks, fitted(residual))
+    most = room(blocks, here)
+    share = effective(blocks, here.scale) / blocks.count.sum(axis=0)
+    others = (
+        fitted(residual, wave[:, None]),
+        fitted(residual, rng.standard_normal((layout.size, 5))),
+        fitted(np.zeros(layout.size)),
+    )
+    for other in others:
+        better = predictive(blocks, other).density - here.density
+        assert float(better.sum(axis=0) @ share) <= most.nats + 1e-6
+
+
+def test_there_is_no_room_beside_what_a_right_model_leaves():
+    rng, layout = np.random.default_rng(0), recorded()
+    blocks = blocks_of(layout)
+    noise = rng.standard_normal(layout.size)
+    assert not room(blocks, predictive(blocks, fitted(noise))).clear
+    wrong = noise + 50.0 * np.sin(np.linspace(0.0, 90.0, layout.size))
+    assert room(blocks, predictive(blocks, fitted(wrong))).clear
+
+
+@pytest.mark.parametrize(("nats", "clear"), [(-5.0, False), (CLEARLY, False), (2.01, True)])
+def test_clear_is_what_exceeds_so_many_standard_errors(nats, clear):
+    told = Difference(nats, 1.0)
+    assert told.errors == nats
+    assert told.clear is clear
+
+
+def test_few_constants_decide_a_name():
+    numbers = [v for name, v in vars(constants).items() if name.isupper()]
+    assert len(numbers) <= 10
+    assert all(np.isfinite(np.ravel(v)).all() for v in numbers)
+    _, without, rival, left, halves = constants.CONFIDENCE
+    assert without > 0.0 < rival
+    assert left < 0.0 > halves
