@@ -101,6 +101,8 @@ def fit(
     jacobian = derivatives(problem, current, residual)
     damping = DAMPING
     for _ in range(FIT_STEPS):
+        if not residual.any():
+            break
         trial = values + _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
         candidate = with_amounts(current, trial)
         tried = problem.residuals([candidate])[0]
@@ -124,7 +126,7 @@ def along_valley(problem: LeastSquares, fitted: Fit) -> Fit:
     """
     others = [fit(problem, begun) for begun in _both_sides(fitted)]
     best = min([fitted, *others], key=lambda f: f.cost)
-    if best.cost > (1.0 - FIT_TOLERANCE) * fitted.cost:
+    if best.cost >= (1.0 - FIT_TOLERANCE) * fitted.cost:
         return fitted
     return along_valley(problem, best)
 
