@@ -284,7 +284,7 @@ def learned_forces(folder: Path, joint: str = "a", share: float = 0.4) -> str:
 
 
 def test_learned_forces_are_named_beside_the_verdict(tmp_path, capsys):
-    paths, model = files(tmp_path, 0.0, count=1)
+    paths, model = files(tmp_path, 0.0, count=3)
     out = tmp_path / "out"
     argv = ["diagnose", *paths, "--model", model, "--out", str(out)]
     assert main([*argv, "--gfm", learned_forces(tmp_path)]) == 0

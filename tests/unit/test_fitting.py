@@ -13,6 +13,7 @@ from gfm.diagnosis.inference.fitting import (
     fit,
     measured,
     nothing,
+    small_differences,
     without_each,
 )
 from gfm.diagnosis.inference.intervals import disagreement, half_widths
@@ -39,6 +40,9 @@ class Regression:
     def limits(self):
         return None
 
+    def differences(self, effects):
+        return small_differences(effects)
+
 
 @dataclass(frozen=True)
 class Valley:
@@ -59,6 +63,9 @@ class Valley:
 
     def limits(self):
         return None
+
+    def differences(self, effects):
+        return small_differences(effects)
 
 
 def friction(torque):

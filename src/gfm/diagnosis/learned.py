@@ -23,7 +23,7 @@ from typing_extensions import override
 from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.evidence.torques import TorqueDomain, block_means, torque_domain
-from gfm.diagnosis.inference.fitting import nothing
+from gfm.diagnosis.inference.fitting import Fit, nothing
 from gfm.diagnosis.inference.score import SegmentShape
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
@@ -44,8 +44,7 @@ from gfm.sim.plant import stepping_spec
 #: Noise of a learned force, as a share of the torque of its joint's drive: what a GFM could not
 #: unlearn. The same laws are named from 0.01 to 0.02; 0.05 hides the smaller one of two.
 NOISE_SHARE = 0.02
-#: Length of the segments into which motions are cut, s: the shortest that the score makes a block
-#: of.
+#: Length of the segments into which motions are cut, s: as short as a block of the score can be.
 SEGMENT_S = 0.8
 
 
@@ -222,7 +221,7 @@ def _searched(
             ),
         )
 
-    def rivals(instance: EffectInstance, rest: Hypothesis) -> list[EffectInstance]:
+    def rivals(instance: EffectInstance, rest: Hypothesis) -> list[Fit]:
         return rivals_of(instance, rest, candidates, scales, under_way.steps)
 
     return under_way.end(under_way.run(here, [one_more]), rivals)[0]

@@ -40,6 +40,9 @@ class LeastSquares(Protocol):
     def limits(self) -> Array | None:
         """Returns beyond what numbers count less in a fit, shape (N,); None where none does."""
 
+    def differences(self, effects: Sequence[EffectInstance]) -> Array:
+        """Returns the changes of free amounts over which derivatives are taken, shape (P,)."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
@@ -225,6 +228,13 @@ def bounds_of(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
     return np.array([low for low, _ in both]), np.array([high for _, high in both])
 
 
+def small_differences(effects: Sequence[EffectInstance]) -> Array:
+    """Returns small changes of the free amounts, shape (P,): where residuals are smooth."""
+    low, high = bounds_of(effects)
+    least = 1e-2 * np.minimum(high - low, 1.0)
+    return np.asarray(1e-2 * np.maximum(np.abs(amounts(effects)), least))
+
+
 def derivatives(
     problem: LeastSquares, effects: tuple[EffectInstance, ...], residual: Array
 ) -> Array:
@@ -233,9 +243,7 @@ def derivatives(
     By forward differences of a faster simulation. That errs by more than a limit may be: how much
     less a number counts beyond it is taken from the accurate residual, shape (N,).
     """
-    values = amounts(effects)
-    low, high = bounds_of(effects)
-    sizes = 1e-2 * np.maximum(np.abs(values), 1e-2 * np.minimum(high - low, 1.0))
+    values, sizes, high = amounts(effects), problem.differences(effects), bounds_of(effects)[1]
     steps = np.where(values + sizes > high, -sizes, sizes)
     moved = [with_amounts(effects, values + step) for step in np.diag(steps)]
     still, *rows = problem.coarse().residuals([effects, *moved])

@@ -12,8 +12,8 @@ from gfm.core import ConfigError, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.objects.find import Found, find, friction_cost
 from gfm.diagnosis.objects.problem import ObjectProblem, predicted
+from gfm.diagnosis.objects.segments import ObjectSegment, cut, make_scene
 from gfm.diagnosis.objects.stage import make_stage, run
-from gfm.diagnosis.objects.stretches import Stretch, cut, make_scene
 from gfm.diagnosis.objects.track import plane_noise, track_of
 from gfm.diagnosis.output.result import ErrorSummary, EvidencePlot, NamedEffect, Series
 from gfm.diagnosis.search.trace import SearchResult
@@ -21,8 +21,8 @@ from gfm.effects import EffectInstance
 from gfm.effects.objects import free_body
 from gfm.excitation.blind_spots import BlindSpot
 
-#: Stretches that are looked at, at most.
-MOST_STRETCHES = 16
+#: Segments that are looked at, at most.
+MOST_SEGMENTS = 16
 #: How far amounts are off although all fits: contacts of MuJoCo slide 1 % farther or less far than
 #: friction says. As a share of the amount, and of the coefficient of friction by so much.
 CONTACT_SHARE, CONTACT_FRICTION = 0.05, 0.005
@@ -87,7 +87,7 @@ def examine_object(
     held = _problem(spec, holdout)
     best = _with_cone(training, _better_cone(training))
     own = int(spec.option.cone)
-    return _part(best, held or training, find(best), own, held is not None)
+    return _part(held or training, find(best, report), own, held is not None)
 
 
 def _better_cone(problem: ObjectProblem) -> int:
@@ -132,35 +132,34 @@ def _recorded(spec: mujoco.MjSpec, recordings: Sequence[Trajectory]) -> bool:
 
 
 def _problem(spec: mujoco.MjSpec, recordings: Sequence[Trajectory]) -> ObjectProblem | None:
-    """Returns the stretches of recordings as a problem; None where the object never moves."""
+    """Returns the segments of recordings as a problem; None where the object never moves."""
     tracks = [(i, r, track_of(r)) for i, r in enumerate(recordings)]
     known = [(i, r, track) for i, r, track in tracks if track is not None]
     if not known:
         return None
     noise = plane_noise([track for _, _, track in known])
     stage, air = make_stage(spec), make_stage(spec, robot_touches=False)
-    stretches = [
-        stretch
+    segments = [
+        segment
         for i, recording, track in known
-        for stretch in cut(make_scene(i, recording, track, stage, noise), air)
+        for segment in cut(make_scene(i, recording, track, stage, noise), air)
     ]
-    if not stretches:
+    if not segments:
         return None
-    spread = np.unique(np.linspace(0, len(stretches) - 1, MOST_STRETCHES).astype(int))
-    kept = tuple(stretches[i] for i in spread)
-    return ObjectProblem(spec=spec, stretches=kept, noise=noise)
+    spread = np.unique(np.linspace(0, len(segments) - 1, MOST_SEGMENTS).astype(int))
+    kept = tuple(segments[i] for i in spread)
+    return ObjectProblem(spec=spec, segments=kept, noise=noise)
 
 
 def _with_cone(problem: ObjectProblem, cone: int) -> ObjectProblem:
     spec = problem.spec.copy()
     spec.option.cone = cone
-    return ObjectProblem(spec=spec, stretches=problem.stretches, noise=problem.noise)
+    return ObjectProblem(spec=spec, segments=problem.segments, noise=problem.noise)
 
 
-def _part(
-    problem: ObjectProblem, judged: ObjectProblem, found: Found, own: int, held: bool
-) -> ObjectPart:
-    effects, cone = found.result.fit.effects, int(problem.spec.option.cone)
+def _part(judged: ObjectProblem, found: Found, own: int, held: bool) -> ObjectPart:
+    problem, effects = found.problem, found.result.fit.effects
+    cone = int(problem.spec.option.cone)
     before = _with_cone(judged, own).settled(())
     after = _with_cone(judged, cone).settled(effects)
     parts = [before.parts(()), after.parts(effects)]
@@ -176,7 +175,7 @@ def _part(
     )
     return ObjectPart(
         found=found.result,
-        problem=problem.settled(effects),
+        problem=problem,
         overall=ErrorSummary(before=rms[0], after=rms[1], noise_floor=1.0, unit="noise"),
         errors=(place, yaw),
         cone=cone,
@@ -194,10 +193,10 @@ def _rms(parts: Sequence[Array]) -> float:
 
 
 def _notes(problem: ObjectProblem, *, own: int, held: bool) -> tuple[str, ...]:
-    pushed = sum(stretch.pushed for stretch in problem.stretches)
+    pushed = sum(segment.pushed for segment in problem.segments)
     notes = [
-        f"The object was followed through {len(problem.stretches)} short stretches in which it "
-        f"moves ({pushed} pushed, {len(problem.stretches) - pushed} by itself), the robot moving "
+        f"The object was followed through {len(problem.segments)} short segments in which it "
+        f"moves ({pushed} pushed, {len(problem.segments) - pushed} by itself), the robot moving "
         "as measured; how each begins is fitted."
     ]
     if not held:
@@ -213,17 +212,17 @@ def _notes(problem: ObjectProblem, *, own: int, held: bool) -> tuple[str, ...]:
 def _path_plot(
     before: ObjectProblem, after: ObjectProblem, effects: Sequence[EffectInstance]
 ) -> EvidencePlot:
-    """Returns the object's measured and predicted path in the longest stretch."""
-    lengths = [float(np.ptp(s.plane[:, :2], axis=0).max()) for s in before.stretches]
+    """Returns the object's measured and predicted path in the longest segment."""
+    lengths = [float(np.ptp(s.plane[:, :2], axis=0).max()) for s in before.segments]
     longest = int(np.argmax(lengths))
-    measured = before.stretches[longest].plane
-    nominal = _path(before, before.stretches[longest], ())
-    corrected = _path(after, after.stretches[longest], effects)
+    measured = before.segments[longest].plane
+    nominal = _path(before, before.segments[longest], ())
+    corrected = _path(after, after.segments[longest], effects)
     shown = [("measured", measured, "points"), ("nominal model", nominal, "line")]
     if effects:
         shown.append(("corrected model", corrected, "line"))
     return EvidencePlot(
-        title="Path of the object in the longest stretch",
+        title="Path of the object in the longest segment",
         effect=effects[0].effect.name if effects else "",
         joint=OBJECT,
         x_label="x [m]",
@@ -235,6 +234,8 @@ def _path_plot(
     )
 
 
-def _path(problem: ObjectProblem, stretch: Stretch, effects: Sequence[EffectInstance]) -> Array:
+def _path(
+    problem: ObjectProblem, segment: ObjectSegment, effects: Sequence[EffectInstance]
+) -> Array:
     stage = make_stage(problem.spec, effects)
-    return predicted(stretch, run(stage, [stretch.setting])[0], stage.timestep_s)
+    return predicted(segment, run(stage, [segment.setting])[0], stage.timestep_s)

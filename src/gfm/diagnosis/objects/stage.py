@@ -4,7 +4,7 @@ The robot is made so heavy that nothing the object does can disturb it, its driv
 and every step it gets the force that carries it along the measured motion: its part is no question
 here, and its contacts still have the speed that they had.
 
-Shape letters: S stretches, K time steps, R joints of the robot.
+Shape letters: S segments, K time steps, R joints of the robot.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Stage:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Setting:
-    """How a stretch begins, and how the robot moves in it.
+    """How a segment begins, and how the robot moves in it.
 
     Attributes:
         pose: The object's, position m and quaternion w x y z, shape (7,).
@@ -141,7 +141,7 @@ def _touch_the_object_only(stage: Stage, robot_touches: bool) -> None:
 def run(stage: Stage, settings: Sequence[Setting]) -> Array:
     """Returns the object's pose at the start and after every time step, shape (S, K + 1, 7).
 
-    Shorter stretches go on as they may until the longest ends.
+    Shorter segments go on as they may until the longest ends.
     """
     steps = max(len(setting.robot) for setting in settings) - 2
     forces = np.stack([carrying_forces(stage, setting, steps) for setting in settings])
@@ -180,7 +180,7 @@ def _initial(stage: Stage, setting: Setting) -> Array:
 
 
 def place(stage: Stage, data: mujoco.MjData, setting: Setting) -> None:
-    """Writes how a stretch begins."""
+    """Writes how a segment begins."""
     data.qpos[stage.qpos] = setting.robot[1]
     data.qvel[stage.dof] = (setting.robot[1] - setting.robot[0]) / stage.timestep_s
     data.qpos[stage.object_qpos] = setting.pose

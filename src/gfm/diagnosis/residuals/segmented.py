@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from gfm.core.checks import Array
+from gfm.diagnosis.inference.fitting import small_differences
 from gfm.diagnosis.inference.score import SegmentShape
 from gfm.effects import EffectInstance
 
@@ -70,6 +71,10 @@ class SegmentedProblem(ABC):
     def limits(self) -> Array | None:
         """Returns beyond what numbers count less in a fit, shape (N,); None where none does."""
         return None
+
+    def differences(self, effects: Sequence[EffectInstance]) -> Array:
+        """Returns the changes of free amounts over which derivatives are taken, shape (P,)."""
+        return small_differences(effects)
 
     def robust(self, effects: Sequence[EffectInstance]) -> Self:
         """Returns the problem with limits from what `effects` leave in a typical segment."""

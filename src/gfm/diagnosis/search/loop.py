@@ -15,9 +15,7 @@ from functools import reduce
 import numpy as np
 
 from gfm.core import Trajectory
-from gfm.diagnosis.inference.fitting import (
-    nothing,
-)
+from gfm.diagnosis.inference.fitting import Fit, nothing
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import Place, joint_scales, places, torque_views
 from gfm.diagnosis.search.equals import equals_of, looked_for, recorded
@@ -97,8 +95,8 @@ class RobotMoves:
 
         return Proposal(step=step, after=after)
 
-    def rivals(self, instance: EffectInstance, rest: Hypothesis) -> list[EffectInstance]:
-        """Returns the best rivals of an effect beside the rest of a hypothesis."""
+    def rivals(self, instance: EffectInstance, rest: Hypothesis) -> list[Fit]:
+        """Returns fits of the best rivals of an effect beside the rest of a hypothesis."""
         return rivals_of(instance, rest, self.always, self.scales, self.steps)
 
 

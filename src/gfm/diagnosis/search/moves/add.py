@@ -65,38 +65,32 @@ def add(
     )
 
 
-def add_of_few(
-    before: Hypothesis, new: Sequence[EffectInstance], report: Callable[[str], None]
-) -> Step:
-    """Returns the step that adds the best of a few effects: each is fitted out."""
-    tried = _all_tried(before, [(one,) for one in new], report)
-    ranked = _with_front_fitted_out(before, tried, len(tried))
+def add_of_few(before: Hypothesis, begun: Sequence[Fit]) -> Step:
+    """Returns the step that adds the best of a few effects, each begun beside those there are."""
+    tried = [_beside(before, before.fitted_out(one)) for one in begun]
     return Step(
         move=Move.ADD,
         before=before.fit.cost,
-        ranked=tuple(ranked),
-        chosen=best_of(before.blocks, ranked),
+        ranked=tuple(sorted(tried, key=lambda one: -one.gain.nats)),
+        chosen=best_of(before.blocks, tried),
     )
 
 
-def _with_front_fitted_out(
-    before: Hypothesis, tried: Sequence[Tried], front: int = FRONT
-) -> list[Tried]:
+def _beside(before: Hypothesis, fitted: Fit) -> Tried:
+    new = fitted.effects[len(before.effects) :]
+    return Tried(new=new, fit=fitted, gain=before.gain_of(fitted))
+
+
+def _with_front_fitted_out(before: Hypothesis, tried: Sequence[Tried]) -> list[Tried]:
     """Returns what was tried, best first, those in front from initial states of their own.
 
     No two of them are the same effects in the same place.
     """
     ranked = sorted(tried, key=lambda one: -one.gain.nats)
-    first = first_of_each(ranked, lambda one: tuple(e.key for e in one.new))[:front]
+    first = first_of_each(ranked, lambda one: tuple(e.key for e in one.new))[:FRONT]
     rest = [one for one in ranked if all(one is not other for other in first)]
-    own = [_fitted_out(before, one) for one in first]
+    own = [_beside(before, before.fitted_out(one.fit)) for one in first]
     return sorted([*own, *rest], key=lambda one: -one.gain.nats)
-
-
-def _fitted_out(before: Hypothesis, one: Tried) -> Tried:
-    fitted = before.fitted_out(one.fit)
-    new = fitted.effects[len(before.effects) :]
-    return Tried(new=new, fit=fitted, gain=before.gain_of(fitted))
 
 
 def best_of(blocks: Blocks, tried: Sequence[Tried]) -> Tried | None:
@@ -184,7 +178,7 @@ def _tried(
     best: Fit = min(fits, key=lambda f: f.cost)
     if any(one.effect.separates_motor for one in new):
         best = before.fitted_out(best)  # a motor that rings has states that nothing else knows of
-    return Tried(new=best.effects[len(before.effects) :], fit=best, gain=before.gain_of(best))
+    return _beside(before, best)
 
 
 def _beginnings(

@@ -73,8 +73,8 @@ def gains_of_each(here: Hypothesis) -> list[tuple[Difference, EffectInstance]]:
     return gains
 
 
-#: Returns the rivals of an effect beside the rest of a hypothesis, best first.
-RivalsOf = Callable[[EffectInstance, Hypothesis], Sequence[EffectInstance]]
+#: Returns fits of the rivals of an effect, each behind the rest of a hypothesis.
+RivalsOf = Callable[[EffectInstance, Hypothesis], Sequence[Fit]]
 
 
 def rivals_of(
@@ -83,8 +83,8 @@ def rivals_of(
     candidates: Sequence[Place],
     scales: Sequence[Scales],
     steps: Sequence[Step],
-) -> list[EffectInstance]:
-    """Returns the best rivals of an effect among candidates, best first.
+) -> list[Fit]:
+    """Returns fits of the best rivals of an effect among candidates.
 
     Args:
         instance: The effect.
@@ -105,7 +105,8 @@ def rivals_of(
     if rest.effects:  # rivals of then stood beside other effects
         alike = [p for p in candidates if p.key not in taken and _near(p, instance)]
         found = [one.instance for one in screen(rest, alike, scales, RIVALS_S)] + found
-    return first_of_each(found, lambda one: one.key)[:RIVALS]
+    best = first_of_each(found, lambda one: one.key)[:RIVALS]
+    return [rest.fitted((*rest.effects, rival), ROUGH) for rival in best]
 
 
 def _near(place: Place, instance: EffectInstance) -> bool:
@@ -152,7 +153,7 @@ def compared(here: Hypothesis, instance: EffectInstance, rivals: RivalsOf) -> Co
     """Returns an effect of a hypothesis beside the best of its rivals."""
     others = tuple(e for e in here.effects if e is not instance)
     rest = hypothesis(here.problem, here.fitted(others, ROUGH), here.nominal)
-    fits = [here.fitted((*others, rival), ROUGH) for rival in rivals(instance, rest)]
+    fits = rivals(instance, rest)
     if not fits:
         return Compared(instance=instance)
     best = min(fits, key=lambda f: here.over(f).nats)

@@ -1,6 +1,6 @@
-"""Short stretches in which the object moves: sliding by itself, and pushed.
+"""Short segments in which the object moves: sliding by itself, and pushed.
 
-Contacts are chaotic over long times: a stretch ends when the object rests, when it is touched or
+Contacts are chaotic over long times: a segment ends when the object rests, when it is touched or
 let go, or after a second. What does not move says nothing.
 
 Shape letters: P poses, K time steps, R joints of the robot.
@@ -24,11 +24,11 @@ from gfm.diagnosis.objects.track import Track, in_plane, turned
 from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.smoothing import smoothing_spline
 
-#: Longest stretches, s: of free sliding, and of pushing.
+#: Longest segments, s: of free sliding, and of pushing.
 LONGEST_FREE_S, LONGEST_PUSH_S = 1.0, 0.5
 #: Shortest, s and poses.
 SHORTEST_S, LEAST_POSES = 0.08, 6
-#: Span of the polynomials from which speeds are taken, and of those at the start of a stretch, s.
+#: Span of the polynomials from which speeds are taken, and of those at the start of a segment, s.
 SPEED_S, START_S = 0.08, 0.15
 #: The object moves from this speed on, m/s, or where it is more, from so many standard deviations.
 SLOW_M_S, SLOW_SIGMAS = 0.01, 4.0
@@ -39,12 +39,12 @@ NEAR_M = 0.004
 #: Time in which an object comes to lie on what is below it, s, how much speed is left after each
 #: step meanwhile, and how much it may fall, m: what falls farther was held.
 SEATING_S, SEATING_DECAY, MOST_FALL_M = 0.15, 0.9, 0.01
-#: Least distance that the object covers in a stretch, in standard deviations.
+#: Least distance that the object covers in a segment, in standard deviations.
 LEAST_MOTION = 8.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Stretch:
+class ObjectSegment:
     """Some poses of one recording, and how they begin.
 
     Attributes:
@@ -122,19 +122,19 @@ def _column(name: str, recorded: Sequence[str]) -> int:
     return recorded.index(link) if link in recorded else -1
 
 
-def cut(scene: Scene, air: Stage) -> list[Stretch]:
-    """Returns the stretches of a recording in which the object moves.
+def cut(scene: Scene, air: Stage) -> list[ObjectSegment]:
+    """Returns the segments of a recording in which the object moves.
 
     Args:
         scene: The recording.
         air: The stage on which the robot touches nothing.
     """
     moving, touched = _moving(scene), _touched(scene)
-    stretches = []
+    segments = []
     for start, end in _runs(moving):
         for first, last in _runs_within(touched, start, end):
-            stretches += _pieces(scene, air, first, last, pushed=bool(touched[first]))
-    return stretches
+            segments += _pieces(scene, air, first, last, pushed=bool(touched[first]))
+    return segments
 
 
 def _moving(scene: Scene) -> NDArray[np.bool_]:
@@ -179,8 +179,10 @@ def _runs_within(mask: NDArray[np.bool_], start: int, end: int) -> list[tuple[in
     return list(pairwise([start, *changes.tolist(), end]))
 
 
-def _pieces(scene: Scene, air: Stage, first: int, last: int, *, pushed: bool) -> list[Stretch]:
-    """Returns the stretches between two poses, between which the robot touches always or never."""
+def _pieces(
+    scene: Scene, air: Stage, first: int, last: int, *, pushed: bool
+) -> list[ObjectSegment]:
+    """Returns the segments between two poses, between which the robot touches always or never."""
     time_s = scene.track.time_s
     start_s, end_s = float(time_s[first]), float(time_s[last - 1])
     if not pushed:  # seen to move by what comes half a window later, and let go a little later
@@ -193,7 +195,7 @@ def _pieces(scene: Scene, air: Stage, first: int, last: int, *, pushed: bool) ->
         return []
     count = int(np.ceil((end_s + after - start_s) / longest))
     edges = np.linspace(start_s, end_s + after, count + 1)
-    found = [_stretch(scene, air, a, b, pushed=pushed) for a, b in pairwise(edges)]
+    found = [_segment(scene, air, a, b, pushed=pushed) for a, b in pairwise(edges)]
     return [one for one in found if one is not None]
 
 
@@ -205,10 +207,10 @@ def _rests(scene: Scene, time_s: float) -> bool:
     )
 
 
-def _stretch(
+def _segment(
     scene: Scene, air: Stage, start_s: float, end_s: float, *, pushed: bool
-) -> Stretch | None:
-    """Returns the poses between two times as a stretch; None where they show nothing."""
+) -> ObjectSegment | None:
+    """Returns the poses between two times as a segment; None where they show nothing."""
     track, h = scene.track, scene.stage.timestep_s
     here = (track.time_s >= start_s - 1e-9) & (track.time_s <= end_s + 1e-9)
     if here.sum() < LEAST_POSES or end_s - start_s < SHORTEST_S:
@@ -228,7 +230,7 @@ def _stretch(
         return None
     if not pushed:
         seated = turned(seated, start, in_plane(seated, track.pose[0]))
-    return Stretch(
+    return ObjectSegment(
         recording=scene.index,
         time_s=track.time_s[here] - start_s,
         plane=track.plane[here],
