@@ -44,8 +44,7 @@ from gfm.sim.plant import stepping_spec
 #: Noise of a learned force, as a share of the torque of its joint's drive: what a GFM could not
 #: unlearn. The same laws are named from 0.01 to 0.02; 0.05 hides the smaller one of two.
 NOISE_SHARE = 0.02
-#: Length of the segments into which motions are cut, s: the shortest that the score makes a block
-#: of.
+#: Length of the segments into which motions are cut, s: as short as a block of the score can be.
 SEGMENT_S = 0.8
 
 

@@ -87,8 +87,9 @@ def stopping_sentence(told: Stopping) -> str:
     """Returns the stopping rule's false alarms in words."""
     return (
         f"How often does this find what is not there? Of {told.clean_robots} simulated robots "
-        f"without any hidden effect, something was named on {told.false_alarms}. So few robots "
-        f"leave a rate of up to {100.0 * told.at_most:.1f} % possible (95 % confidence)."
+        f"without any hidden effect, the search before this one named something on "
+        f"{told.false_alarms}. So few robots leave a rate of up to {100.0 * told.at_most:.1f} % "
+        "possible (95 % confidence)."
     )
 
 
@@ -108,7 +109,8 @@ def amounts_sentence(diagnosis: Diagnosis) -> str:
             "held-out recordings, and a model that is still wrong is wrong in all of them alike. "
             f'"roughly ± x" is {WRONG_ALIKE} times how far other recordings of the same kind would '
             f"put a value: so wide it held the truth {SPREADS_HELD} of {SPREADS_ASKED} times on "
-            "simulated robots that lacked something without a name beside a known effect."
+            "simulated robots that lacked something without a name beside a known effect (as the "
+            "search before this one told amounts)."
         )
     return (
         f"{sum(given)} of {len(given)} amounts have an interval: the corrected model leaves "

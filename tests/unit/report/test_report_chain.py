@@ -122,7 +122,7 @@ def test_a_friction_that_drives_is_called_impossible(chain_with):
 
 def test_a_rate_of_false_alarms_is_no_better_than_the_cases_allow(chain_with):
     words = stopping_sentence(chain_with().stopping)
-    assert "something was named on 0" in words
+    assert "named something on 0" in words
     assert "up to 3.5 %" in words
 
 

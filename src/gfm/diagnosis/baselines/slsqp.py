@@ -125,7 +125,9 @@ class _Objective:
 
     def __init__(self, problem: Problem) -> None:
         self._joints = problem.joints
-        self._fast = problem.coarse()
+        # Amounts come from these rollouts alone: steps that do for derivatives are too long.
+        stepping = {kind: one.halved() for kind, one in problem.stepping.items()}
+        self._fast = replace(problem.coarse(), stepping=stepping)
         self._noise = problem.noise.position
         damping = [
             [spec.joint(name).damping[0] for name in problem.joints]

@@ -1,8 +1,9 @@
 """The constants that decide whether a name is given, each with what it was calibrated on.
 
 All of them are figures of the score (`gfm.diagnosis.inference.score`) and of the confidence that
-is made from it. They come from robots whose truth is known, by `benchmarks/calibrate.py`; whatever
-else the search has as a number only decides how long it takes.
+is made from it; whatever else the search has as a number only decides how long it takes.
+`benchmarks/calibrate.py` fits `CONFIDENCE` to robots whose truth is known. The values here stand
+from before the score counted residuals in full: they are to be fitted again.
 """
 
 from __future__ import annotations

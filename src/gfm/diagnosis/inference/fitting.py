@@ -104,10 +104,12 @@ def fit(
     jacobian = derivatives(problem, current, residual)
     damping = DAMPING
     for _ in range(FIT_STEPS):
+        if not residual.any():
+            break
         trial = values + _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
         candidate = with_amounts(current, trial)
         tried = problem.residuals([candidate])[0]
-        gain = 1.0 - mean_square(tried) / max(mean_square(residual), np.finfo(float).tiny)
+        gain = 1.0 - mean_square(tried) / mean_square(residual)
         damping *= 0.1 if gain > 0.0 else 30.0
         if gain > 0.0:
             current, values, residual = candidate, trial, tried

@@ -68,13 +68,13 @@ class SegmentedProblem(ABC):
         """Returns the same, faster and without limits: good enough for differences."""
         return self
 
-    def differences(self, effects: Sequence[EffectInstance]) -> Array:
-        """Returns the changes of free amounts over which derivatives are taken, shape (P,)."""
-        return small_differences(effects)
-
     def limits(self) -> Array | None:
         """Returns beyond what numbers count less in a fit, shape (N,); None where none does."""
         return None
+
+    def differences(self, effects: Sequence[EffectInstance]) -> Array:
+        """Returns the changes of free amounts over which derivatives are taken, shape (P,)."""
+        return small_differences(effects)
 
     def robust(self, effects: Sequence[EffectInstance]) -> Self:
         """Returns the problem with limits from what `effects` leave in a typical segment."""

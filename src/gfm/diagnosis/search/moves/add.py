@@ -76,6 +76,11 @@ def add_of_few(before: Hypothesis, begun: Sequence[Fit]) -> Step:
     )
 
 
+def _beside(before: Hypothesis, fitted: Fit) -> Tried:
+    new = fitted.effects[len(before.effects) :]
+    return Tried(new=new, fit=fitted, gain=before.gain_of(fitted))
+
+
 def _with_front_fitted_out(before: Hypothesis, tried: Sequence[Tried]) -> list[Tried]:
     """Returns what was tried, best first, those in front from initial states of their own.
 
@@ -86,11 +91,6 @@ def _with_front_fitted_out(before: Hypothesis, tried: Sequence[Tried]) -> list[T
     rest = [one for one in ranked if all(one is not other for other in first)]
     own = [_beside(before, before.fitted_out(one.fit)) for one in first]
     return sorted([*own, *rest], key=lambda one: -one.gain.nats)
-
-
-def _beside(before: Hypothesis, fitted: Fit) -> Tried:
-    new = fitted.effects[len(before.effects) :]
-    return Tried(new=new, fit=fitted, gain=before.gain_of(fitted))
 
 
 def best_of(blocks: Blocks, tried: Sequence[Tried]) -> Tried | None:
