@@ -21,8 +21,21 @@ from gfm.effects import effect_library
 from one_joint import instance
 
 
+class Smooth:
+    """Nothing is outlying, and nothing is faster."""
+
+    def coarse(self):
+        return self
+
+    def limits(self):
+        return None
+
+    def differences(self, effects):
+        return small_differences(effects)
+
+
 @dataclass(frozen=True)
-class Regression:
+class Regression(Smooth):
     """Least squares whose columns are those of the effects' amounts, in their order."""
 
     measured: np.ndarray
@@ -34,18 +47,9 @@ class Regression:
     def _told(self, effect):
         return self.columns[effect.effect.name] * next(iter(effect.values.values()))
 
-    def coarse(self):
-        return self
-
-    def limits(self):
-        return None
-
-    def differences(self, effects):
-        return small_differences(effects)
-
 
 @dataclass(frozen=True)
-class Valley:
+class Valley(Smooth):
     """Two amounts x and y whose product is nearly all that counts, with lower minima along it."""
 
     def residuals(self, candidates):
@@ -57,15 +61,6 @@ class Valley:
                 [10.0 * np.log2(x * y), 1.5 - 0.2 * along + 0.5 * np.cos(np.pi * along), 0.0]
             )
         return np.array(rows)
-
-    def coarse(self):
-        return self
-
-    def limits(self):
-        return None
-
-    def differences(self, effects):
-        return small_differences(effects)
 
 
 def friction(torque):

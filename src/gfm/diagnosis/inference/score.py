@@ -267,12 +267,17 @@ def difference(blocks: Blocks, one: Predictive, other: Predictive) -> Difference
     number = effective(blocks, scale)
     share = number / np.maximum(blocks.count.sum(axis=0), 1.0)
     by_block = (share * (one.density - other.density)).sum(axis=1)
-    blocks_differ = len(by_block) * float(np.var(by_block, ddof=1)) if len(by_block) > 1 else 0.0
     sizes = [blocks.sums(p.spectrum**2).sum(axis=0) for p in (one, other)]
     both = blocks.sums(one.spectrum * other.spectrum).sum(axis=0)
     alike = both**2 / np.maximum(sizes[0] * sizes[1], 1e-12)
     common = float(number @ np.clip(1.0 - alike, 0.0, 1.0))
-    return Difference(float(by_block.sum()), float(np.sqrt(blocks_differ + common)))
+    return _summed(by_block, common)
+
+
+def _summed(by_block: Array, common: float) -> Difference:
+    """Returns the sum over blocks, shape (B,), with its error: how they differ, and in common."""
+    apart = len(by_block) * float(np.var(by_block, ddof=1)) if len(by_block) > 1 else 0.0
+    return Difference(float(by_block.sum()), float(np.sqrt(apart + common)))
 
 
 def room(blocks: Blocks, one: Predictive) -> Difference:
@@ -284,5 +289,4 @@ def room(blocks: Blocks, one: Predictive) -> Difference:
     left = 1.0 - (blocks.count * best.mean_square).sum(axis=0) / np.maximum(
         (blocks.count * one.mean_square).sum(axis=0), 1.0
     )
-    blocks_differ = len(by_block) * float(np.var(by_block, ddof=1)) if len(by_block) > 1 else 0.0
-    return Difference(float(by_block.sum()), float(np.sqrt(blocks_differ + number @ left)))
+    return _summed(by_block, float(number @ left))
