@@ -156,7 +156,7 @@ def search(
             fit=fitted,
             room=final.room,
             steps=tuple(under_way.steps),
-            evidence=also_by_other_names(evidence, fitted.effects),
+            evidence=_also_by_other_names(evidence, fitted.effects),
             equals=_equals(final.problem, fitted.effects),
             segments=tuple(moves.segments),
             out_of_time=not in_time(),
@@ -185,7 +185,7 @@ def _equals(
     }
 
 
-def also_by_other_names(
+def _also_by_other_names(
     evidence: Mapping[Key, Evidence], effects: Sequence[EffectInstance]
 ) -> dict[Key, Evidence]:
     """Returns evidence under the names that effects have in the end."""
