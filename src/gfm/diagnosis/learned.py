@@ -30,7 +30,7 @@ from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.search.candidates import Place, joint_scales, places
 from gfm.diagnosis.search.equals import Recorded, looked_for
 from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis
-from gfm.diagnosis.search.moves.add import add
+from gfm.diagnosis.search.moves.add import add, add_costly
 from gfm.diagnosis.search.moves.reduce import rivals_of
 from gfm.diagnosis.search.naming import fitly_named
 from gfm.diagnosis.search.steps import Proposal, Search, effects_of
@@ -210,21 +210,26 @@ def _searched(
     candidates = _candidates(here.problem.joints)
     under_way = Search[LearnedProblem](report=lambda _: None)
 
-    def one_more(
-        before: Hypothesis[LearnedProblem], _best: Step | None
-    ) -> Proposal[LearnedProblem]:
-        step = add(before, candidates, scales, under_way.report)
-        return Proposal(
-            step=step,
-            after=lambda: hypothesis(
-                before.problem, before.fitted(effects_of(step)), before.nominal
-            ),
-        )
+    def proposal(before: Hypothesis[LearnedProblem], step: Step) -> Proposal[LearnedProblem]:
+        def after() -> Hypothesis[LearnedProblem]:
+            fitted = before.fitted(effects_of(step))
+            return hypothesis(before.problem, fitted, before.nominal)
+
+        return Proposal(step=step, after=after)
+
+    def quick(before: Hypothesis[LearnedProblem], _best: Step | None) -> Proposal[LearnedProblem]:
+        return proposal(before, add(before, candidates, scales, under_way.report))
+
+    def costly(
+        before: Hypothesis[LearnedProblem], best: Step | None
+    ) -> Proposal[LearnedProblem] | None:
+        step = add_costly(before, candidates, scales, under_way.report, best=best)
+        return None if step is None else proposal(before, step)
 
     def rivals(instance: EffectInstance, rest: Hypothesis) -> list[Fit]:
         return rivals_of(instance, rest, candidates, scales, under_way.steps)
 
-    return under_way.end(under_way.run(here, [one_more]), rivals)[0]
+    return under_way.end(under_way.run(here, [quick, costly]), rivals)[0]
 
 
 def _candidates(joints: Sequence[str]) -> list[Place]:

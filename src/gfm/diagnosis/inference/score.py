@@ -32,7 +32,7 @@ from gfm.diagnosis.inference.constants import (
     WRONG_ALIKE,
 )
 from gfm.diagnosis.inference.fitting import Fit
-from gfm.diagnosis.residuals.outliers import unbounded
+from gfm.diagnosis.residuals.outliers import slopes, unbounded
 
 #: Longest block, s, fewest measurements of one, and lower edges of the octaves, Hz.
 BLOCK_S, BLOCK_LEAST, OCTAVES_HZ = 2.0, 8, (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)
@@ -93,8 +93,7 @@ class Blocks:
     limit: Array | None = None
 
     def spectrum(self, residual: Array) -> Array:
-        """Returns a residual in frequencies, block by block, shape (N,)."""
-        residual = unbounded(residual, self.limit)
+        """Returns a residual that counts in full in frequencies, block by block, shape (N,)."""
         out = np.empty_like(residual)
         for rows in self.pieces:
             out[rows] = dct(residual[rows], axis=1, norm="ortho")
@@ -199,6 +198,11 @@ class Difference(NamedTuple):
         """Whether it is more than chance and a common discrepancy make."""
         return self.nats > CLEARLY * self.error
 
+    @property
+    def notable(self) -> bool:
+        """Whether it is more than its own error."""
+        return self.nats > self.error
+
 
 def predictive(blocks: Blocks, fitted: Fit) -> Predictive:
     """Returns how well effects, fitted to all other parts, predict each part of the data."""
@@ -217,17 +221,23 @@ def _predictive(blocks: Blocks, spectrum: Array) -> Predictive:
 
 
 def _left_elsewhere(blocks: Blocks, fitted: Fit) -> Array:
-    """Returns the residual of each part with amounts from all others, to first order, (N,)."""
-    left = fitted.residual.copy()
+    """Returns the residual of each part with amounts from all others, to first order, (N,).
+
+    It counts in full, and so does what other amounts change of it.
+    """
+    left = unbounded(fitted.residual, blocks.limit)
     if not fitted.jacobian.shape[1]:
         return left
+    weights = slopes(fitted.residual, blocks.limit)
     size = np.linalg.norm(fitted.jacobian, axis=0) + 1e-9
     columns = fitted.jacobian / size
     whole = columns.T @ columns + RIDGE * np.eye(len(size))
     for part in np.unique(blocks.fold):
         rows = blocks.fold == part
         own = columns[rows]
-        left[rows] += own @ np.linalg.lstsq(whole - own.T @ own, own.T @ left[rows], rcond=None)[0]
+        target = own.T @ fitted.residual[rows]
+        change = own @ np.linalg.lstsq(whole - own.T @ own, target, rcond=None)[0]
+        left[rows] += change / weights[rows]
     return left
 
 
@@ -260,8 +270,8 @@ def effective(blocks: Blocks, scale: Array) -> Array:
 def difference(blocks: Blocks, one: Predictive, other: Predictive) -> Difference:
     """Returns by how much `one` predicts better than `other`.
 
-    The standard error has two parts: how blocks differ, and what a discrepancy that all blocks
-    have in common lets appear better by chance.
+    The standard error is the larger of two: how blocks differ, and what a discrepancy that all
+    blocks have in common lets appear better by chance.
     """
     scale = np.minimum(one.scale, other.scale)
     number = effective(blocks, scale)
@@ -275,9 +285,12 @@ def difference(blocks: Blocks, one: Predictive, other: Predictive) -> Difference
 
 
 def _summed(by_block: Array, common: float) -> Difference:
-    """Returns the sum over blocks, shape (B,), with its error: how they differ, and in common."""
+    """Returns the sum over blocks, shape (B,), with its error: the larger of two estimates.
+
+    How blocks differ, and what (Vuong 1989) as many independent coefficients make.
+    """
     apart = len(by_block) * float(np.var(by_block, ddof=1)) if len(by_block) > 1 else 0.0
-    return Difference(float(by_block.sum()), float(np.sqrt(apart + common)))
+    return Difference(float(by_block.sum()), float(np.sqrt(max(apart, common))))
 
 
 def room(blocks: Blocks, one: Predictive) -> Difference:

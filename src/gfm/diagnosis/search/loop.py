@@ -20,13 +20,13 @@ from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import Place, joint_scales, places, torque_views
 from gfm.diagnosis.search.equals import equals_of, looked_for, recorded
 from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis, settled_hypothesis
-from gfm.diagnosis.search.moves.add import add
+from gfm.diagnosis.search.moves.add import add, add_costly, gain_of
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.intermittent import intermittent, with_segments
 from gfm.diagnosis.search.moves.reduce import rivals_of
 from gfm.diagnosis.search.naming import fitly_named, twins
 from gfm.diagnosis.search.nominal_parameters import with_room
-from gfm.diagnosis.search.steps import Proposal, Search, effects_of, gain_of
+from gfm.diagnosis.search.steps import Proposal, Search, effects_of
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step
 from gfm.effects import EffectInstance, Key, Scales, effect_library
 
@@ -64,9 +64,14 @@ class RobotMoves:
         return [p for p in self.candidates if not p.effect.only_in_stretches]
 
     def add(self, here: Hypothesis[Problem], _best: Step | None) -> Proposal[Problem]:
-        """Proposes the best single effect."""
+        """Proposes the best single effect of those that are simulated quickly."""
         step = add(here, self.always, self.scales, self.report, self.in_time)
         return _proposal(here, step)
+
+    def add_costly(self, here: Hypothesis[Problem], best: Step | None) -> Proposal[Problem] | None:
+        """Proposes the best of all others, where those before leave what is worth it."""
+        step = add_costly(here, self.always, self.scales, self.report, self.in_time, best)
+        return None if step is None else _proposal(here, step)
 
     def common(self, here: Hypothesis[Problem], best: Step | None) -> Proposal[Problem] | None:
         """Proposes common errors, once, where more can be gained than a single effect does."""
@@ -140,14 +145,14 @@ def search(
         everything=replace(everything, stepping=problem.stepping),
         steps=under_way.steps,
     )
-    here = under_way.run(here, (moves.add, moves.common, moves.intermittent))
+    here = under_way.run(here, (moves.add, moves.common, moves.add_costly, moves.intermittent))
     if longer:
         report("settling amounts")
         long = reduce(Problem.joined, moves.segments, long)
         settled = settled_hypothesis(long, here.effects, here.nominal)
         # What keeps a rollout off slowly, initial states of short segments make up for.
         slowly = settled.fit.cost - 1.0 > MORE_IN_LONG * max(here.fit.cost - 1.0, 1.0)
-        here = under_way.run(settled, (moves.add,)) if slowly else settled
+        here = under_way.run(settled, (moves.add, moves.add_costly)) if slowly else settled
     final, evidence = under_way.end(here, moves.rivals)
     fitted = fitly_named(final.fit, problem.specs)
     return (

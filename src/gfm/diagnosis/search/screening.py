@@ -6,7 +6,7 @@ Shape letters: N numbers of a residual.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -76,7 +76,7 @@ def screen(
     base = _rows_of(before, sample)
     responses = _responses(part, candidates, scales, base)
     blocks = blocks_of(part)
-    start = predictive(blocks, base)
+    start = predictive(blocks, _refitted(base))
 
     def weighed(left: Array) -> Difference:
         # Its amount is that of all parts: left out, a few segments would be told by one or two.
@@ -101,6 +101,12 @@ def _rows_of(before: Hypothesis, segments: Sequence[int]) -> Fit:
         jacobian=fitted.jacobian[mask],
         residual=residual,
     )
+
+
+def _refitted(base: Fit) -> Fit:
+    """Returns a fit with the amounts that fit its rows best, to first order."""
+    basis = orthonormal(base.jacobian)
+    return replace(base, residual=base.residual - basis @ (basis.T @ base.residual))
 
 
 def _responses(

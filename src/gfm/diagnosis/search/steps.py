@@ -14,6 +14,7 @@ from typing import Generic, TypeAlias
 from gfm.diagnosis.inference.fitting import acting, along_valley, measured
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, hypothesis
+from gfm.diagnosis.search.moves.add import gain_of
 from gfm.diagnosis.search.moves.reduce import Compared, RivalsOf, exchange, remove
 from gfm.diagnosis.search.naming import describe
 from gfm.diagnosis.search.support import support
@@ -75,7 +76,7 @@ class Search(Generic[P]):
         best: Proposal[P] | None = None
         for move in moves:
             other = move(here, best.step if best else None)
-            if other and (best is None or gain_of(other.step) > gain_of(best.step)):
+            if other and (best is None or _comes_before(other.step, best.step)):
                 best = other
         return best
 
@@ -101,9 +102,10 @@ class Search(Generic[P]):
                 return here, compared
 
 
-def gain_of(step: Step | None) -> float:
-    """Returns by how much better a step predicts, nats; nothing where it chose nothing."""
-    return 0.0 if step is None or step.chosen is None else step.chosen.gain.nats
+def _comes_before(one: Step, other: Step) -> bool:
+    """Returns whether a step predicts better, or as well, and has weighed more of the same move."""
+    gains = gain_of(one), gain_of(other)
+    return gains[0] > gains[1] or (gains[0] == gains[1] and one.move is other.move)
 
 
 def in_words(step: Step) -> str:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from gfm.diagnosis.inference.fitting import ROUGH, Fit, at_bound, fit
-from gfm.diagnosis.inference.score import Blocks, difference, predictive
+from gfm.diagnosis.inference.score import Blocks, Difference, difference, predictive
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis, parameters_of
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import Screened, is_whole, open_to, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
-from gfm.effects import EffectInstance, Scales, Scope
+from gfm.effects import Effect, EffectInstance, Scales, Scope
 from gfm.sim.plant import acts_on_command
 
 #: Recorded time on which all candidates are looked at, and on which the best of them are, s.
@@ -19,6 +19,9 @@ GLANCE_S, SCREENING_S = 8.0, 24.0
 #: Candidates that are looked at again, that are fitted, places of one effect among those, amounts
 #: from which the fit of one begins, and kinds that are tried on several joints.
 LOOKED_AT, FITTED, PLACES, STARTS, KINDS = 16, 4, 2, 2, 2
+#: Times what screening promises that a fit gains at most: it decides which motors beside their
+#: links are fitted, which takes longest.
+FIT_GAINS = 4.0
 #: Fits in front that are compared from initial states of their own.
 FRONT = 2
 
@@ -32,37 +35,98 @@ def add(
 ) -> Step:
     """Returns the step that adds what predicts best, or none where nothing does clearly.
 
-    What takes long to simulate is looked at only where all else leaves something to explain, and
-    where there is time for it.
+    Of what is simulated quickly: see `add_costly`.
     """
-    ranked: list[Tried] = []
-    for costly in (False, True):
-        left = _after(before, best_of(before.blocks, ranked))
-        tier = [
-            place
-            for place in open_to(before, candidates, left.open_joints)
-            if (place.effect.costly or place.effect.separates_motor) is costly
-        ]
-        report(f"screening {len(tier)} candidates (misfit {before.fit.cost:.3g})")
-        screened = _screened(before, tier, scales)
-        tried = _all_tried(before, _shortlist(screened), report)
-        if _worth_more(before, best_of(before.blocks, tried)) and in_time():
-            # What no single joint's effect explains, all joints may lack, also beside one of the
-            # whole robot: late commands and friction everywhere look like lags.
-            kinds = _kinds(screened)
-            whole = [o.new for o in tried if is_whole(o.new[0].effect)]
-            kinds += [(*one, *kind) for one in whole[:1] for kind in kinds]
-            tried += _all_tried(before, kinds, report)
-        ranked += _with_front_fitted_out(before, tried)
-        best = best_of(before.blocks, ranked)
-        if not (_worth_more(before, best) and in_time()):
-            break
+    return _add(before, _tier(candidates, costly=False), scales, report, in_time)
+
+
+def add_costly(
+    before: Hypothesis,
+    candidates: Sequence[Place],
+    scales: Sequence[Scales],
+    report: Callable[[str], None],
+    in_time: Callable[[], bool] = lambda: True,
+    best: Step | None = None,
+) -> Step | None:
+    """Returns the same of what takes long to simulate, beside the best step so far.
+
+    None where that step leaves nothing that is worth the time.
+    """
+    chosen = None if best is None else best.chosen
+    if not (_worth_more(before, chosen) and in_time()):
+        return None
+    ranked = best.ranked if best is not None and best.move is Move.ADD else ()
+    tier = _tier(candidates, costly=True)
+    return _add(
+        before, tier, scales, report, in_time, ranked, 0.0 if best is None else gain_of(best)
+    )
+
+
+def gain_of(step: Step | None) -> float:
+    """Returns by how much better a step predicts, nats; nothing where it chose nothing."""
+    return 0.0 if step is None or step.chosen is None else step.chosen.gain.nats
+
+
+def _tier(candidates: Sequence[Place], *, costly: bool) -> list[Place]:
+    return [place for place in candidates if takes_long(place.effect) is costly]
+
+
+def takes_long(effect: Effect) -> bool:
+    """Returns whether an effect takes long to simulate."""
+    return effect.costly or effect.separates_motor
+
+
+def _add(
+    before: Hypothesis,
+    candidates: Sequence[Place],
+    scales: Sequence[Scales],
+    report: Callable[[str], None],
+    in_time: Callable[[], bool],
+    ranked: Sequence[Tried] = (),
+    gained: float = 0.0,
+) -> Step:
+    left = _after(before, best_of(before.blocks, ranked))
+    tier = open_to(before, candidates, left.open_joints)
+    report(f"screening {len(tier)} candidates (misfit {before.fit.cost:.3g})")
+    screened = _screened(before, tier, scales)
+    tried: list[Tried] = []
+    for one, again in _shortlist(screened):
+        if _is_worth_a_fit(before, one, tried, gained, again=again) and in_time():
+            tried.append(_tried(before, (one.instance,), report))
+    if _worth_more(before, best_of(before.blocks, tried)) and in_time():
+        # What no single joint's effect explains, all joints may lack, also beside one of the
+        # whole robot: late commands and friction everywhere look like lags.
+        kinds = _kinds(screened)
+        whole = [o.new for o in tried if is_whole(o.new[0].effect)]
+        kinds += [(*one, *kind) for one in whole[:1] for kind in kinds]
+        tried += [_tried(before, kind, report) for kind in kinds]
+    both = [*ranked, *_with_front_fitted_out(before, tried)]
     return Step(
         move=Move.ADD,
         before=before.fit.cost,
-        ranked=tuple(sorted(ranked, key=lambda one: -one.gain.nats)),
-        chosen=best_of(before.blocks, ranked),
+        ranked=tuple(sorted(both, key=lambda one: -one.gain.nats)),
+        chosen=best_of(before.blocks, both),
     )
+
+
+def _is_worth_a_fit(
+    before: Hypothesis, one: Screened, tried: Sequence[Tried], gained: float, *, again: bool
+) -> bool:
+    """Returns whether a candidate may still gain most: all may but motors with states of their own.
+
+    Args:
+        before: Beside what it would be.
+        one: The candidate.
+        tried: What was fitted so far.
+        gained: By how much the best step so far predicts better, nats.
+        again: Whether it is another start of one that was fitted.
+    """
+    if not one.instance.effect.separates_motor:
+        return True
+    best = best_of(before.blocks, tried)
+    most = max(gained, 0.0 if best is None else best.gain.nats)
+    promise = Difference(FIT_GAINS * one.gain.nats, one.gain.error)
+    return promise.clear and promise.nats > most and not (again and not _worth_more(before, best))
 
 
 def add_of_few(before: Hypothesis, begun: Sequence[Fit]) -> Step:
@@ -88,6 +152,7 @@ def _with_front_fitted_out(before: Hypothesis, tried: Sequence[Tried]) -> list[T
     """
     ranked = sorted(tried, key=lambda one: -one.gain.nats)
     first = first_of_each(ranked, lambda one: tuple(e.key for e in one.new))[:FRONT]
+    first = [one for one in first if not _separates_motor(one.new)]  # they have them already
     rest = [one for one in ranked if all(one is not other for other in first)]
     own = [_beside(before, before.fitted_out(one.fit)) for one in first]
     return sorted([*own, *rest], key=lambda one: -one.gain.nats)
@@ -133,8 +198,11 @@ def _screened(
     return screen(before, [p for p in places if p.key in again], scales, SCREENING_S)
 
 
-def _shortlist(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
-    """Returns the best candidates, not too many of one effect, and the best of the whole robot."""
+def _shortlist(screened: Sequence[Screened]) -> list[tuple[Screened, bool]]:
+    """Returns the best candidates, not too many of one effect, and the best of the whole robot.
+
+    Each with whether it is another start of one before it: those come last.
+    """
     whole = [one for one in screened if is_whole(one.instance.effect)][:1]
     taken: list[Screened] = list(whole)
     for one in screened:
@@ -145,7 +213,10 @@ def _shortlist(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]
         new = key not in keys and len(keys) < FITTED and len(places) < PLACES
         if one not in whole and (new or 0 < starts < STARTS):
             taken.append(one)
-    return [(one.instance,) for one in sorted(taken, key=lambda one: -one.gain.nats)]
+    taken.sort(key=lambda one: -one.gain.nats)
+    first = first_of_each(taken, lambda one: one.instance.key)
+    again = [one for one in taken if all(one is not other for other in first)]
+    return [*((one, False) for one in first), *((one, True) for one in again)]
 
 
 def _kinds(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
@@ -160,14 +231,6 @@ def _kinds(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
     return [tuple(one.instance for one in kind) for kind in several[:KINDS]]
 
 
-def _all_tried(
-    before: Hypothesis,
-    starts: Sequence[tuple[EffectInstance, ...]],
-    report: Callable[[str], None],
-) -> list[Tried]:
-    return [_tried(before, start, report) for start in starts]
-
-
 def _tried(
     before: Hypothesis, new: tuple[EffectInstance, ...], report: Callable[[str], None]
 ) -> Tried:
@@ -176,9 +239,13 @@ def _tried(
     report(f"fitting {describe(new[0])}{more}")
     fits = [before.fitted(effects, ROUGH) for effects in _beginnings(before, new)]
     best: Fit = min(fits, key=lambda f: f.cost)
-    if any(one.effect.separates_motor for one in new):
+    if _separates_motor(new):
         best = before.fitted_out(best)  # a motor that rings has states that nothing else knows of
     return _beside(before, best)
+
+
+def _separates_motor(effects: Sequence[EffectInstance]) -> bool:
+    return any(one.effect.separates_motor for one in effects)
 
 
 def _beginnings(

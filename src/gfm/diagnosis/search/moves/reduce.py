@@ -12,6 +12,7 @@ from gfm.diagnosis.inference.fitting import ROUGH, Fit, at_bound, fit, mean_squa
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, columns_of, hypothesis, parameters_of
+from gfm.diagnosis.search.moves.add import takes_long
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import is_whole, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
@@ -22,11 +23,14 @@ RIVALS_S, RIVALS = 12.0, 2
 
 
 def remove(
-    here: Hypothesis[P], kept: Collection[Key], report: Callable[[str], None]
+    here: Hypothesis[P],
+    kept: Collection[Key],
+    report: Callable[[str], None],
 ) -> tuple[Hypothesis[P], list[Step]]:
     """Returns a hypothesis without what it predicts as well without, that first which says least.
 
-    As well as with all effects: what each leaves little worse, together would leave much worse.
+    As well: to within one standard error (Breiman et al. 1984). As with all effects: what each
+    leaves little worse, together would leave much worse.
 
     Args:
         here: With all effects.
@@ -47,11 +51,11 @@ def remove(
 def _removals(here: Hypothesis, whole: Hypothesis, kept: Collection[Key]) -> Iterator[Step]:
     """Yields the steps that take out one effect, that which says least to first order first."""
     for gain, instance in sorted(gains_of_each(here), key=lambda pair: pair[0].errors):
-        if instance.key in kept or (gain.clear and not at_bound(instance)):
+        if instance.key in kept or (gain.notable and not at_bound(instance)):
             continue
         rest = [e for e in here.effects if e is not instance]
         without = here.fitted(rest, ROUGH)
-        if at_bound(instance) or not (here.over(without).clear or whole.over(without).clear):
+        if at_bound(instance) or not (here.over(without).notable or whole.over(without).notable):
             tried = Tried(new=(instance,), fit=without, gain=here.gain_of(without))
             yield Step(move=Move.REMOVE, before=here.fit.cost, chosen=tried, replaced=instance)
 
@@ -115,7 +119,7 @@ def _near(place: Place, instance: EffectInstance) -> bool:
     What takes long to simulate is no rival of what does not.
     """
     effect = place.effect
-    costly = effect.costly or effect.separates_motor
+    costly = takes_long(effect)
     here = place.joints == instance.joints or is_whole(effect)
     like = effect.name in instance.effect.confused_with
     return (here and not costly) or (like and (here or is_whole(instance.effect)))
