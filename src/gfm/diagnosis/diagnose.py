@@ -121,7 +121,7 @@ def diagnose(
     notes: Sequence[str] = (),
     given: Sequence[EffectInstance] = (),
     learned: Sequence[LearnedForces] = (),
-    in_time: Callable[[], bool] = lambda: True,
+    time_left: Callable[[], float] = lambda: 1.0,
     keep_suspects: bool = False,
     since: Sequence[Sequence[Trajectory]] = (),
 ) -> Diagnosis:
@@ -136,7 +136,7 @@ def diagnose(
         notes: Remarks of the caller that a reader should see.
         given: Effects of the nominal model that `specs` cannot say.
         learned: Forces that were fitted to recordings under the nominal model, to be named, too.
-        in_time: Whether there is time left to go on searching.
+        time_left: The share of the time for searching that is left.
         keep_suspects: Whether effects that are more likely wrong than right stay in the model.
         since: Earlier sets of recordings, oldest first, since which changes are told.
 
@@ -161,7 +161,7 @@ def diagnose(
         given=tuple(given),
         lack=_lacking(recordings),
     )
-    found = _found(case, report, in_time)
+    found = _found(case, report, time_left)
     named = found.named(keep_suspects=keep_suspects)
     report("measuring the corrected model on held-out recordings")
     robot = _judged(case, found, named, [*named, *pushed], thing)
@@ -169,7 +169,7 @@ def diagnose(
     robot = replace(
         robot,
         gfm=told,
-        changes=_changes(case, found, since, report, in_time) if since else None,
+        changes=_changes(case, found, since, report, time_left) if since else None,
         notes=(*notes, *_out_of_time(found), *robot.notes),
         provenance=dict(provenance or {}),
     )
@@ -216,7 +216,7 @@ class _Found:
         return named_effects(self.long.slices(), result, result.fit.effects)
 
 
-def _found(case: _Case, report: Callable[[str], None], in_time: Callable[[], bool]) -> _Found:
+def _found(case: _Case, report: Callable[[str], None], time_left: Callable[[], float]) -> _Found:
     """Returns what is found in the training recordings."""
     report("measuring the nominal model")
     specs, recordings = case.beside, case.recordings
@@ -229,7 +229,7 @@ def _found(case: _Case, report: Callable[[str], None], in_time: Callable[[], boo
     if case.lack:
         return _Found(short=short, long=long, result=None)
     everything = all_segments(specs, recordings, short.noise, given=case.given)
-    result, long = search(short, long, everything, recordings, report, in_time)
+    result, long = search(short, long, everything, recordings, report, time_left)
     return _Found(short=short, long=long, result=result)
 
 
@@ -238,7 +238,7 @@ def _changes(
     now: _Found,
     since: Sequence[Sequence[Trajectory]],
     report: Callable[[str], None],
-    in_time: Callable[[], bool],
+    time_left: Callable[[], float],
 ) -> Changes | None:
     """Returns what changed since earlier sets of recordings; None where nothing can be said now."""
     sets = [_as_set(now, case.recordings)]
@@ -249,7 +249,7 @@ def _changes(
         before = replace(case, recordings=earlier, lack=_lacking(earlier))
         if before.lack:
             raise ConfigError(f"{earlier[0].name}: {before.lack}; expected motion to compare with")
-        sets.append(_as_set(_found(before, report, in_time), earlier))
+        sets.append(_as_set(_found(before, report, time_left), earlier))
     found = [one for one in reversed(sets) if one is not None]
     return what_changed(found, case.beside.values(), case.given, report)
 

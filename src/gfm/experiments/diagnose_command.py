@@ -135,16 +135,16 @@ def _diagnosed(request: DiagnoseRequest, progress: Console) -> Diagnosis:
         notes=notes,
         given=nominal.effects,
         learned=learned,
-        in_time=_clock(request.minutes),
+        time_left=_clock(request.minutes),
         keep_suspects=request.keep_suspects,
         since=[[run for _, run in one] for one in since],
     )
 
 
-def _clock(minutes: float) -> Callable[[], bool]:
-    """Returns what tells whether fewer minutes have passed since now."""
+def _clock(minutes: float) -> Callable[[], float]:
+    """Returns what tells which share of the minutes from now on is left."""
     end_s = time.monotonic() + 60.0 * minutes
-    return lambda: time.monotonic() < end_s
+    return lambda: (end_s - time.monotonic()) / (60.0 * minutes)
 
 
 def _read_learned(paths: Sequence[Path], joints: tuple[str, ...]) -> list[LearnedForces]:

@@ -32,6 +32,8 @@ from gfm.effects import EffectInstance, Key, Scales, effect_library
 
 #: Share of the nominal misfit from which on common errors are looked for.
 MUCH = 0.1
+#: Share of the time that is kept for rivals of what was found.
+FOR_RIVALS = 0.4
 #: What long segments leave, in units of what short ones do, from which on they are searched, too.
 MORE_IN_LONG = 2.0
 
@@ -117,7 +119,7 @@ def search(
     everything: Problem,
     recordings: Sequence[Trajectory],
     report: Callable[[str], None],
-    in_time: Callable[[], bool] = lambda: True,
+    time_left: Callable[[], float] = lambda: 1.0,
 ) -> tuple[SearchResult, Problem]:
     """Returns what recordings support, and that to which its amounts were fitted.
 
@@ -128,7 +130,7 @@ def search(
         everything: All short segments there are.
         recordings: From which they were cut.
         report: Told what is happening, in words.
-        in_time: Whether there is time left.
+        time_left: The share of the time for searching that is left.
     """
     longer = long is not problem
     report("looking at torques")
@@ -136,12 +138,16 @@ def search(
     problem = problem.robust(())
     nothing_yet = nothing(problem)
     here = hypothesis(problem, nothing_yet, problem.joint_costs(nothing_yet.residual))
-    under_way = Search[Problem](report=report, in_time=in_time)
+    under_way = Search[Problem](
+        report=report,
+        in_time=lambda: time_left() > 0.0,
+        goes_on=lambda: time_left() > FOR_RIVALS,
+    )
     moves = RobotMoves(
         candidates=_candidates(problem),
         scales=scales,
         report=report,
-        in_time=in_time,
+        in_time=under_way.goes_on,
         everything=replace(everything, stepping=problem.stepping),
         steps=under_way.steps,
     )
@@ -164,7 +170,7 @@ def search(
             evidence=_also_by_other_names(evidence, fitted.effects),
             equals=_equals(final.problem, fitted.effects),
             segments=tuple(moves.segments),
-            out_of_time=not in_time(),
+            out_of_time=not under_way.goes_on(),
         ),
         final.problem,
     )

@@ -43,12 +43,14 @@ class Search(Generic[P]):
 
     Attributes:
         report: Told what is happening, in words.
-        in_time: Whether there is time left.
+        in_time: Whether there is time left to weigh rivals.
+        goes_on: Whether there is time left for steps.
         steps: So far.
     """
 
     report: Callable[[str], None]
     in_time: Callable[[], bool] = lambda: True
+    goes_on: Callable[[], bool] = lambda: True
     steps: list[Step] = field(default_factory=list)
 
     @property
@@ -59,7 +61,7 @@ class Search(Generic[P]):
 
     def run(self, here: Hypothesis[P], moves: Sequence[MoveFrom[P]]) -> Hypothesis[P]:
         """Returns the best hypothesis that steps lead to."""
-        while here.is_open and len(self.steps) < MOST_STEPS and self.in_time():
+        while here.is_open and len(self.steps) < MOST_STEPS and self.goes_on():
             best = self._best(here, moves)
             if best is None:
                 break
@@ -95,7 +97,7 @@ class Search(Generic[P]):
         self, here: Hypothesis[P], rivals: RivalsOf
     ) -> tuple[Hypothesis[P], list[Compared]]:
         while True:
-            here, exchanged, compared = exchange(here, self.held, rivals, self.report)
+            here, exchanged, compared = exchange(here, self.held, rivals, self.report, self.in_time)
             here, removed = remove(here, self.held, self.report)
             self.steps.extend([*exchanged, *removed])
             if not exchanged or not self.in_time():

@@ -86,12 +86,13 @@ def _tried(
 def far_off(everything: Problem, effects: Sequence[EffectInstance]) -> list[int]:
     """Returns the segments that `effects` leave far off, by their numbers; none if they are few.
 
-    Far beyond what is left of a typical segment.
+    Far beyond what is left of a typical segment. None where that is off itself: what is missing
+    then acts all the time.
     """
     residual = everything.plain().residuals([effects])[0]
     costs = np.array([np.mean(residual[rows] ** 2) for rows in everything.slices()])
-    far = np.flatnonzero(costs > OUTLYING**2 * max(float(np.median(costs)), OUTLYING**2))
-    if len(far) < LEAST_SEGMENTS:
+    far = np.flatnonzero(costs > OUTLYING**4)
+    if len(far) < LEAST_SEGMENTS or np.median(costs) > OUTLYING**2:
         return []
     return [int(far[i]) for i in everything.subset(far.tolist()).sample(FAR_S)]
 

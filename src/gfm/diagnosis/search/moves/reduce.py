@@ -20,6 +20,8 @@ from gfm.effects import EffectInstance, Key, Scales
 
 #: Recorded time on which rivals of an effect are looked at, s, and how many are fitted.
 RIVALS_S, RIVALS = 12.0, 2
+#: What is said of an effect whose rivals were not weighed.
+AS_WELL = Difference(0.0, 1.0)
 
 
 def remove(
@@ -143,14 +145,17 @@ class Compared:
 
     @property
     def better(self) -> bool:
-        """Whether the rival takes the place: it predicts better, or as well and is simpler."""
+        """Whether the rival takes the place: it predicts better, or as well and is simpler.
+
+        One of as many parameters by more than its own error, one of more parameters clearly.
+        """
         if self.over is None or self.rival is None or self.fit is None or at_bound(self.rival):
             return False
         more = parameters_of([self.rival]) - parameters_of([self.instance])
         back = Difference(-self.over.nats, self.over.error)
         if more > 0:
             return back.clear
-        return back.nats > 0.0 if more == 0 else not self.over.clear
+        return back.notable if more == 0 else not self.over.clear
 
 
 def compared(here: Hypothesis, instance: EffectInstance, rivals: RivalsOf) -> Compared:
@@ -165,11 +170,16 @@ def compared(here: Hypothesis, instance: EffectInstance, rivals: RivalsOf) -> Co
 
 
 def exchange(
-    here: Hypothesis[P], kept: Collection[Key], rivals: RivalsOf, report: Callable[[str], None]
+    here: Hypothesis[P],
+    kept: Collection[Key],
+    rivals: RivalsOf,
+    report: Callable[[str], None],
+    in_time: Callable[[], bool] = lambda: True,
 ) -> tuple[Hypothesis[P], list[Step], list[Compared]]:
     """Returns a hypothesis with what rivals say better, the steps, and every effect's best rival.
 
-    What replaced another is not exchanged back.
+    What replaced another is not exchanged back. Where no time is left for its rivals, the best of
+    them is taken to predict as well as an effect.
     """
     steps: list[Step] = []
     told: list[Compared] = []
@@ -177,6 +187,9 @@ def exchange(
     for key in [e.key for e in here.effects]:
         instance = next((e for e in here.effects if e.key == key), None)
         if instance is None or key in kept:
+            continue
+        if not in_time():
+            told.append(Compared(instance=instance, over=AS_WELL))
             continue
         report(f"looking for rivals of {describe(instance)}")
         pair = compared(here, instance, rivals)
