@@ -22,6 +22,9 @@ DEGREES_OF_FREEDOM = 4.0
 #: many standard errors the hypothesis predicts better than without it, and than with its best
 #: rival; the share of the squared gap that stays; and by how many errors two halves disagree.
 CONFIDENCE = (-3.0, 1.0, 2.0, -0.8, -0.7)
+#: Share of what speaks for an effect that is taken to speak for it against its best rival, where
+#: no time was left to weigh one.
+UNWEIGHED = 0.25
 #: Confidence from which on a name is given: below it is a suspect.
 LEAST_CONFIDENCE = 0.5
 #: Share of a joint's squared gap that laws may leave by not being quite exact: nothing is

@@ -25,6 +25,7 @@ from gfm.core import CommandKind
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import mean_square
 from gfm.diagnosis.inference.score import SegmentShape
+from gfm.diagnosis.residuals.clock import Clock
 from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.effects import EffectInstance
@@ -110,6 +111,7 @@ class Problem(SegmentedProblem):
         still: Joints that the models drive and nobody recorded, and where they are taken to stand
             still, rad or m.
         rough: Whether they are simulated faster and less exactly.
+        clock: Breaks off what takes too long.
     """
 
     specs: Mapping[CommandKind, mujoco.MjSpec]
@@ -123,6 +125,7 @@ class Problem(SegmentedProblem):
     stepping: Mapping[CommandKind, Stepping] = field(default_factory=dict)
     still: Mapping[str, float] = field(default_factory=dict)
     rough: bool = False
+    clock: Clock = field(default_factory=Clock)
 
     @property
     @override
@@ -163,7 +166,11 @@ class Problem(SegmentedProblem):
         Args:
             candidates: What to add to the nominal model.
             efforts: Whether to tell efforts where none were measured, too.
+
+        Raises:
+            OutOfTimeError: the time of the search is over.
         """
+        self.clock.check()
         kinds = list(dict.fromkeys(segment.kind for segment in self.segments))
         rows: list[list[Prediction | None]] = [[None] * len(self.segments) for _ in candidates]
         asked = efforts or self.motors_apart(candidates)

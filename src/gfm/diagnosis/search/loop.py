@@ -142,19 +142,20 @@ def search(
         report=report,
         in_time=lambda: time_left() > 0.0,
         goes_on=lambda: time_left() > FOR_RIVALS,
+        clock=problem.clock,
     )
     moves = RobotMoves(
         candidates=_candidates(problem),
         scales=scales,
         report=report,
         in_time=under_way.goes_on,
-        everything=replace(everything, stepping=problem.stepping),
+        everything=replace(everything, stepping=problem.stepping, clock=problem.clock),
         steps=under_way.steps,
     )
     here = under_way.run(here, (moves.add, moves.common, moves.add_costly, moves.intermittent))
     if longer:
         report("settling amounts")
-        long = reduce(Problem.joined, moves.segments, long)
+        long = reduce(Problem.joined, moves.segments, replace(long, clock=problem.clock))
         settled = settled_hypothesis(long, here.effects, here.nominal)
         # What keeps a rollout off slowly, initial states of short segments make up for.
         slowly = settled.fit.cost - 1.0 > MORE_IN_LONG * max(here.fit.cost - 1.0, 1.0)

@@ -7,12 +7,14 @@ exchanged for what says more, and it is weighed what speaks for each.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Generic, TypeAlias
 
 from gfm.diagnosis.inference.fitting import acting, along_valley, measured
 from gfm.diagnosis.inference.score import Difference
+from gfm.diagnosis.residuals.clock import Clock, OutOfTimeError
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, hypothesis
 from gfm.diagnosis.search.moves.add import gain_of
 from gfm.diagnosis.search.moves.reduce import Compared, RivalsOf, exchange, remove
@@ -45,12 +47,14 @@ class Search(Generic[P]):
         report: Told what is happening, in words.
         in_time: Whether there is time left to weigh rivals.
         goes_on: Whether there is time left for steps.
+        clock: Breaks off what takes too long.
         steps: So far.
     """
 
     report: Callable[[str], None]
     in_time: Callable[[], bool] = lambda: True
     goes_on: Callable[[], bool] = lambda: True
+    clock: Clock = field(default_factory=Clock)
     steps: list[Step] = field(default_factory=list)
 
     @property
@@ -60,19 +64,31 @@ class Search(Generic[P]):
         return {one.new[0].key: one.gain for one in chosen if one is not None}
 
     def run(self, here: Hypothesis[P], moves: Sequence[MoveFrom[P]]) -> Hypothesis[P]:
-        """Returns the best hypothesis that steps lead to."""
+        """Returns the best hypothesis that steps lead to, in time."""
+        best = here
+        try:
+            with self._bounded():
+                for after in self._steps(here, moves):
+                    best = after
+        except OutOfTimeError:
+            self.report("the time is over")
+        return best
+
+    def _steps(self, here: Hypothesis[P], moves: Sequence[MoveFrom[P]]) -> Iterator[Hypothesis[P]]:
+        """Yields one hypothesis after another."""
         while here.is_open and len(self.steps) < MOST_STEPS and self.goes_on():
             best = self._best(here, moves)
             if best is None:
                 break
-            self.steps.append(best.step)
             if best.step.chosen is None:
+                self.steps.append(best.step)
                 break
             left, here = here.fit.cost, best.after()
+            self.steps.append(best.step)
             self.report(f"{in_words(best.step)}: misfit {left:.3g} -> {here.fit.cost:.3g}")
             here, removed = remove(here, self.held, self.report)
             self.steps.extend(removed)
-        return here
+            yield here
 
     def _best(self, here: Hypothesis[P], moves: Sequence[MoveFrom[P]]) -> Proposal[P] | None:
         best: Proposal[P] | None = None
@@ -93,11 +109,16 @@ class Search(Generic[P]):
         here = hypothesis(here.problem, final, here.nominal)
         return here, support(here, compared, self.held)
 
+    def _bounded(self) -> AbstractContextManager[None]:
+        return self.clock.until(self.in_time)
+
     def _reduced(
         self, here: Hypothesis[P], rivals: RivalsOf
     ) -> tuple[Hypothesis[P], list[Compared]]:
         while True:
-            here, exchanged, compared = exchange(here, self.held, rivals, self.report, self.in_time)
+            here, exchanged, compared = exchange(
+                here, self.held, rivals, self.report, self._bounded
+            )
             here, removed = remove(here, self.held, self.report)
             self.steps.extend([*exchanged, *removed])
             if not exchanged or not self.in_time():

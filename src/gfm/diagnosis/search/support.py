@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from gfm.diagnosis.inference.constants import UNWEIGHED
 from gfm.diagnosis.inference.fitting import amounts, free_parameters
 from gfm.diagnosis.inference.intervals import disagreement
 from gfm.diagnosis.inference.score import Difference
@@ -31,13 +32,20 @@ def support(
     return {
         instance.key: Evidence(
             without=held.get(instance.key, without),
-            rival=rivals[instance.key].over if instance.key in rivals else None,
+            rival=_over_rivals(rivals.get(instance.key), without),
             by=rivals[instance.key].rival if instance.key in rivals else None,
             left=_left_of(instance, here.problem, left),
             halves=halves[instance.key],
         )
         for without, instance in gains_of_each(here)
     }
+
+
+def _over_rivals(compared: Compared | None, without: Difference) -> Difference | None:
+    """Returns by how much a hypothesis predicts better with an effect than with its best rival."""
+    if compared is None or compared.weighed:
+        return None if compared is None else compared.over
+    return Difference(UNWEIGHED * without.nats, without.error)
 
 
 def _left_by_joint(here: Hypothesis) -> tuple[np.ndarray, np.ndarray]:

@@ -6,10 +6,20 @@ What came first was chosen while others were missing, and may stand for them, to
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
-from gfm.diagnosis.inference.fitting import ROUGH, Fit, at_bound, fit, mean_square, without_each
+from gfm.diagnosis.inference.fitting import (
+    ROUGH,
+    Fit,
+    at_bound,
+    fit,
+    mean_square,
+    measured,
+    without_each,
+)
 from gfm.diagnosis.inference.score import Difference
+from gfm.diagnosis.residuals.clock import OutOfTimeError
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, columns_of, hypothesis, parameters_of
 from gfm.diagnosis.search.moves.add import takes_long
@@ -20,8 +30,6 @@ from gfm.effects import EffectInstance, Key, Scales
 
 #: Recorded time on which rivals of an effect are looked at, s, and how many are fitted.
 RIVALS_S, RIVALS = 12.0, 2
-#: What is said of an effect whose rivals were not weighed.
-AS_WELL = Difference(0.0, 1.0)
 
 
 def remove(
@@ -136,12 +144,14 @@ class Compared:
         over: By how much the hypothesis predicts better with it; None where nothing rivals it.
         rival: The rival.
         fit: The hypothesis with that.
+        weighed: Whether there was time for its rivals.
     """
 
     instance: EffectInstance
     over: Difference | None = None
     rival: EffectInstance | None = None
     fit: Fit | None = None
+    weighed: bool = True
 
     @property
     def better(self) -> bool:
@@ -160,8 +170,8 @@ class Compared:
 
 def compared(here: Hypothesis, instance: EffectInstance, rivals: RivalsOf) -> Compared:
     """Returns an effect of a hypothesis beside the best of its rivals."""
-    others = tuple(e for e in here.effects if e is not instance)
-    rest = hypothesis(here.problem, here.fitted(others, ROUGH), here.nominal)
+    moved = without_each(here.problem, here.fit)[here.effects.index(instance)]
+    rest = hypothesis(here.problem, measured(here.problem, moved), here.nominal)
     fits = rivals(instance, rest)
     if not fits:
         return Compared(instance=instance)
@@ -174,12 +184,11 @@ def exchange(
     kept: Collection[Key],
     rivals: RivalsOf,
     report: Callable[[str], None],
-    in_time: Callable[[], bool] = lambda: True,
+    bounded: Callable[[], AbstractContextManager[None]] = nullcontext,
 ) -> tuple[Hypothesis[P], list[Step], list[Compared]]:
     """Returns a hypothesis with what rivals say better, the steps, and every effect's best rival.
 
-    What replaced another is not exchanged back. Where no time is left for its rivals, the best of
-    them is taken to predict as well as an effect.
+    What replaced another is not exchanged back.
     """
     steps: list[Step] = []
     told: list[Compared] = []
@@ -188,11 +197,12 @@ def exchange(
         instance = next((e for e in here.effects if e.key == key), None)
         if instance is None or key in kept:
             continue
-        if not in_time():
-            told.append(Compared(instance=instance, over=AS_WELL))
-            continue
         report(f"looking for rivals of {describe(instance)}")
-        pair = compared(here, instance, rivals)
+        try:
+            with bounded():
+                pair = compared(here, instance, rivals)
+        except OutOfTimeError:
+            pair = Compared(instance=instance, weighed=False)
         back = pair.rival is not None and pair.rival.key in gone
         if pair.better and not back and pair.fit is not None:
             gone.add(key)
