@@ -8,13 +8,17 @@ import pytest
 
 from gfm.core import CommandKind
 from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.inference.constants import UNWEIGHED
 from gfm.diagnosis.inference.fitting import fit, nothing
 from gfm.diagnosis.inference.score import Difference
+from gfm.diagnosis.residuals.clock import OutOfTimeError
 from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
 from gfm.diagnosis.search.hypothesis import columns_of, hypothesis, parameters_of
 from gfm.diagnosis.search.moves.add import add, best_of
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.reduce import exchange, gains_of_each, remove, rivals_of
+from gfm.diagnosis.search.steps import Proposal, Search
+from gfm.diagnosis.search.support import support
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.effects import EffectInstance, find_effect
 from pendulum import MODEL, PERIOD_S, swung
@@ -259,3 +263,29 @@ def test_a_right_effect_stays_and_is_told_with_what_was_weighed_beside_it(rubbin
     assert steps == []
     assert [one.rival.effect.name for one in told] == ["viscous_friction"]
     assert told[0].over.clear
+
+
+def test_a_search_whose_time_is_over_keeps_what_it_has(rubbing):
+    here, said = rubbing.with_effects(), []
+    late = Search(report=said.append, in_time=lambda: False, clock=rubbing.problem.clock)
+
+    def move(before, _best):
+        step = add(before, candidates("coulomb_friction"), rubbing.scales, said.append)
+        return Proposal(step=step, after=lambda: before)
+
+    assert late.run(here, [move]) is here
+    assert late.steps == []
+    assert said[-1] == "the time is over"
+    rubbing.problem.residuals([()])  # nothing is bounded any more
+
+
+def test_an_effect_whose_rivals_were_not_weighed_stays_and_less_speaks_for_it(rubbing):
+    here = rubbing.with_effects(instance("coulomb_friction", torque=0.1))
+
+    def none_in_time(_instance, _rest):
+        raise OutOfTimeError
+
+    after, steps, compared = exchange(here, (), none_in_time, lambda _: None)
+    assert (after, steps) == (here, [])
+    (evidence,) = support(here, compared, {}).values()
+    assert evidence.rival.errors == pytest.approx(UNWEIGHED * evidence.without.errors)

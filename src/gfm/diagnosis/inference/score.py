@@ -106,10 +106,11 @@ class Blocks:
         return np.asarray(sums.reshape(self.count.shape))
 
 
-def blocks_of(problem: Segmented) -> Blocks:
+def blocks_of(problem: Segmented, *, each_segment: bool = False) -> Blocks:
     """Returns how a problem's residual is divided.
 
-    Its parts are recordings where there are several, else every other segment.
+    Its parts are recordings where there are several, else every other segment; or each segment is
+    one, where there are few.
     """
     layout, joints = problem.layout(), len(problem.joints)
     recordings = sorted({segment.recording for segment in layout})
@@ -120,6 +121,7 @@ def blocks_of(problem: Segmented) -> Blocks:
     start = 0
     for index, segment in enumerate(layout):
         part = recordings.index(segment.recording) if len(recordings) > 1 else index % 2
+        part = index if each_segment else part
         for rows, octave in _pieces(segment, joints):
             rows = rows + start
             channel_and_joint = np.arange(rows.shape[0] * joints).reshape(-1, 1, joints)

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from gfm.diagnosis.inference.fitting import ROUGH, at_bound, nothing
+from gfm.diagnosis.inference.score import blocks_of
 from gfm.diagnosis.residuals.outliers import OUTLYING
 from gfm.diagnosis.residuals.problem import Problem, with_state_basis
 from gfm.diagnosis.search.candidates import Place
@@ -55,12 +56,14 @@ def intermittent(
     part = with_state_basis(everything.subset(far), before.effects)
     held = replace(part, given=(*part.given, *before.effects))
     held = held.settled(()).robust(())
-    alone = hypothesis(held, nothing(held), before.nominal)
+    # Few segments of few recordings tell of it: each is predicted from all others.
+    blocks = blocks_of(held, each_segment=True)
+    alone = replace(hypothesis(held, nothing(held), before.nominal), blocks=blocks)
     screened = screen(alone, open_to(before, candidates, before.open_joints), scales, SCREENING_S)
-    likely = first_of_each([s.instance for s in screened if s.gain.clear], lambda e: e.key)
+    likely = first_of_each([s.instance for s in screened if s.gain.nats > 0.0], lambda e: e.key)
     tried = [_tried(alone, before.effects, one, report) for one in likely[:FITTED]]
     ranked = tuple(sorted(tried, key=lambda one: -one.gain.nats))
-    good = [one for one in ranked if one.gain.clear and not at_bound(one.new[0])]
+    good = [one for one in ranked[:1] if one.gain.clear and _now_and_then(one.new[0])]
     step = Step(
         move=Move.INTERMITTENT,
         before=alone.fit.cost,
@@ -69,6 +72,11 @@ def intermittent(
         segments=len(far),
     )
     return step, part
+
+
+def _now_and_then(instance: EffectInstance) -> bool:
+    """Returns whether an effect acts now and then only: what acts always is no matter of a few."""
+    return instance.effect.only_in_stretches and not at_bound(instance)
 
 
 def _tried(
@@ -86,13 +94,12 @@ def _tried(
 def far_off(everything: Problem, effects: Sequence[EffectInstance]) -> list[int]:
     """Returns the segments that `effects` leave far off, by their numbers; none if they are few.
 
-    Far beyond what is left of a typical segment. None where that is off itself: what is missing
-    then acts all the time.
+    Far beyond what is left of a typical segment.
     """
     residual = everything.plain().residuals([effects])[0]
     costs = np.array([np.mean(residual[rows] ** 2) for rows in everything.slices()])
-    far = np.flatnonzero(costs > OUTLYING**4)
-    if len(far) < LEAST_SEGMENTS or np.median(costs) > OUTLYING**2:
+    far = np.flatnonzero(costs > OUTLYING**2 * max(float(np.median(costs)), OUTLYING**2))
+    if len(far) < LEAST_SEGMENTS:
         return []
     return [int(far[i]) for i in everything.subset(far.tolist()).sample(FAR_S)]
 
