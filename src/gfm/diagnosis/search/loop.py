@@ -152,7 +152,7 @@ def search(
         everything=replace(everything, stepping=problem.stepping, clock=problem.clock),
         steps=under_way.steps,
     )
-    here = under_way.run(here, (moves.add, moves.common, moves.add_costly, moves.intermittent))
+    here = under_way.run(here, (moves.add, moves.common, moves.intermittent, moves.add_costly))
     if longer:
         report("settling amounts")
         long = reduce(Problem.joined, moves.segments, replace(long, clock=problem.clock))
