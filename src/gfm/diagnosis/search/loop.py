@@ -72,6 +72,8 @@ class RobotMoves:
 
     def add_costly(self, here: Hypothesis[Problem], best: Step | None) -> Proposal[Problem] | None:
         """Proposes the best of all others, where those before leave what is worth it."""
+        if best is not None and best.chosen is not None and best.segments:
+            return None
         step = add_costly(here, self.always, self.scales, self.report, self.in_time, best)
         return None if step is None else _proposal(here, step)
 
