@@ -20,7 +20,7 @@ from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import Place, joint_scales, places, torque_views
 from gfm.diagnosis.search.equals import equals_of, looked_for, recorded
 from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis, settled_hypothesis
-from gfm.diagnosis.search.moves.add import add, add_costly, gain_of
+from gfm.diagnosis.search.moves.add import add, add_costly, gain_of, worth_more
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.intermittent import intermittent, with_segments
 from gfm.diagnosis.search.moves.reduce import rivals_of
@@ -50,6 +50,7 @@ class RobotMoves:
         everything: All short segments there are.
         steps: Of the search so far.
         segments: That told of what acts now and then only.
+        looked_into: Whether segments that stay far off have been looked into.
     """
 
     candidates: Sequence[Place]
@@ -59,6 +60,7 @@ class RobotMoves:
     everything: Problem
     steps: Sequence[Step]
     segments: list[Problem] = field(default_factory=list)
+    looked_into: bool = False
 
     @property
     def always(self) -> list[Place]:
@@ -89,9 +91,15 @@ class RobotMoves:
     def intermittent(
         self, here: Hypothesis[Problem], best: Step | None
     ) -> Proposal[Problem] | None:
-        """Proposes what acts now and then only, where nothing else gains anything."""
-        if (best is not None and best.chosen is not None) or not self.in_time():
+        """Proposes what acts now and then only: where nothing else gains anything, and once before.
+
+        As early as more can be gained than the best so far gains.
+        """
+        chosen = None if best is None else best.chosen
+        early = not self.looked_into and worth_more(here, chosen)
+        if not (early or chosen is None) or not self.in_time():
             return None
+        self.looked_into = True
         found = intermittent(here, self.everything, self.candidates, self.scales, self.report)
         if found is None:
             return None

@@ -53,7 +53,7 @@ def add_costly(
     None where that step leaves nothing that is worth the time.
     """
     chosen = None if best is None else best.chosen
-    if not (_worth_more(before, chosen) and in_time()):
+    if not (worth_more(before, chosen) and in_time()):
         return None
     ranked = best.ranked if best is not None and best.move is Move.ADD else ()
     tier = _tier(candidates, costly=True)
@@ -93,7 +93,7 @@ def _add(
     for one, again in _shortlist(screened):
         if _is_worth_a_fit(before, one, tried, gained, again=again) and in_time():
             tried.append(_tried(before, (one.instance,), report))
-    if _worth_more(before, best_of(before.blocks, tried)) and in_time():
+    if worth_more(before, best_of(before.blocks, tried)) and in_time():
         # What no single joint's effect explains, all joints may lack, also beside one of the
         # whole robot: late commands and friction everywhere look like lags.
         kinds = _kinds(screened)
@@ -126,7 +126,7 @@ def _is_worth_a_fit(
     best = best_of(before.blocks, tried)
     most = max(gained, 0.0 if best is None else best.gain.nats)
     promise = Difference(FIT_GAINS * one.gain.nats, one.gain.error)
-    return promise.clear and promise.nats > most and not (again and not _worth_more(before, best))
+    return promise.clear and promise.nats > most and not (again and not worth_more(before, best))
 
 
 def add_of_few(before: Hypothesis, begun: Sequence[Fit]) -> Step:
@@ -174,7 +174,7 @@ def best_of(blocks: Blocks, tried: Sequence[Tried]) -> Tried | None:
     return min(simpler, key=lambda o: (parameters_of(o.new), -o.gain.nats), default=best)
 
 
-def _worth_more(before: Hypothesis, best: Tried | None) -> bool:
+def worth_more(before: Hypothesis, best: Tried | None) -> bool:
     """Returns whether what is left is worth a look at what takes long to simulate.
 
     More can be gained than the best so far gains, and more than laws are inexact.

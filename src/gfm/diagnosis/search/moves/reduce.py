@@ -15,7 +15,6 @@ from gfm.diagnosis.inference.fitting import (
     at_bound,
     fit,
     mean_square,
-    measured,
     without_each,
 )
 from gfm.diagnosis.inference.score import Difference
@@ -170,8 +169,8 @@ class Compared:
 
 def compared(here: Hypothesis, instance: EffectInstance, rivals: RivalsOf) -> Compared:
     """Returns an effect of a hypothesis beside the best of its rivals."""
-    moved = without_each(here.problem, here.fit)[here.effects.index(instance)]
-    rest = hypothesis(here.problem, measured(here.problem, moved), here.nominal)
+    others = tuple(e for e in here.effects if e is not instance)
+    rest = hypothesis(here.problem, here.fitted(others, ROUGH), here.nominal)
     fits = rivals(instance, rest)
     if not fits:
         return Compared(instance=instance)
