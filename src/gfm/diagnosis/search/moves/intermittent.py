@@ -39,7 +39,7 @@ def intermittent(
 ) -> tuple[Step, Problem] | None:
     """Returns the step that adds such an effect, and the segments that told of it.
 
-    None where too few segments stay far off, or where what acts always promises more.
+    None where too few segments stay far off, or nothing that acts now and then promises anything.
 
     Args:
         before: What was found so far.
@@ -61,9 +61,11 @@ def intermittent(
     alone = replace(hypothesis(held, nothing(held), before.nominal), blocks=blocks)
     screened = screen(alone, open_to(before, candidates, before.open_joints), scales, SCREENING_S)
     likely = first_of_each([s.instance for s in screened if s.gain.nats > 0.0], lambda e: e.key)
-    if not (likely and likely[0].effect.only_in_stretches):
+    own = [one for one in likely if one.effect.only_in_stretches][:1]
+    if not own:
         return None
-    tried = [_tried(alone, before.effects, one, report) for one in likely[:FITTED]]
+    always = [one for one in likely if not one.effect.only_in_stretches]
+    tried = [_tried(alone, before.effects, one, report) for one in (*own, *always[: FITTED - 1])]
     ranked = tuple(sorted(tried, key=lambda one: -one.gain.nats))
     good = [one for one in ranked[:1] if one.gain.clear and _now_and_then(one.new[0])]
     step = Step(
