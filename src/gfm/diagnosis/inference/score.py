@@ -120,8 +120,10 @@ def blocks_of(problem: Segmented, *, each_segment: bool = False) -> Blocks:
     pieces: list[NDArray[np.intp]] = []
     start = 0
     for index, segment in enumerate(layout):
-        part = recordings.index(segment.recording) if len(recordings) > 1 else index % 2
-        part = index if each_segment else part
+        if each_segment:
+            part = index
+        else:
+            part = recordings.index(segment.recording) if len(recordings) > 1 else index % 2
         for rows, octave in _pieces(segment, joints):
             rows = rows + start
             channel_and_joint = np.arange(rows.shape[0] * joints).reshape(-1, 1, joints)

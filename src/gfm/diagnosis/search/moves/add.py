@@ -175,7 +175,7 @@ def best_of(blocks: Blocks, tried: Sequence[Tried]) -> Tried | None:
 
 
 def worth_more(before: Hypothesis, best: Tried | None) -> bool:
-    """Returns whether what is left is worth a look at what takes long to simulate.
+    """Returns whether what is left is worth a look at what takes longer.
 
     More can be gained than the best so far gains, and more than laws are inexact.
     """

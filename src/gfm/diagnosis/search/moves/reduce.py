@@ -9,14 +9,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
-from gfm.diagnosis.inference.fitting import (
-    ROUGH,
-    Fit,
-    at_bound,
-    fit,
-    mean_square,
-    without_each,
-)
+from gfm.diagnosis.inference.fitting import ROUGH, Fit, at_bound, fit, mean_square, without_each
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.clock import OutOfTimeError
 from gfm.diagnosis.search.candidates import Place
@@ -32,9 +25,7 @@ RIVALS_S, RIVALS = 12.0, 2
 
 
 def remove(
-    here: Hypothesis[P],
-    kept: Collection[Key],
-    report: Callable[[str], None],
+    here: Hypothesis[P], kept: Collection[Key], report: Callable[[str], None]
 ) -> tuple[Hypothesis[P], list[Step]]:
     """Returns a hypothesis without what it predicts as well without, that first which says least.
 
