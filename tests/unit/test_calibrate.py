@@ -16,7 +16,7 @@ def evidence(rng):
         "z_without": float(rng.uniform(-2.0, 30.0)),
         "z_rival": float(rng.uniform(-2.0, 10.0)),
         "left": float(10.0 ** rng.uniform(-5.0, 0.0)),
-        "halves": float(rng.exponential(2.0)),
+        "apart": float(rng.exponential(2.0)),
     }
 
 
@@ -57,14 +57,14 @@ def test_names_that_can_be_parted_without_error_give_finite_constants():
     assert 1.0 < amounts[1] < 20.0
 
 
-def test_features_are_logarithms_within_their_limits():
-    row = calibrate.features({"z_without": -3.0, "z_rival": np.e - 1.0, "left": 0.0, "halves": 0.0})
-    assert row == pytest.approx([1.0, 0.0, 1.0, -6.0, 0.0])
+def test_features_stay_within_their_limits():
+    row = calibrate.features({"z_without": -3.0, "z_rival": np.e - 1.0, "left": 0.0, "apart": 0.25})
+    assert row == pytest.approx([1.0, 0.0, 1.0, -6.0, 0.5])
 
 
 @pytest.mark.parametrize("value", [None, float("nan"), float("inf")])
 def test_evidence_that_lacks_a_figure_is_none(value):
-    assert calibrate.features(evidence(np.random.default_rng(1)) | {"halves": value}) is None
+    assert calibrate.features(evidence(np.random.default_rng(1)) | {"apart": value}) is None
     assert calibrate.features(None) is None
     assert calibrate.features({"left": 0.1}) is None
 

@@ -31,15 +31,15 @@ FRICTION, SPRING, DRAG = (
 BLOCKS = [slice(0, 20), slice(20, 40)]
 
 
-def speaking(errors=40.0, rival=10.0, left=1e-3, halves=0.5, by=SPRING):
+def speaking(errors=40.0, rival=10.0, left=1e-3, apart=0.01, by=SPRING):
     """What speaks for an effect: standard errors over without it and over its rival, and so on."""
     over = None if rival is None else Difference(5.0 * rival, 5.0)
     return Evidence(
-        without=Difference(5.0 * errors, 5.0), rival=over, by=by, left=left, halves=halves
+        without=Difference(5.0 * errors, 5.0), rival=over, by=by, left=left, apart=apart
     )
 
 
-STRONG, WEAK = speaking(), speaking(errors=2.1, rival=0.0, left=0.9, halves=5.0)
+STRONG, WEAK = speaking(), speaking(errors=2.1, rival=0.0, left=0.9, apart=1.0)
 
 
 def found(evidence, *effects, cost=1.0, steps=(), equals=None):
@@ -66,7 +66,7 @@ def found(evidence, *effects, cost=1.0, steps=(), equals=None):
         ("errors", [0.5, 3.0, 10.0, 100.0]),
         ("rival", [0.0, 1.0, 3.0, 30.0]),
         ("left", [1.0, 0.3, 0.01, 1e-5]),
-        ("halves", [30.0, 3.0, 1.0, 0.0]),
+        ("apart", [3.0, 1.0, 0.1, 0.0]),
     ],
 )
 def test_a_name_is_surer_the_more_speaks_for_it(figure, better):
@@ -103,7 +103,7 @@ def test_names_have_their_figures_and_the_strongest_stands_first():
         "nats": 200.0,
         "z_without": 40.0,
         "left": 1e-3,
-        "halves": 0.5,
+        "apart": 0.01,
         "z_rival": 10.0,
     }
     assert named_effects(BLOCKS, result, ()) == ()

@@ -246,7 +246,7 @@ def rivalled(named, rival, errors):
         rival=Difference(5.0 * errors, 5.0),
         by=rival,
         left=0.01,
-        halves=0.5,
+        apart=0.01,
     )
     return found_in(effects=(named,), evidence={named.key: told})
 

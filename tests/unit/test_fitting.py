@@ -16,7 +16,7 @@ from gfm.diagnosis.inference.fitting import (
     small_differences,
     without_each,
 )
-from gfm.diagnosis.inference.intervals import disagreement, half_widths
+from gfm.diagnosis.inference.intervals import half_widths
 from gfm.effects import effect_library
 from one_joint import instance
 
@@ -170,29 +170,3 @@ def test_what_the_residual_does_not_depend_on_has_no_interval():
     seen, unseen = half_widths(np.ones(2), columns, np.ones(600), [slice(0, 600)])
     assert np.isfinite(seen)
     assert unseen == np.inf
-
-
-def halves(second, seed=0):
-    """By how many errors two halves disagree where the truth of the second is this one."""
-    rng = np.random.default_rng(seed)
-    column, segments = rng.standard_normal((600, 1)), [slice(0, 300), slice(300, 600)]
-    told = np.concatenate([column[:300, 0], second * column[300:, 0]]) + rng.standard_normal(600)
-    amount = np.linalg.lstsq(column, told, rcond=None)[0]
-    left = told - column @ amount
-    return float(disagreement(amount, -column, left, segments, [0, 1])[0])
-
-
-def test_halves_of_the_same_truth_disagree_by_chance_only():
-    apart = np.array([halves(1.0, seed) for seed in range(200)])
-    assert np.sqrt(np.mean(apart**2)) == pytest.approx(1.0, abs=0.25)
-
-
-def test_halves_of_two_truths_disagree_by_as_much_as_those_differ():
-    """Each half knows its amount to 1 / sqrt(300), and the difference to sqrt(2) times that."""
-    apart = [halves(2.0, seed) for seed in range(50)]
-    assert np.mean(apart) == pytest.approx(np.sqrt(150.0), rel=0.15)
-
-
-def test_one_half_alone_disagrees_with_nothing():
-    found = disagreement(np.ones(1), np.ones((9, 1)), np.ones(9), [slice(0, 9)], [0])
-    assert found.tolist() == [0.0]

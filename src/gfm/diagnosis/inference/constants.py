@@ -18,9 +18,10 @@ LEAST_DISCREPANCY = 1.0
 WRONG_ALIKE = 0.05
 #: Degrees of freedom of the predictive density: blocks differ in how far a model is off.
 DEGREES_OF_FREEDOM = 4.0
-#: Of a name: intercept, and weights of the logarithms of four figures (see `output.claims`): by how
+#: Of a name: intercept, and weights of four figures (see `output.claims.features`): by how
 #: many standard errors the hypothesis predicts better than without it, and than with its best
-#: rival; the share of the squared gap that stays; and by how many errors two halves disagree.
+#: rival; the share of the squared gap that stays; and by what share of itself it differs between
+#: parts of the data.
 CONFIDENCE = (-3.0, 1.0, 2.0, -0.8, -0.7)
 #: Share of what speaks for an effect that is taken to speak for it against its best rival, where
 #: no time was left to weigh one.

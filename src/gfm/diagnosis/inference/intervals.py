@@ -77,34 +77,3 @@ def standard_errors(
     unseen = np.linalg.norm(jacobian, axis=0) * np.maximum(np.abs(values), UNSEEN) < UNSEEN
     deviations[unseen] = np.inf
     return deviations
-
-
-def disagreement(
-    values: Array, jacobian: Array, residual: Array, segments: Sequence[slice], half: Sequence[int]
-) -> Array:
-    """Returns by how many standard errors two halves of the data put each amount apart, (P,).
-
-    To first order around the common estimates. Nothing where one half does not tell of an amount.
-
-    Args:
-        values: The estimates, shape (P,).
-        jacobian: Derivative of the residual, shape (N, P).
-        residual: At the optimum, shape (N,).
-        segments: Rows that belong together.
-        half: To which half each segment belongs, 0 or 1, S of them.
-    """
-    estimates, variances = [], []
-    for side in (0, 1):
-        rows = [s for s, h in zip(segments, half, strict=True) if h == side]
-        if not rows:
-            return np.zeros(len(values))
-        index = np.concatenate([np.arange(s.start, s.stop) for s in rows])
-        ends = np.cumsum([s.stop - s.start for s in rows])
-        own = [slice(int(b - (s.stop - s.start)), int(b)) for s, b in zip(rows, ends, strict=True)]
-        columns, left = jacobian[index], residual[index]
-        step = np.linalg.lstsq(columns, -left, rcond=1e-6)[0]
-        estimates.append(values + step)
-        variances.append(np.diag(covariance(columns, left + columns @ step, own)))
-    variance = np.maximum(variances[0] + variances[1], 0.0) + 2.0 * (LAW_SHARE * values) ** 2
-    apart = np.abs(estimates[0] - estimates[1])
-    return np.asarray(apart / np.sqrt(np.maximum(variance, 1e-24)))

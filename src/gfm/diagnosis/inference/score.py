@@ -75,6 +75,7 @@ class Blocks:
         pieces: Rows of each block, shape (channels, T, J).
         fold: The part of the data to which each number belongs, shape (N,).
         block: Its block, shape (N,).
+        recording: The recording of each block, shape (B,).
         cell: Its cell, shape (N,).
         joint: The joint of each cell, shape (C,).
         count: Coefficients of each cell in each block, shape (B, C).
@@ -86,6 +87,7 @@ class Blocks:
     pieces: tuple[NDArray[np.intp], ...]
     fold: NDArray[np.intp]
     block: NDArray[np.intp]
+    recording: NDArray[np.intp]
     cell: NDArray[np.intp]
     joint: NDArray[np.intp]
     count: Array
@@ -117,7 +119,7 @@ def blocks_of(problem: Segmented, *, each_segment: bool = False) -> Blocks:
     places = joints * max(segment.channels for segment in layout)
     size = sum(segment.channels * segment.measurements * joints for segment in layout)
     fold, block, cell = (np.empty(size, dtype=np.intp) for _ in range(3))
-    pieces: list[NDArray[np.intp]] = []
+    pieces, owners = list[NDArray[np.intp]](), list[int]()
     start = 0
     for index, segment in enumerate(layout):
         if each_segment:
@@ -130,12 +132,14 @@ def blocks_of(problem: Segmented, *, each_segment: bool = False) -> Blocks:
             fold[rows], block[rows] = part, len(pieces)
             cell[rows] = channel_and_joint * len(OCTAVES_HZ) + octave[:, None]
             pieces.append(rows)
+            owners.append(segment.recording)
         start += segment.channels * segment.measurements * joints
     count = _counts(block, cell, (len(pieces), places * len(OCTAVES_HZ)))
     return Blocks(
         pieces=tuple(pieces),
         fold=fold,
         block=block,
+        recording=np.array(owners, dtype=np.intp),
         cell=cell,
         joint=np.arange(count.shape[1]) // len(OCTAVES_HZ) % joints,
         count=count,

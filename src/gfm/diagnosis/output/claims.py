@@ -80,7 +80,7 @@ def features(evidence: Evidence) -> np.ndarray:
             np.log1p(max(evidence.without.errors, 0.0)),
             np.log1p(max(rival.errors, 0.0)),
             np.log10(max(evidence.left, 1e-6)),
-            np.log1p(evidence.halves),
+            np.sqrt(evidence.apart),
         ]
     )
 
@@ -146,7 +146,7 @@ def _figures(found: SearchResult, instance: EffectInstance) -> dict[str, float]:
         "nats": evidence.without.nats,
         "z_without": evidence.without.errors,
         "left": evidence.left,
-        "halves": evidence.halves,
+        "apart": evidence.apart,
     }
     return told if evidence.rival is None else {**told, "z_rival": evidence.rival.errors}
 

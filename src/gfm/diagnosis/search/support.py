@@ -1,4 +1,4 @@
-"""What speaks for each effect of a hypothesis: without it, against its rivals, in two halves."""
+"""What speaks for each effect of a hypothesis: without it, against its rivals, part by part."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gfm.diagnosis.inference.constants import UNWEIGHED
-from gfm.diagnosis.inference.fitting import amounts, free_parameters
-from gfm.diagnosis.inference.intervals import disagreement
+from gfm.diagnosis.inference.fitting import each_left_out
 from gfm.diagnosis.inference.score import Difference
+from gfm.diagnosis.inference.steadiness import apart
+from gfm.diagnosis.residuals.outliers import slopes
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
-from gfm.diagnosis.search.hypothesis import Hypothesis
+from gfm.diagnosis.search.hypothesis import Hypothesis, columns_of
 from gfm.diagnosis.search.moves.reduce import Compared, gains_of_each
 from gfm.diagnosis.search.trace import Evidence
 from gfm.effects import EffectInstance, Key, Scope
@@ -28,14 +29,14 @@ def support(
         held: What spoke for those that a few segments judge, there: all others know nothing of it.
     """
     rivals = {one.instance.key: one for one in compared}
-    left, halves = _left_by_joint(here), _halves(here)
+    left, parts = _left_by_joint(here), _apart(here)
     return {
         instance.key: Evidence(
             without=held.get(instance.key, without),
             rival=_over_rivals(rivals.get(instance.key), without),
             by=rivals[instance.key].rival if instance.key in rivals else None,
             left=_left_of(instance, here.problem, left),
-            halves=halves[instance.key],
+            apart=parts[instance.key],
         )
         for without, instance in gains_of_each(here)
     }
@@ -66,20 +67,22 @@ def _left_of(
     return float(gaps[1][rows].sum() / gaps[0][rows].sum())
 
 
-def _halves(here: Hypothesis) -> dict[Key, float]:
-    """Returns by how many standard errors two halves of the data put each effect apart."""
-    layout = here.problem.layout()
-    recordings = sorted({segment.recording for segment in layout})
-    by_recording = len(recordings) > 1
-    half = [
-        (recordings.index(s.recording) if by_recording else i) % 2 for i, s in enumerate(layout)
-    ]
-    fitted = here.fit
-    apart = disagreement(
-        amounts(fitted.effects), fitted.jacobian, fitted.residual, here.problem.slices(), half
-    )
-    by_effect: dict[Key, float] = {e.key: 0.0 for e in fitted.effects}
-    for (i, _), errors in zip(free_parameters(fitted.effects), apart, strict=True):
-        key = fitted.effects[i].key
-        by_effect[key] = max(by_effect[key], float(errors))
-    return by_effect
+def _apart(here: Hypothesis) -> dict[Key, float]:
+    """Returns by what share of itself each effect differs between parts of the data."""
+    fitted, blocks = here.fit, here.blocks
+    rests, _ = each_left_out(fitted.effects)
+    whole, *rest = here.problem.plain().residuals([fitted.effects, *rests])
+    weights = slopes(fitted.residual, here.problem.limits())
+    rows = [piece.ravel() for piece in blocks.pieces]
+    order = [np.flatnonzero(blocks.recording == one) for one in np.unique(blocks.recording)]
+    return {
+        instance.key: apart(
+            fitted.jacobian,
+            fitted.residual,
+            rows,
+            order,
+            columns_of(fitted, instance),
+            (without - whole) * weights,
+        )
+        for instance, without in zip(fitted.effects, rest, strict=True)
+    }

@@ -68,14 +68,14 @@ class Evidence:
             nothing rivals it.
         by: That rival.
         left: Share of the squared gap, on its joints, that the whole hypothesis leaves.
-        halves: By how many standard errors its amounts differ between two halves of the data.
+        apart: By what share of itself it differs between parts of the data, beyond chance.
     """
 
     without: Difference
     rival: Difference | None
     by: EffectInstance | None
     left: float
-    halves: float
+    apart: float
 
 
 @dataclass(frozen=True, kw_only=True)

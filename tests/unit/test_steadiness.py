@@ -1,0 +1,81 @@
+"""Whether parts of the data tell the same amounts: linear laws, exact and approximated."""
+
+import numpy as np
+import pytest
+
+from gfm.diagnosis.inference.steadiness import apart
+
+COUNT, BLOCK = 2400, 100
+BLOCKS = [np.arange(k, k + BLOCK) for k in range(0, COUNT, BLOCK)]
+#: Four recordings of six blocks.
+ORDER = [np.arange(k, k + 6) for k in range(0, len(BLOCKS), 6)]
+ONE = np.array([True])
+
+
+def told(columns, measured, effect=ONE, order=ORDER):
+    """How far parts put an effect apart whose columns are fitted to what was measured."""
+    amounts = np.linalg.lstsq(columns, measured, rcond=None)[0]
+    left = measured - columns @ amounts
+    response = columns[:, effect] @ amounts[effect]
+    return apart(-columns, left, BLOCKS, order, effect, response)
+
+
+def speeds(seed=0):
+    """A signal that is weak in some blocks and strong in others, shape (N, 1)."""
+    rng = np.random.default_rng(seed)
+    size = np.repeat(rng.uniform(0.3, 3.0, len(BLOCKS)), BLOCK)
+    return (size * rng.standard_normal(COUNT))[:, None]
+
+
+def noise(seed, size=0.1):
+    return size * np.random.default_rng(100 + seed).standard_normal(COUNT)
+
+
+def test_a_law_that_holds_differs_by_chance_only():
+    shares = [told(x := speeds(seed), 2.0 * x[:, 0] + noise(seed)) for seed in range(30)]
+    assert max(shares) < 0.02
+    assert min(shares) == 0.0
+
+
+def test_a_law_of_another_form_differs_between_small_motions_and_large_ones():
+    """Friction with the root of the speed as a straight line: 0.6 of it and 1.7 of it."""
+    x = speeds()
+    assert told(x, np.sign(x[:, 0]) * np.sqrt(np.abs(x[:, 0])) + noise(0)) > 0.3
+
+
+def test_what_fades_differs_between_early_and_late():
+    x = speeds()
+    fading = np.tile(np.linspace(1.0, 0.4, 6 * BLOCK), 4)
+    late_to_early = told(x, fading * x[:, 0] + noise(0))
+    assert 0.3 < late_to_early < 0.7  # means of 0.85 and 0.55, 0.43 of the common 0.7
+    assert told(x, 0.7 * x[:, 0] + noise(0)) < 0.02
+
+
+def test_recordings_that_tell_other_amounts_differ_by_as_much():
+    x = np.random.default_rng(0).standard_normal((COUNT, 1))
+    amount = np.repeat([1.2, 0.8, 1.2, 0.8], COUNT // 4)
+    assert told(x, amount * x[:, 0] + noise(0, 0.01)) == pytest.approx(0.4, abs=0.03)
+
+
+def test_blocks_take_turns_where_there_is_one_recording():
+    x = np.random.default_rng(0).standard_normal((COUNT, 1))
+    amount = np.repeat(np.tile([1.2, 0.8], len(BLOCKS) // 2), BLOCK)
+    one = [np.arange(len(BLOCKS))]
+    assert told(x, amount * x[:, 0] + noise(0, 0.01), order=one) == pytest.approx(0.4, abs=0.03)
+
+
+def test_a_part_that_tells_nothing_of_an_effect_does_not_contradict():
+    """Something is touched in one recording only."""
+    x = np.random.default_rng(0).standard_normal((COUNT, 1))
+    x[COUNT // 4 :] = 0.0
+    assert told(x, 2.0 * x[:, 0] + noise(0)) < 0.02
+
+
+def test_one_effect_is_told_beside_another_that_does_not_hold():
+    rng = np.random.default_rng(0)
+    x = np.stack([speeds()[:, 0], rng.standard_normal(COUNT)], axis=1)
+    fading = np.tile(np.linspace(1.0, 0.4, 6 * BLOCK), 4)
+    measured = 2.0 * x[:, 0] + fading * x[:, 1] + noise(0)
+    holds, fades = np.eye(2, dtype=bool)
+    assert told(x, measured, holds) < 0.05
+    assert told(x, measured, fades) > 0.3
