@@ -104,10 +104,18 @@ class Search(Generic[P]):
         """Returns a hypothesis after exchanges and removals, and what speaks for each effect."""
         here, compared = self._reduced(here, rivals)
         some = acting(here.effects)
-        fewer = len(some) < len(here.effects)
-        final = measured(here.problem, some) if fewer else along_valley(here.problem, here.fit)
-        here = hypothesis(here.problem, final, here.nominal)
+        if len(some) < len(here.effects):
+            here = hypothesis(here.problem, measured(here.problem, some), here.nominal)
+        else:
+            here = self._along_valley(here)
         return here, support(here, compared, self.held)
+
+    def _along_valley(self, here: Hypothesis[P]) -> Hypothesis[P]:
+        try:
+            with self._bounded():
+                return hypothesis(here.problem, along_valley(here.problem, here.fit), here.nominal)
+        except OutOfTimeError:
+            return here
 
     def _bounded(self) -> AbstractContextManager[None]:
         return self.clock.until(self.in_time)

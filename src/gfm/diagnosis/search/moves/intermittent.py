@@ -26,8 +26,9 @@ from gfm.effects import EffectInstance, Scales
 
 #: Fewest segments that are looked into: fewer are an accident.
 LEAST_SEGMENTS = 4
-#: Recorded time of the segments that are looked into at most, and candidates that are fitted.
-FAR_S, FITTED = 48.0, 3
+#: Recorded time of the segments that are looked into at most, valleys from which what acts now and
+#: then is fitted, and other candidates that are.
+FAR_S, VALLEYS, OTHERS = 96.0, 5, 2
 
 
 def intermittent(
@@ -60,12 +61,13 @@ def intermittent(
     blocks = blocks_of(held, each_segment=True)
     alone = replace(hypothesis(held, nothing(held), before.nominal), blocks=blocks)
     screened = screen(alone, open_to(before, candidates, before.open_joints), scales, SCREENING_S)
-    likely = first_of_each([s.instance for s in screened if s.gain.nats > 0.0], lambda e: e.key)
-    own = [one for one in likely if one.effect.only_in_stretches][:1]
+    likely = [s.instance for s in screened if s.gain.nats > 0.0]
+    own = [one for one in likely if one.effect.only_in_stretches][:VALLEYS]
     if not own:
         return None
     always = [one for one in likely if not one.effect.only_in_stretches]
-    tried = [_tried(alone, before.effects, one, report) for one in (*own, *always[: FITTED - 1])]
+    others = first_of_each(always, lambda e: e.key)[:OTHERS]
+    tried = [_tried(alone, before.effects, one, report) for one in (*own, *others)]
     ranked = tuple(sorted(tried, key=lambda one: -one.gain.nats))
     good = [one for one in ranked[:1] if one.gain.clear and _now_and_then(one.new[0])]
     step = Step(
