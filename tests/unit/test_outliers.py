@@ -8,8 +8,8 @@ import pytest
 
 from disc import DISC
 from gfm.core import CommandKind
+from gfm.diagnosis.residuals.initial_states import with_state_basis
 from gfm.diagnosis.residuals.outliers import bounded, slopes, unbounded
-from gfm.diagnosis.residuals.problem import with_state_basis
 from one_joint import TIME_S, problem
 
 RESIDUAL = np.linspace(-30.0, 30.0, 241)

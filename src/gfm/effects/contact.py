@@ -42,7 +42,7 @@ class SurfaceContact(Effect):
     name = "surface_contact"
     abrupt = True
     scope = Scope.LAST
-    only_in_stretches = True
+    intermittent = True
     parameters = (
         Parameter(name="height", unit="m", lower=-10.0, upper=10.0),
         Parameter(name="x", unit="m", lower=-2.0, upper=2.0),

@@ -164,9 +164,9 @@ class Effect(ABC):
     needs_drive: ClassVar[bool] = False
     #: Whether simulating it takes so long that simpler explanations are tried first.
     costly: ClassVar[bool] = False
-    #: Whether it acts now and then only: looked for in the stretches that nothing else explains.
-    #: Few stretches tell of it: its amounts are given without intervals.
-    only_in_stretches: ClassVar[bool] = False
+    #: Whether it acts now and then only: looked for in the segments that nothing else explains.
+    #: Few segments tell of it: its amounts are given without intervals.
+    intermittent: ClassVar[bool] = False
     #: Whether its law has a kink or a jump: simulators soften those and samples fall beside them;
     #: where it is what was missing, a little more than noise may be left.
     abrupt: ClassVar[bool] = False

@@ -19,7 +19,7 @@ FIRST_S, FIRST = 0.05, 5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Segment:
-    """A stretch of one recording, to be predicted from its initial state.
+    """A part of one recording, to be predicted from its initial state.
 
     Attributes:
         time_s: Measurement times from the start of the segment, shape (T,).

@@ -136,7 +136,7 @@ def profile_plots(
         amounts = instance.values[first.name] * np.linspace(low, 2.0 - low, PROFILE_POINTS)
         amounts = np.clip(amounts, first.lower, first.upper)
         sets = [_with_amount(instances, place, float(amount)) for amount in amounts]
-        looked_at = rare if instance.effect.only_in_stretches else problem
+        looked_at = rare if instance.effect.intermittent else problem
         left = np.sqrt(np.mean(looked_at.residuals(sets) ** 2, axis=1))
         middle = PROFILE_POINTS // 2
         where = instance.joints[0] if len(instance.joints) == 1 else ""

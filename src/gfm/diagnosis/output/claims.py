@@ -123,7 +123,7 @@ def named_effects(
                     instance.values[p.name],
                     p.unit,
                     float(by_place.get((instance.key, p.name), np.inf)),
-                    holds=holds and not instance.effect.only_in_stretches,
+                    holds=holds and not instance.effect.intermittent,
                 )
                 for p in instance.effect.parameters
             },

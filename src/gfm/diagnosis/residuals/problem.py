@@ -1,10 +1,10 @@
-"""A diagnosis as a least-squares problem: stretches, model, noise, and residuals of candidates.
+"""A diagnosis as a least-squares problem: segments, model, noise, and residuals of candidates.
 
 Residuals are measured minus predicted, in units of the sensor noise, over open-loop rollouts. What
 a wrong initial state could explain is taken out of them: it is fitted, to first order, segment by
 segment (two numbers per joint, and two more where a motor rings against its link).
 
-Stretches that a model misses by far more than the others (a fall, a stall) would decide everything
+Segments that a model misses by far more than the others (a fall, a stall) would decide everything
 by their squares: what is outlying counts little more than what is not (`outliers`).
 
 Shape letters: T measurements of a segment, J joints, N numbers of all segments together.
@@ -18,41 +18,31 @@ from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
-from scipy.signal import savgol_filter
 from typing_extensions import override
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import mean_square
 from gfm.diagnosis.inference.score import SegmentShape
 from gfm.diagnosis.residuals.clock import Clock
+from gfm.diagnosis.residuals.initial_states import (
+    freely_settled,
+    led,
+    motor_steps,
+    orthonormal,
+    ringing_springs,
+    room_of,
+    rung,
+    state_columns,
+    without,
+)
 from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.effects import EffectInstance
 from gfm.effects.effect import MOTOR_SIDE
-from gfm.sim.motor_sides import Spring, springs
 from gfm.sim.plant import Plant, make_plant
 from gfm.sim.predict import predict
 from gfm.sim.segment import Prediction, Segment, extrapolated
 
-#: Steps in position and velocity with which the effect of the initial state is measured.
-STATE_STEP = (1e-4, 1e-3)
-#: Times that initial states are looked for anew around where they were found, steps that are taken
-#: there with the same derivatives, and the shares of a step that are tried. What rings is far from
-#: linear.
-STATE_ROUNDS, STATE_SHARES = 2, (1.0,)
-RINGING_ROUNDS, RINGING_STEPS, RINGING_SHARES = 16, 2, (1.0, 0.3, 0.1)
-#: Mean square, in units of the noise, up to which a stretch has been followed, and the share of it
-#: that another one that rings must have gained to be looked at again.
-FOLLOWED, STATE_GAIN = 1.5, 0.1
-#: Frequency from which on a motor has a state of its own at first, unless a servo leads it; a
-#: slower one is taken for where its load holds it: half a second tells its state from no law.
-RINGS_HZ = 4.0
-#: Order of the polynomials that follow, over two swings of such a motor, what changes more slowly.
-SLOW_ORDER = 4
-#: How far a spring is bent at most, in units of what its drive's largest torque bends it: what
-#: rings for long has been driven at its own frequency.
-MOST_BENT = 10.0
 #: Largest residual that counts, in units of the noise: a simulation that runs away stays finite.
 LARGEST = 1e5
 
@@ -221,18 +211,18 @@ class Problem(SegmentedProblem):
         parts = [self.whitened(s, p) for s, p in zip(self.segments, predictions, strict=True)]
         if not self.state_basis:
             return parts
-        own = [_without(part, b) for part, b in zip(parts, self.state_basis, strict=True)]
+        own = [without(part, b) for part, b in zip(parts, self.state_basis, strict=True)]
         ringing = ringing_springs(self, effects)
         if not ringing:
             return own
-        columns = _state_columns(self, effects, _motor_steps(len(self.joints), ringing))
+        columns = state_columns(self, effects, motor_steps(len(self.joints), ringing))
         rows = zip(self.segments, own, columns, self.state_basis, predictions, strict=True)
         for i, (segment, part, motors, basis, prediction) in enumerate(rows):
-            if not _led(segment):
-                beside = _without(motors, basis)
-                room = _room(segment, prediction, ringing)
+            if not led(segment):
+                beside = without(motors, basis)
+                room = room_of(segment, prediction, ringing)
                 own[i] = min(
-                    part, part + beside @ _rung(segment, part, beside, room), key=np.linalg.norm
+                    part, part + beside @ rung(segment, part, beside, room), key=np.linalg.norm
                 )
         return own
 
@@ -252,7 +242,7 @@ class Problem(SegmentedProblem):
 
     @override
     def robust(self, effects: Sequence[EffectInstance]) -> Problem:
-        """Returns the problem with limits from what `effects` leave in a typical stretch."""
+        """Returns the problem with limits from what `effects` leave in a typical segment."""
         residual = self.plain().residuals([effects])[0]
         joints = len(self.joints)
         sizes: list[list[Array]] = [[], []]
@@ -290,11 +280,11 @@ class Problem(SegmentedProblem):
         """Returns the problem without efforts."""
         segments = tuple(replace(segment, effort=None) for segment in self.segments)
         rows = zip(self.state_basis, segments, strict=True)
-        basis = tuple(_orthonormal(part[: segment.position.size]) for part, segment in rows)
+        basis = tuple(orthonormal(part[: segment.position.size]) for part, segment in rows)
         return replace(self, segments=segments, state_basis=basis)
 
     def as_measured(self) -> Problem:
-        """Returns the problem with every stretch begun as it was measured, to the letter."""
+        """Returns the problem with every segment begun as it was measured, to the letter."""
         segments = tuple(segment.measured or segment for segment in self.segments)
         return replace(self, segments=segments, state_basis=())
 
@@ -360,11 +350,11 @@ class Problem(SegmentedProblem):
         Where nothing leads a joint back, what a segment begins with counts to its end, and by more
         than to first order. A servo forgets it: its segments stay as they are.
         """
-        free = [i for i, s in enumerate(self.segments) if not _led(s)]
+        free = [i for i, s in enumerate(self.segments) if not led(s)]
         problem = timed(self, effects)
         if not free:
             return problem
-        part = _freely_settled(problem.subset(free), effects)
+        part = freely_settled(problem.subset(free), effects)
         segments, bases = list(problem.segments), list(problem.state_basis)
         for i, segment, basis in zip(free, part.segments, part.state_basis, strict=True):
             segments[i], bases[i] = segment, basis
@@ -413,224 +403,3 @@ def timed(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
         return problem
     both = [replace(problem, after_command=after) for after in (False, True)]
     return min(both, key=lambda one: one.effort_misfit(effects))
-
-
-def unsettled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
-    """Returns the problem with initial states as measured, and what they explain under `effects`.
-
-    What suited a model that was wrong holds the next one there: it is bent to begin as that did.
-    """
-    return with_state_basis(problem.as_measured(), effects).robust(effects)
-
-
-def _led(segment: Segment) -> bool:
-    """Returns whether servos keep the joints on track."""
-    return segment.kind is not CommandKind.EFFORT and bool((segment.servo_gain > 0.0).all())
-
-
-def ringing_springs(problem: Problem, effects: Sequence[EffectInstance]) -> list[Spring]:
-    """Returns the springs whose motors have states of their own at first, under `effects`."""
-    if not problem.motors_apart([effects]) or all(_led(s) for s in problem.segments):
-        return []
-    added = (*problem.given, *effects)
-    plant = make_plant(next(iter(problem.specs.values())), problem.joints, added)
-    return [spring for spring in springs(plant) if spring.ringing_hz >= RINGS_HZ]
-
-
-def _room(segment: Segment, prediction: Prediction, ringing: Sequence[Spring]) -> Array:
-    """Returns how far motors' states can change beside their links', in steps, shape (2, 2 M).
-
-    Downward and upward, so that no spring is bent farther than its drive could.
-    """
-    joints = [one.joint for one in ringing]
-    stiffness = np.array([one.stiffness for one in ringing])
-    angles = MOST_BENT * np.abs(prediction.effort[:, joints]).max(axis=0) / stiffness
-    speeds = 2.0 * np.pi * angles * [one.ringing_hz for one in ringing]
-    now = np.zeros((2, len(joints)))
-    if segment.initial_motor is not None:
-        now = segment.initial_motor[:, joints]
-    most, sizes = np.stack([angles, speeds]), np.array(STATE_STEP)[:, None]
-    return np.stack([((-most - now) / sizes).ravel(), ((most - now) / sizes).ravel()])
-
-
-def _without(values: Array, basis: Array) -> Array:
-    """Returns columns without what an orthonormal basis explains of them."""
-    return np.asarray(values - basis @ (basis.T @ values))
-
-
-def _rung(segment: Segment, part: Array, columns: Array, room: Array) -> Array:
-    """Returns by how much motors' states change so that less rings in a residual, shape (2 M,).
-
-    In steps. What changes more slowly may as well tell of laws that are missing.
-
-    Args:
-        segment: Whose residual it is.
-        part: The residual, without what links' states explain, shape (N,).
-        columns: What motors' states change of that, shape (N, 2 M).
-        room: Within which they are looked for, shape (2, 2 M).
-    """
-    both = np.concatenate([columns, part[:, None]], axis=1)
-    fast = both - _slow(segment, both)
-    amounts = np.linalg.lstsq(fast[:, :-1], fast[:, -1], rcond=1e-6)[0]
-    return np.asarray(np.clip(-amounts, np.minimum(room[0], 0.0), np.maximum(room[1], 0.0)))
-
-
-def _slow(segment: Segment, columns: Array) -> Array:
-    """Returns what of columns, shape (N, M), changes more slowly than a motor rings."""
-    count, joints = segment.position.shape
-    period_s = float(segment.time_s[-1]) / (count - 1)
-    window = min(round(2.0 / RINGS_HZ / period_s), count) // 2 * 2 - 1
-    series = columns.reshape(-1, count, joints, columns.shape[1])
-    if window <= SLOW_ORDER:
-        return columns
-    return np.asarray(savgol_filter(series, window, SLOW_ORDER, axis=1).reshape(columns.shape))
-
-
-def _freely_settled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
-    """Returns a problem that no servo leads, with initial states that fit best, and their bases.
-
-    Stretches that are followed as they begin stay as they are.
-    """
-    ringing, joints = ringing_springs(problem, effects), len(problem.joints)
-    steps = np.concatenate([_link_steps(joints), _motor_steps(joints, ringing)])
-    segments, bases = list(problem.segments), dict(enumerate(problem.state_basis))
-    left = enumerate(_whitened(problem, effects))
-    open_ = [i for i, r in left if i not in bases or mean_square(r) >= FOLLOWED]
-    for _ in range(RINGING_ROUNDS if ringing else STATE_ROUNDS):
-        if not open_:
-            break
-        part = replace(problem, segments=tuple(segments)).subset(open_)
-        columns = _state_columns(part, effects, steps)
-        part, gains = _nearer(part, effects, columns, steps, ringing)
-        for i, segment, own in zip(open_, part.segments, columns, strict=True):
-            segments[i], bases[i] = segment, _orthonormal(own[:, : 2 * joints])
-        least = STATE_GAIN if ringing else 0.0
-        open_ = [i for i, gain in zip(open_, gains, strict=True) if gain > least]
-    there = replace(problem, segments=tuple(segments)).subset(open_)
-    bases |= dict(zip(open_, with_state_basis(there, effects).state_basis, strict=True))
-    own_bases = tuple(bases[i] for i in range(len(segments)))
-    return replace(problem, segments=tuple(segments), state_basis=own_bases)
-
-
-def _nearer(
-    problem: Problem,
-    effects: Sequence[EffectInstance],
-    columns: Sequence[Array],
-    steps: Array,
-    ringing: Sequence[Spring],
-) -> tuple[Problem, list[float]]:
-    """Returns the problem with initial states some Gauss-Newton steps better.
-
-    And the share of its squared residual that each segment gained; none where it is followed.
-
-    Args:
-        problem: Whose initial states are looked for.
-        effects: Of the model.
-        columns: By how much each step of an initial state changes residuals, (N, S) each.
-        steps: See `_state_columns`, shape (S, 4, J).
-        ringing: Springs whose motors have states of their own.
-    """
-    predictions = problem.predictions([effects])[0]
-    left = [problem.whitened(*row) for row in zip(problem.segments, predictions, strict=True)]
-    before = [mean_square(residual) for residual in left]
-    for _ in range(RINGING_STEPS if ringing else 1):
-        segments, trying = list(problem.segments), list(range(len(left)))
-        rooms = [_room(*row, ringing) for row in zip(segments, predictions, strict=True)]
-        rows = zip(segments, left, columns, rooms, strict=True)
-        changes = [np.tensordot(_best_amounts(*row), steps, axes=1) for row in rows]
-        for share in RINGING_SHARES if ringing else STATE_SHARES:
-            moved = [_moved(problem.segments[i], share * changes[i]) for i in trying]
-            part = replace(problem.subset(trying), segments=tuple(moved))
-            after = dict(zip(trying, _whitened(part, effects), strict=True))
-            better = {i for i in trying if mean_square(after[i]) < mean_square(left[i])}
-            for i, segment in zip(trying, moved, strict=True):
-                if i in better:
-                    segments[i], left[i] = segment, after[i]
-            trying = [i for i in trying if i not in better]
-            if not trying:
-                break
-        problem = replace(problem, segments=tuple(segments))
-    costs = [mean_square(residual) for residual in left]
-    gains = [0.0 if c < FOLLOWED else 1.0 - c / b for b, c in zip(before, costs, strict=True)]
-    return problem, gains
-
-
-def _best_amounts(segment: Segment, residual: Array, columns: Array, room: Array) -> Array:
-    """Returns the amounts of all steps of an initial state that leave least, shape (S,).
-
-    Arguments as of `_rung`, but all of them: the columns of links first.
-    """
-    links, motors = np.split(columns, [columns.shape[1] - room.shape[1]], axis=1)
-    basis = _orthonormal(links)
-    rung = np.zeros(0)
-    if room.size:
-        rung = _rung(segment, _without(residual, basis), _without(motors, basis), room)
-    own = np.linalg.lstsq(links, -residual - motors @ rung, rcond=1e-6)[0]
-    return np.concatenate([own, rung])
-
-
-def with_state_basis(problem: Problem, effects: Sequence[EffectInstance] = ()) -> Problem:
-    """Returns the problem with what each initial state can explain, to first order."""
-    columns = _state_columns(problem, effects, _link_steps(len(problem.joints)))
-    return replace(problem, state_basis=tuple(_orthonormal(c) for c in columns))
-
-
-def _link_steps(joints: int) -> Array:
-    """Returns small changes of positions and velocities, one by one, shape (2 J, 4, J)."""
-    return np.diag(np.repeat((*STATE_STEP, 0.0, 0.0), joints))[: 2 * joints].reshape(-1, 4, joints)
-
-
-def _motor_steps(joints: int, ringing: Sequence[Spring]) -> Array:
-    """Returns small changes of motors' states beside their links', one by one, (2 M, 4, J)."""
-    each = np.diag(np.repeat((0.0, 0.0, *STATE_STEP), joints)).reshape(-1, 4, joints)
-    return each[[side * joints + one.joint for side in (2, 3) for one in ringing]]
-
-
-def _state_columns(
-    problem: Problem, effects: Sequence[EffectInstance], steps: Array
-) -> list[Array]:
-    """Returns by how much each step of an initial state changes residuals, (N, S) each.
-
-    Args:
-        problem: Whose initial states are changed.
-        effects: Of the model.
-        steps: Positions, velocities, and the same of motors beside their links, shape (S, 4, J).
-    """
-    fast = problem.coarse()
-    base = _whitened(fast, effects)
-    columns: list[list[Array]] = [[] for _ in problem.segments]
-    for step in steps:
-        moved = replace(fast, segments=tuple(_moved(s, step) for s in problem.segments))
-        for own, before, after in zip(columns, base, _whitened(moved, effects), strict=True):
-            own.append(after - before)
-    return [np.stack(own, axis=1) for own in columns]
-
-
-def _whitened(problem: Problem, effects: Sequence[EffectInstance]) -> list[Array]:
-    predictions = problem.predictions([effects])[0]
-    return [problem.whitened(s, p) for s, p in zip(problem.segments, predictions, strict=True)]
-
-
-def _moved(segment: Segment, change: Array) -> Segment:
-    """Returns a segment that begins elsewhere, see `_state_columns`, shape (4, J)."""
-    motor = change[2:] if segment.initial_motor is None else segment.initial_motor + change[2:]
-    return replace(
-        segment,
-        initial_position=segment.initial_position + change[0],
-        initial_velocity=segment.initial_velocity + change[1],
-        initial_motor=motor,
-        measured=segment.measured or segment,
-    )
-
-
-def _orthonormal(columns: Array) -> Array:
-    """Returns an orthonormal basis of the columns, without directions that are numerical noise.
-
-    A column is nothing where an initial state changes nothing: where a simulation ran away.
-    """
-    sizes = np.linalg.norm(columns, axis=0)
-    acting = sizes > 0.0
-    if not acting.any():
-        return columns[:, :0]
-    left, shares, _ = np.linalg.svd(columns[:, acting] / sizes[acting], full_matrices=False)
-    return np.asarray(left[:, shares > 1e-3 * shares[0]])

@@ -161,7 +161,7 @@ def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
 
 
 def _whole_segment(recording: Trajectory) -> Segment:
-    """Returns a recording as one stretch, for asking which commands were in force."""
+    """Returns a recording as one segment, for asking which commands were in force."""
     return Segment(
         time_s=recording.time_s,
         position=recording.position,

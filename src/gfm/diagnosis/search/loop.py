@@ -65,7 +65,7 @@ class RobotMoves:
     @property
     def always(self) -> list[Place]:
         """Candidates that act all the time."""
-        return [p for p in self.candidates if not p.effect.only_in_stretches]
+        return [p for p in self.candidates if not p.effect.intermittent]
 
     def add(self, here: Hypothesis[Problem], _best: Step | None) -> Proposal[Problem]:
         """Proposes the best single effect of those that are simulated quickly."""

@@ -14,8 +14,9 @@ import numpy as np
 
 from gfm.diagnosis.inference.fitting import ROUGH, at_bound, nothing
 from gfm.diagnosis.inference.score import blocks_of
+from gfm.diagnosis.residuals.initial_states import with_state_basis
 from gfm.diagnosis.residuals.outliers import OUTLYING
-from gfm.diagnosis.residuals.problem import Problem, with_state_basis
+from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis
 from gfm.diagnosis.search.moves.add import SCREENING_S
@@ -62,10 +63,10 @@ def intermittent(
     alone = replace(hypothesis(held, nothing(held), before.nominal), blocks=blocks)
     screened = screen(alone, open_to(before, candidates, before.open_joints), scales, SCREENING_S)
     likely = [s.instance for s in screened if s.gain.nats > 0.0]
-    own = [one for one in likely if one.effect.only_in_stretches][:VALLEYS]
+    own = [one for one in likely if one.effect.intermittent][:VALLEYS]
     if not own:
         return None
-    always = [one for one in likely if not one.effect.only_in_stretches]
+    always = [one for one in likely if not one.effect.intermittent]
     others = first_of_each(always, lambda e: e.key)[:OTHERS]
     tried = [_tried(alone, before.effects, one, report) for one in (*own, *others)]
     ranked = tuple(sorted(tried, key=lambda one: -one.gain.nats))
@@ -82,7 +83,7 @@ def intermittent(
 
 def _now_and_then(instance: EffectInstance) -> bool:
     """Returns whether an effect acts now and then only: what acts always is no matter of a few."""
-    return instance.effect.only_in_stretches and not at_bound(instance)
+    return instance.effect.intermittent and not at_bound(instance)
 
 
 def _tried(
