@@ -9,7 +9,7 @@ from gfm.diagnosis.inference.constants import ADEQUATE_RATIO, ADEQUATE_SHARE, LE
 from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.output.claims import (
-    WRONG_ALIKE,
+    SPREAD_WIDTH,
     closed_share,
     confidence,
     credible,
@@ -122,7 +122,7 @@ def test_the_spread_of_a_model_that_stays_wrong_is_wider_than_an_interval():
     )
     assert right.spread is None
     assert wrong.ci95 is None
-    assert wrong.spread == pytest.approx(WRONG_ALIKE * (right.ci95[1] - right.value))
+    assert wrong.spread == pytest.approx(SPREAD_WIDTH * (right.ci95[1] - right.value))
 
 
 def test_a_doubtful_name_is_a_suspect_with_its_confidence():

@@ -20,7 +20,7 @@ from gfm.diagnosis.evidence.stopping import CLEAN_ROBOTS, FALSE_ALARMS, largest_
 from gfm.diagnosis.evidence.torques import torque_domain
 from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.inference.score import Difference
-from gfm.diagnosis.output.claims import SPREADS_ASKED, SPREADS_HELD, WRONG_ALIKE
+from gfm.diagnosis.output.claims import SPREAD_WIDTH, SPREADS_ASKED, SPREADS_HELD
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step, Tried
 from gfm.effects import EffectInstance, find_effect
 from pendulum import MODEL, PERIOD_S, swung
@@ -345,7 +345,7 @@ def test_spreads_are_said_to_hold_as_often_as_was_recorded():
     held, asked = np.sum([[int(n) for n in row] for row in rows], axis=0)
     assert (held, asked) == (SPREADS_HELD, SPREADS_ASKED)
     misses = re.findall(r"\| \**([\d.]+)\** \|$", page, flags=re.MULTILINE)
-    assert sum(float(miss) <= WRONG_ALIKE for miss in misses) == held
+    assert sum(float(miss) <= SPREAD_WIDTH for miss in misses) == held
 
 
 def test_no_fewer_false_alarms_are_claimed_than_were_recorded():

@@ -12,7 +12,7 @@ from gfm.diagnosis.evidence.adequacy import WORDS, JointAdequacy, Residual
 from gfm.diagnosis.evidence.domains import Agreement, TwoDomains
 from gfm.diagnosis.evidence.energy import EnergyBalance
 from gfm.diagnosis.evidence.stopping import Stopping
-from gfm.diagnosis.output.claims import SPREADS_ASKED, SPREADS_HELD, WRONG_ALIKE
+from gfm.diagnosis.output.claims import SPREAD_WIDTH, SPREADS_ASKED, SPREADS_HELD
 from gfm.diagnosis.output.result import Diagnosis
 from gfm.report import words
 
@@ -107,10 +107,10 @@ def amounts_sentence(diagnosis: Diagnosis) -> str:
         return (
             f"No 95 % interval is given: the corrected model leaves {left} the noise floor on "
             "held-out recordings, and a model that is still wrong is wrong in all of them alike. "
-            f'"roughly ± x" is {WRONG_ALIKE} times how far other recordings of the same kind would '
-            f"put a value: so wide it held the truth {SPREADS_HELD} of {SPREADS_ASKED} times on "
-            "simulated robots that lacked something without a name beside a known effect (as the "
-            "search before this one told amounts)."
+            f'"roughly ± x" is {SPREAD_WIDTH} times how far other recordings of the same kind '
+            "would put a value: so wide it held the truth "
+            f"{SPREADS_HELD} of {SPREADS_ASKED} times on simulated robots that lacked something "
+            "without a name beside a known effect (as the search before this one told amounts)."
         )
     return (
         f"{sum(given)} of {len(given)} amounts have an interval: the corrected model leaves "

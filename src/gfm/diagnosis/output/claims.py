@@ -34,7 +34,7 @@ from gfm.effects import EffectInstance
 #: the same kind would put it: a wrong model is wrong in all of them alike. And how often so wide a
 #: spread held the truth on simulated robots that lack something without a name
 #: (docs/results/spreads.md).
-WRONG_ALIKE, SPREADS_HELD, SPREADS_ASKED = 2.5, 28, 29
+SPREAD_WIDTH, SPREADS_HELD, SPREADS_ASKED = 2.5, 28, 29
 #: More noise floors than this are left by something else than inexact laws.
 FAR_FROM_NOISE = 10.0
 
@@ -156,7 +156,7 @@ def _estimate(value: float, unit: str, width: float, *, holds: bool) -> Paramete
     if not np.isfinite(width):
         return ParameterEstimate(value=value, unit=unit, ci95=None)
     if not holds:
-        return ParameterEstimate(value=value, unit=unit, ci95=None, spread=WRONG_ALIKE * width)
+        return ParameterEstimate(value=value, unit=unit, ci95=None, spread=SPREAD_WIDTH * width)
     return ParameterEstimate(value=value, unit=unit, ci95=(value - width, value + width))
 
 
