@@ -2,8 +2,9 @@
 
     python benchmarks/calibrate.py runs/known_truth runs/known_truth_other
 
-Logistic regression from the figures under `evidence` in reports that `diagnosis.py` made. What it
-is worth is judged on cases that it was not fitted to, each left out once.
+Logistic regression from the figures under `evidence` in reports that `diagnosis.py` made. Robots
+with a law that the library lacks count as often as in a whole suite, however many of them were
+diagnosed. What the fit is worth is judged on cases that it was not fitted to, each left out once.
 
 Shape letters: N names, F features (the first is 1).
 """
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from known_truth.plans import plans
 from known_truth.robots import Array
 from known_truth.told import Told, all_told
 from scipy.optimize import minimize
@@ -47,19 +49,40 @@ def features(evidence: Mapping[str, Any] | None) -> Array | None:
     )
 
 
-def fit(X: Array, right: Array) -> Array:
+def lacks_a_law(case: str) -> bool:
+    """Returns whether a case hides a law that the library does not have."""
+    return "-outside-" in case or "-beside-" in case
+
+
+def weights_of(cases: Sequence[str]) -> Array:
+    """Returns how much each name counts, one in the mean, shape (N,): see the top of this file."""
+    distinct, suite = set(cases), [plan.name for plan in plans(0)]
+    asked, there = (
+        sum(map(lacks_a_law, names)) / len(names) for names in (suite, sorted(distinct))
+    )
+    if not 0.0 < there < 1.0:
+        return np.ones(len(cases))
+    lacking = np.array([lacks_a_law(case) for case in cases])
+    weights = np.where(lacking, asked / there, (1.0 - asked) / (1.0 - there))
+    return np.asarray(weights / weights.mean())
+
+
+def fit(X: Array, right: Array, weights: Array | None = None) -> Array:
     """Returns the amounts of a logistic regression, shape (F,).
 
     Args:
         X: Features, shape (N, F).
         right: 1 for right names, 0 for wrong ones, shape (N,).
+        weights: How much each counts, shape (N,); all the same by default.
     """
+    weights = np.ones(len(right)) if weights is None else weights
 
     def loss(amounts: Array) -> tuple[float, Array]:
         logit = X @ amounts
         held = np.concatenate([[0.0], amounts[1:]])
-        value = np.sum(np.logaddexp(0.0, logit) - right * logit) + 0.5 * _RIDGE * held @ held
-        return float(value), X.T @ (probability(logit) - right) + _RIDGE * held
+        lost = weights @ (np.logaddexp(0.0, logit) - right * logit)
+        slope = X.T @ (weights * (probability(logit) - right))
+        return float(lost + 0.5 * _RIDGE * held @ held), slope + _RIDGE * held
 
     return np.asarray(minimize(loss, np.zeros(X.shape[1]), jac=True, method="BFGS").x)
 
@@ -69,26 +92,26 @@ def probability(logit: Array) -> Array:
     return np.asarray(0.5 * (1.0 + np.tanh(0.5 * logit)))
 
 
-def log_loss(confidence: Array, right: Array) -> float:
+def log_loss(confidence: Array, right: Array, weights: Array | None = None) -> float:
     """Returns the mean of -log of the probability given to what is so; ln 2 of mere guessing."""
     safe = np.clip(confidence, _LEAST_CONFIDENCE, 1.0 - _LEAST_CONFIDENCE)
-    return float(-np.mean(np.where(right > 0.5, np.log(safe), np.log1p(-safe))))
+    lost = -np.where(right > 0.5, np.log(safe), np.log1p(-safe))
+    return float(np.average(lost, weights=weights))
 
 
-def left_out(X: Array, right: Array, cases: Sequence[str]) -> Array:
+def left_out(X: Array, right: Array, cases: Sequence[str], weights: Array | None = None) -> Array:
     """Returns the confidence in each name by a fit to all other cases, shape (N,)."""
-    groups = np.array(cases)
-    confidence = np.zeros(len(right))
+    groups, confidence = np.array(cases), np.zeros(len(right))
+    weights = np.ones(len(right)) if weights is None else weights
     for case in dict.fromkeys(cases):
         here = groups == case
-        confidence[here] = probability(X[here] @ fit(X[~here], right[~here]))
+        confidence[here] = probability(X[here] @ fit(X[~here], right[~here], weights[~here]))
     return confidence
 
 
 def constants(amounts: Array) -> str:
     """Returns the amounts as a line of Python."""
-    pairs = ", ".join(f'"{n}": {a:.3f}' for n, a in zip(FEATURES, amounts, strict=True))
-    return f"_LOGIT = {{{pairs}}}"
+    return f"CONFIDENCE = ({', '.join(f'{a:.2f}' for a in amounts)})"
 
 
 def summary(told: Sequence[Told]) -> str:
@@ -99,16 +122,21 @@ def summary(told: Sequence[Told]) -> str:
     if not 0.0 < right.sum() < len(right):
         return f"{skipped}\nnothing to fit: right and wrong names are needed, both with evidence"
     X, cases = np.stack([row for _, row in pairs]), [one.case for one, _ in pairs]
-    amounts = fit(X, right)
-    said = np.array([one.confidence for one, _ in pairs])
+    weights = weights_of(cases)
+    amounts = fit(X, right, weights)
+    guess = np.full_like(right, np.average(right, weights=weights))
+    told_now = np.array([one.confidence for one, _ in pairs])
+    rows = {
+        "fitted": probability(X @ amounts),
+        "each case left out": left_out(X, right, cases, weights),
+        "of what reports say": told_now,
+        "of the share of right": guess,
+    }
     lines = [
         skipped,
         f"{len(right)} names of {len(set(cases))} cases, {right.sum():.0f} right",
         *(f"  {n:10s} {a:+.3f}" for n, a in zip(FEATURES, amounts, strict=True)),
-        f"log loss, fitted                {log_loss(probability(X @ amounts), right):.4f}",
-        f"log loss, each case left out    {log_loss(left_out(X, right, cases), right):.4f}",
-        f"log loss of what reports say    {log_loss(said, right):.4f}",
-        f"log loss of the share of right  {log_loss(np.full_like(right, right.mean()), right):.4f}",
+        *(f"log loss, {n:24s}{log_loss(c, right, weights):.4f}" for n, c in rows.items()),
         constants(amounts),
     ]
     return "\n".join(lines)

@@ -91,10 +91,25 @@ def test_the_summary_counts_what_is_skipped_and_gives_a_line_to_paste():
     text = calibrate.summary([*names, told("bare", True, None)])
     assert "1 of 61 names carry no evidence" in text
     assert "60 names of 20 cases" in text
-    assert "log loss of what reports say    0.6931" in text
-    assert ast.literal_eval(text.splitlines()[-1].removeprefix("_LOGIT = ")).keys() == set(
-        calibrate.FEATURES
-    )
+    assert "log loss, of what reports say     0.6931" in text
+    amounts = ast.literal_eval(text.splitlines()[-1].removeprefix("CONFIDENCE = "))
+    assert len(amounts) == len(calibrate.FEATURES)
+
+
+def test_laws_that_the_library_lacks_count_as_often_as_in_a_whole_suite():
+    cases = ["a", "b", "c-outside-x", "d-beside-x+y", "d-beside-x+y"]
+    known, *lacking = calibrate.weights_of(cases)[[0, 2, 3]]
+    assert known > 1.0 > lacking[0] == lacking[1]
+    # 30 of 167 cases of a suite, here two of four.
+    assert lacking[0] / known == pytest.approx(30.0 / 137.0)
+    assert calibrate.weights_of(["a", "b"]).tolist() == [1.0, 1.0]
+
+
+def test_what_counts_twice_is_as_good_as_there_twice():
+    X, right, _ = planted(40)
+    twice = calibrate.fit(np.vstack([X, X[:9]]), np.concatenate([right, right[:9]]))
+    weighed = calibrate.fit(X, right, np.where(np.arange(40) < 9, 2.0, 1.0))
+    assert weighed == pytest.approx(twice, abs=1e-4)
 
 
 def test_where_all_names_are_right_nothing_is_fitted():
