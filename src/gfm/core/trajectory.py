@@ -119,6 +119,17 @@ class Trajectory:
         """Time from the first to the last measurement."""
         return float(self.stamp_ns[-1] - self.stamp_ns[0]) * 1e-9
 
+    @property
+    def period_s(self) -> float:
+        """Median time from one measurement to the next."""
+        return float(np.median(np.diff(self.time_s)))
+
+    @property
+    def held_command(self) -> Array:
+        """The command in force at each measurement, the first one before it, shape (T, J)."""
+        place = np.searchsorted(self.command_stamp_ns, self.stamp_ns, side="right") - 1
+        return self.command[np.maximum(place, 0)]
+
     def with_joints(self, names: Sequence[str]) -> Trajectory:
         """Returns the recording with these of its joints, in this order.
 

@@ -19,7 +19,6 @@ import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.finding import held_command
 from gfm.diagnosis.data.signals import smooth_states
 from gfm.diagnosis.search.candidates import TorqueView, torque_view
 from gfm.effects import EffectInstance
@@ -191,7 +190,7 @@ def _plants(
 
 def _looked_at(recording: Trajectory, samples: int) -> Trajectory:
     """Returns the first measurements of a recording, thinned (and smoothed before) where dense."""
-    stride = max(int(RATE_HZ**-1 / float(np.median(np.diff(recording.time_s))) + 1e-6), 1)
+    stride = max(int(RATE_HZ**-1 / recording.period_s + 1e-6), 1)
     keep = slice(0, samples * stride, stride)
     smooth = recording.position
     if stride > 1:
@@ -207,12 +206,12 @@ def _looked_at(recording: Trajectory, samples: int) -> Trajectory:
 
 def _command_change(recording: Trajectory) -> Array:
     """Returns the rate of the commands in force at the measurements, shape (T, J)."""
-    return np.asarray(np.gradient(held_command(recording), recording.time_s, axis=0))
+    return np.asarray(np.gradient(recording.held_command, recording.time_s, axis=0))
 
 
 def block_means(rows: Array, recording: Trajectory) -> Array:
     """Returns the means over whole blocks of a recording's rows (T, J), shape (B, J)."""
-    period_s = float(np.median(np.diff(recording.time_s)))
+    period_s = recording.period_s
     length = max(round(BLOCK_S / period_s), 1)
     count = max(len(rows) // length, 1)
     whole = rows[: count * length]

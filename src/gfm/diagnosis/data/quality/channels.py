@@ -13,7 +13,7 @@ from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.core.rounding import resolution
 from gfm.diagnosis.data.noise import noise_std
-from gfm.diagnosis.data.quality.finding import Finding, Objection, held_command, joint_finding
+from gfm.diagnosis.data.quality.finding import Finding, Objection, joint_finding
 
 #: A command that moves by so much while the joint does not: more than any dry friction holds
 #: against a servo that works, rad.
@@ -44,8 +44,8 @@ def stuck_position(recording: Trajectory) -> Objection | None:
 def _demanded_motion(recording: Trajectory) -> Array:
     """Returns how far the commands would move each joint: peak to peak, rad, shape (J,)."""
     if recording.command_kind is CommandKind.POSITION:
-        return np.asarray(np.ptp(held_command(recording), axis=0))
-    steps = held_command(recording)[:-1] * np.diff(recording.time_s)[:, None]
+        return np.asarray(np.ptp(recording.held_command, axis=0))
+    steps = recording.held_command[:-1] * np.diff(recording.time_s)[:, None]
     return np.asarray(np.ptp(np.cumsum(steps, axis=0), axis=0))
 
 
@@ -128,7 +128,7 @@ def echoed(recording: Trajectory) -> list[Finding]:
     }[recording.command_kind]
     if measured is None:
         return []
-    command = held_command(recording)
+    command = recording.held_command
     advice = "the command looks like an echo of the measurement: record what the robot was told"
     found = []
     for j in np.flatnonzero(np.ptp(measured, axis=0) > 100.0 * EXACTLY):

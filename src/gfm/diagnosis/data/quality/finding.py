@@ -124,12 +124,6 @@ def joint_finding(
     )
 
 
-def held_command(recording: Trajectory) -> Array:
-    """Returns the command in force at each measurement, the first one before it, shape (T, J)."""
-    place = np.searchsorted(recording.command_stamp_ns, recording.stamp_ns, side="right") - 1
-    return recording.command[np.maximum(place, 0)]
-
-
 def correlation(one: Array, other: Array) -> float:
     """Returns Pearson's correlation of two signals of shape (T,); 0 where one is constant."""
     a, b = one - one.mean(), other - other.mean()

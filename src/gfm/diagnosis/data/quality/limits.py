@@ -11,7 +11,7 @@ from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.core.rounding import resolution
 from gfm.diagnosis.data.noise import noise_std
-from gfm.diagnosis.data.quality.finding import Finding, held_command, joint_finding
+from gfm.diagnosis.data.quality.finding import Finding, joint_finding
 from gfm.diagnosis.data.signals import smooth_states
 from gfm.sim.plant import Plant
 
@@ -52,7 +52,7 @@ def cut_off_speeds(recording: Trajectory) -> list[Finding]:
     if recording.command_kind is CommandKind.EFFORT:
         return []
     _, speed, _ = smooth_states(recording.time_s, recording.position)
-    command, asked = held_command(recording), held_command(recording)
+    command = asked = recording.held_command
     if recording.command_kind is CommandKind.POSITION:
         _, asked, _ = smooth_states(recording.time_s, command)
         command = command - recording.position

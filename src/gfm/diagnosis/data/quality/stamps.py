@@ -31,7 +31,7 @@ LEAST_CYCLE_S = 0.005
 
 def absurd_rate(recording: Trajectory) -> Objection | None:
     """Objects to stamps in another unit than they claim."""
-    rate_hz = 1.0 / _period_s(recording)
+    rate_hz = 1.0 / recording.period_s
     if LEAST_RATE_HZ <= rate_hz <= MOST_RATE_HZ:
         return None
     return Objection(
@@ -44,7 +44,7 @@ def absurd_rate(recording: Trajectory) -> Objection | None:
 
 def jitter(recording: Trajectory) -> list[Finding]:
     """Finds stamps that scatter; gaps are another matter."""
-    period_s = _period_s(recording)
+    period_s = recording.period_s
     periods = np.diff(recording.time_s)
     share = float(np.std(periods[periods < GAP_PERIODS * period_s])) / period_s
     if share < JITTER:
@@ -59,7 +59,7 @@ def gaps(recording: Trajectory) -> list[Finding]:
     Where a joint moves, it covers a gap's time at its speed if messages were lost, and only the
     way of one period if the clock jumped.
     """
-    time_s, period_s = recording.time_s, _period_s(recording)
+    time_s, period_s = recording.time_s, recording.period_s
     places = np.flatnonzero(np.diff(time_s) > GAP_PERIODS * period_s)
     jumped = [i for i in places if _jumped(recording, int(i), period_s)]
     lost = np.setdiff1d(places, jumped)
@@ -128,7 +128,7 @@ def repeated(recording: Trajectory) -> list[Finding]:
 
 def one_stamp_a_cycle(recording: Trajectory) -> list[Finding]:
     """Finds stamps that measurements share with commands, where reading joints takes time."""
-    period_s, joints = _period_s(recording), len(recording.joint_names)
+    period_s, joints = recording.period_s, len(recording.joint_names)
     shared = float(np.isin(recording.stamp_ns, recording.command_stamp_ns).mean())
     if shared < 0.95 or joints < 3 or period_s < LEAST_CYCLE_S:
         return []
@@ -138,10 +138,6 @@ def one_stamp_a_cycle(recording: Trajectory) -> list[Finding]:
     )
     found = _finding(recording, "one stamp for a cycle of", 1e3 * period_s, "ms", advice)
     return [Finding(**{**vars(found), "doubtful": False})]
-
-
-def _period_s(recording: Trajectory) -> float:
-    return float(np.median(np.diff(recording.time_s)))
 
 
 def _finding(

@@ -12,7 +12,7 @@ import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.finding import Finding, Objection, correlation, held_command, slope
+from gfm.diagnosis.data.quality.finding import Finding, Objection, correlation, slope
 from gfm.diagnosis.data.signals import smooth_states
 from gfm.sim.plant import Plant
 
@@ -96,7 +96,7 @@ def command_ratio(recording: Trajectory) -> Objection | None:
     signal = answer.get(recording.command_kind)
     if signal is None:
         return None
-    command = held_command(recording)
+    command = recording.held_command
     for j, name in enumerate(recording.joint_names):
         if correlation(signal[:, j], command[:, j]) < FOLLOWS:
             continue
@@ -166,7 +166,7 @@ def surplus_energy(recording: Trajectory, plant: Plant) -> Objection | None:
     likewise.
     """
     commanded = recording.command_kind is CommandKind.EFFORT
-    effort = held_command(recording) if commanded else recording.effort
+    effort = recording.held_command if commanded else recording.effort
     if effort is None:
         return None
     q, v, _ = smooth_states(recording.time_s, recording.position)
