@@ -200,8 +200,3 @@ def error_plot(
             for label, e in (("nominal model", before), ("corrected model", after))
         ),
     )
-
-
-def rmse(errors: Sequence[Array]) -> Array:
-    """Returns the root mean square of errors of shape (T, J) by joint, shape (J,)."""
-    return np.asarray(np.sqrt(np.mean(np.concatenate(list(errors)) ** 2, axis=0)))

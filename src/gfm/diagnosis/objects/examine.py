@@ -15,6 +15,8 @@ from gfm.diagnosis.objects.problem import ObjectProblem, predicted
 from gfm.diagnosis.objects.segments import ObjectSegment, cut, make_scene
 from gfm.diagnosis.objects.stage import make_stage, run
 from gfm.diagnosis.objects.track import plane_noise, track_of
+from gfm.diagnosis.output.claims import credible, named_effects
+from gfm.diagnosis.output.errors import rms
 from gfm.diagnosis.output.result import ErrorSummary, EvidencePlot, NamedEffect, Series
 from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance
@@ -66,6 +68,12 @@ class ObjectPart:
         """What was accepted."""
         return self.found.fit.effects
 
+    @property
+    def named(self) -> tuple[NamedEffect, ...]:
+        """What of it is more likely right than not."""
+        named = named_effects(self.problem.slices(), self.found, credible(self.found))
+        return tuple(_widened(one) for one in named)
+
 
 def examine_object(
     spec: mujoco.MjSpec,
@@ -111,7 +119,7 @@ def _better_cone(problem: ObjectProblem) -> int:
     return min(costs, key=lambda cone: costs[cone])
 
 
-def widened(named: NamedEffect) -> NamedEffect:
+def _widened(named: NamedEffect) -> NamedEffect:
     """Returns an effect whose intervals allow for the inexactness of contacts."""
     least = CONTACT_FRICTION if named.effect == "object_friction" else 0.0
     parameters = {}
@@ -160,10 +168,15 @@ def _problem(spec: mujoco.MjSpec, recordings: Sequence[Trajectory]) -> ObjectPro
     return ObjectProblem(spec=spec, segments=kept, noise=noise)
 
 
+def with_cone(spec: mujoco.MjSpec, cone: int) -> mujoco.MjSpec:
+    """Returns a model with another kind of contacts."""
+    changed = spec.copy()
+    changed.option.cone = cone
+    return changed
+
+
 def _with_cone(problem: ObjectProblem, cone: int) -> ObjectProblem:
-    spec = problem.spec.copy()
-    spec.option.cone = cone
-    return ObjectProblem(spec=spec, segments=problem.segments, noise=problem.noise)
+    return replace(problem, spec=with_cone(problem.spec, cone))
 
 
 def _part(
@@ -174,12 +187,13 @@ def _part(
     before = _with_cone(judged, own).settled(())
     after = _with_cone(judged, cone).settled(effects)
     parts = [before.parts(()), after.parts(effects)]
-    rms = [_rms(part) for part in parts]
+    whole = [rms(part) for part in parts]
+    errors = [np.concatenate(part).reshape(-1, 3) * judged.noise for part in parts]
     place, yaw = (
         ErrorSummary(
-            before=_rms([p.reshape(-1, 3)[:, columns] * judged.noise[columns] for p in parts[0]]),
-            after=_rms([p.reshape(-1, 3)[:, columns] * judged.noise[columns] for p in parts[1]]),
-            noise_floor=_rms([judged.noise[columns]]),
+            before=rms([errors[0][:, columns]]),
+            after=rms([errors[1][:, columns]]),
+            noise_floor=rms([judged.noise[columns]]),
             unit=unit,
         )
         for columns, unit in ((slice(0, 2), "m"), (slice(2, 3), "rad"))
@@ -187,15 +201,11 @@ def _part(
     return ObjectPart(
         found=found,
         problem=problem,
-        overall=ErrorSummary(before=rms[0], after=rms[1], noise_floor=1.0, unit="noise"),
+        overall=ErrorSummary(before=whole[0], after=whole[1], noise_floor=1.0, unit="noise"),
         errors=(place, yaw),
         cone=cone,
         plots=(_path_plot(before, after, effects),),
     )
-
-
-def _rms(parts: Sequence[Array]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate([part.ravel() for part in parts]) ** 2)))
 
 
 def _notes(problem: ObjectProblem, *, own: int, held: bool) -> tuple[str, ...]:

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import mujoco
+
 from gfm.diagnosis.objects import ObjectPart
 from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, Verdict
+from gfm.diagnosis.residuals.problem import Problem
+from gfm.effects import EffectInstance
 
 #: Parameters of an effect that a sentence tells at most.
 IN_A_SENTENCE = 3
+#: What to know of a search that was ended by its time.
+OUT_OF_TIME = "The time for the search was over: this is the best answer so far."
 
 
 def sentence_on(
@@ -39,11 +45,11 @@ def _wrong(named: Sequence[NamedEffect], among: str) -> str:
     return f"misses{among} {missing}; it has {much}" if less else f"misses{among} {missing}"
 
 
-def sentence_on_object(thing: ObjectPart, pushed: Sequence[NamedEffect]) -> str:
+def sentence_on_object(thing: ObjectPart) -> str:
     """Returns what a pushed object's poses say that the model lacks, in one sentence."""
     place = thing.errors[0]
-    names = "; ".join(_in_words(effect) for effect in pushed)
-    lacks = f"misses {names} of the object" if pushed else "misses nothing with a name"
+    names = "; ".join(_in_words(effect) for effect in thing.named)
+    lacks = f"misses {names} of the object" if names else "misses nothing with a name"
     return (
         f"By the object's poses it {lacks} (held-out error of its place {place.before:.3g} m "
         f"before, {place.after:.3g} m after, noise {place.noise_floor:.3g} m)."
@@ -83,3 +89,45 @@ def _first_of(amounts: Sequence[str]) -> str:
     """Returns as many amounts as a sentence bears; all of them stand in the table below it."""
     shown = ", ".join(amounts[:IN_A_SENTENCE])
     return shown if len(amounts) <= IN_A_SENTENCE else f"{shown}, ..."
+
+
+def notes_on(
+    verdict: Verdict, problem: Problem, effects: Sequence[EffectInstance], *, outside: bool
+) -> list[str]:
+    """Returns what a reader should know of a verdict.
+
+    Args:
+        verdict: On the robot.
+        problem: What errors are measured on.
+        effects: What corrects the model.
+        outside: Whether there is something that MJCF cannot say.
+    """
+    notes = [
+        "Errors are of open-loop rollouts whose initial state is fitted (two numbers per joint, "
+        "and two per motor that rings against its link where no servo holds it); recordings of "
+        "torque commands are cut into segments of half a second, others of a robot that touches "
+        "something into segments of about two."
+    ]
+    if any(effect.takes_off for effect in effects):
+        notes.append("A negative amount takes off what the model has of it.")
+    if outside:
+        notes.append(
+            "Not everything can be written in MJCF: corrected.effects.json has the rest, and where "
+            "corrected.xml is given to a gfm command it is found beside it."
+        )
+    if verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY_EXPLAINED):
+        notes.append("What stays unexplained can be learned as a generalized force model.")
+    spec = next(iter(problem.specs.values()))
+    slide = mujoco.mjtJoint.mjJNT_SLIDE
+    if sliding := [name for name in problem.joints if spec.joint(name).type == slide]:
+        verb = "slides" if len(sliding) == 1 else "slide"
+        notes.append(
+            f"{', '.join(sliding)} {verb}: there read m for rad, N for N m, kg for kg m^2."
+        )
+    if any(problem.is_implicit(kind) for kind in problem.specs):
+        notes.append(
+            "MuJoCo's Runge-Kutta integrator does not follow the model on its time step (very "
+            "stiff servos on light links do that: are rotors missing?): its `discrete` integrator "
+            "is used, in the corrected model, too."
+        )
+    return notes
