@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from typing import final
 
 import mujoco
 import numpy as np
@@ -20,13 +19,11 @@ from scipy.optimize import minimize
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.inference.fitting import amounts, bounds_of, derivatives, with_amounts
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.effects import Effect, EffectInstance, find_effect
-
-#: Relative steps of the finite differences: of the gain, and of the damping's unit.
-_STEP = 0.01
-#: Least motion and torque that the damping's unit is taken from, rad/s and N m.
-_LEAST_SPEED, _LEAST_TORQUE = 1e-3, 1e-3
+from gfm.diagnosis.search.candidates import Place
+from gfm.diagnosis.search.nominal_parameters import with_room
+from gfm.effects import EffectInstance, find_effect
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,23 +75,41 @@ def identify(
     chosen = _alternating(recordings, most_s)
     positions = [replace(recording, effort=None) for recording in chosen]
     problem = make_problem(specs, positions, given=given)
-    objective = _Objective(problem)
+    nominal = _nominal(problem)
+    start, (low, high) = amounts(nominal), bounds_of(nominal)
+    before = _errors(problem, nominal)
+    unit_rad = max(float(np.sqrt(np.mean(before**2))), 1e-12)
+    # Parameters that change residuals about as much, and a curvature of about one, which is what
+    # SLSQP assumes at first.
+    sizes = np.sqrt(np.mean(_slopes(problem, nominal, before) ** 2, axis=0))
+    scale = unit_rad / np.maximum(sizes, 1e-9 * unit_rad)
+
+    def at(scaled: Array) -> tuple[EffectInstance, ...]:
+        return with_amounts(nominal, start + scale * scaled)
+
+    def value(scaled: Array) -> float:
+        return 0.5 * float(np.mean(_errors(problem, at(scaled)) ** 2)) / unit_rad**2
+
+    def gradient(scaled: Array) -> Array:
+        errors = _errors(problem, at(scaled))
+        slopes = _slopes(problem, at(scaled), errors)
+        return np.asarray(errors @ slopes / errors.size * scale / unit_rad**2)
+
     found = minimize(
-        objective.value,
-        objective.start,
-        jac=objective.gradient,
+        value,
+        np.zeros(len(start)),
+        jac=gradient,
         method="SLSQP",
-        bounds=objective.bounds,
+        bounds=list(zip((low - start) / scale, (high - start) / scale, strict=True)),
         options={"maxiter": max_iterations, "ftol": 1e-6},
     )
-    parameters = objective.parameters(found.x)
-    gain, added = np.split(parameters, 2)
+    gain, added = np.split(start + scale * found.x, 2)
     return Identified(
-        effects=objective.effects(parameters),
+        effects=at(found.x),
         gain=gain,
-        damping=added + objective.nominal_damping,
-        before=objective.unit_rad,
-        after=objective.unit_rad * float(np.sqrt(2.0 * found.fun)),
+        damping=added - low[len(added) :],
+        before=unit_rad,
+        after=unit_rad * float(np.sqrt(2.0 * found.fun)),
         recordings=tuple(recording.name for recording in chosen),
         iterations=int(found.nit),
         converged=bool(found.success),
@@ -110,116 +125,27 @@ def _alternating(recordings: Sequence[Trajectory], most_s: float) -> list[Trajec
     return [r for r, before_s in zip(turns, passed_s, strict=True) if before_s < most_s - 1e-6]
 
 
-@final
-class _Objective:
-    """Half the mean squared position error of rollouts, in units of the nominal model's.
-
-    Rollouts are integrated fast; what that changes is measured once, on the nominal model, and
-    taken off. SLSQP's variables are scaled so that each changes the residuals about as much, and
-    the objective has about unit curvature in them, which is what SLSQP assumes at first.
-
-    Attributes:
-        unit_rad: RMSE of the nominal model.
-        nominal_damping: shape (J,).
-    """
-
-    def __init__(self, problem: Problem) -> None:
-        self._joints = problem.joints
-        # Amounts come from these rollouts alone: steps that do for derivatives are too long.
-        stepping = {kind: one.halved() for kind, one in problem.stepping.items()}
-        self._fast = replace(problem.coarse(), stepping=stepping)
-        self._noise = problem.noise.position
-        damping = [
-            [spec.joint(name).damping[0] for name in problem.joints]
-            for spec in problem.specs.values()
-        ]
-        self.nominal_damping: Array = np.min(damping, axis=0)
-        nominal = np.concatenate([np.ones(len(problem.joints)), np.zeros(len(problem.joints))])
-        accurate = self._in_rad(problem.residuals([()]))[0]
-        self._correction: Array = np.zeros(len(accurate))
-        self._correction = accurate - self._residuals([nominal])[0]
-        self.unit_rad = max(float(np.sqrt(np.mean(accurate**2))), 1e-12)
-        self._step = np.concatenate(
-            [np.full(len(self._joints), _STEP), _STEP * self._damping_unit()]
-        )
-        self._nominal = nominal
-        columns = self._jacobian(nominal)[1]
-        self._scale = self.unit_rad / np.maximum(
-            np.sqrt((columns**2).mean(axis=1)), 1e-9 * self.unit_rad
-        )
-        self._known: dict[bytes, float] = {}
-
-    @property
-    def start(self) -> Array:
-        """The nominal model, shape (P,)."""
-        return np.zeros(len(self._nominal))
-
-    @property
-    def bounds(self) -> list[tuple[float, None]]:
-        """Neither gain nor damping is negative."""
-        least = np.concatenate([np.zeros(len(self._joints)), -self.nominal_damping])
-        return [(float(low), None) for low in (least - self._nominal) / self._scale]
-
-    def parameters(self, scaled: Array) -> Array:
-        """Returns gains and added dampings, shape (P,), of SLSQP's variables."""
-        return np.asarray(self._nominal + self._scale * scaled)
-
-    def effects(self, parameters: Array) -> tuple[EffectInstance, ...]:
-        """Returns the parameters as effects."""
-        gain, damping = find_effect("actuator_gain"), find_effect("viscous_friction")
-        gains, dampings = np.split(parameters, 2)
-        return (
-            *(_on(gain, name, "scale", x) for name, x in zip(self._joints, gains, strict=True)),
-            *(
-                _on(damping, name, "coefficient", x)
-                for name, x in zip(self._joints, dampings, strict=True)
-            ),
-        )
-
-    def value(self, scaled: Array) -> float:
-        """Returns the objective."""
-        key = scaled.tobytes()
-        if key not in self._known:
-            residual = self._residuals([self.parameters(scaled)])[0]
-            self._known[key] = self._cost(residual)
-        return self._known[key]
-
-    def gradient(self, scaled: Array) -> Array:
-        """Returns its gradient, shape (P,): finite differences of the residuals, in one batch."""
-        residual, columns = self._jacobian(self.parameters(scaled))
-        return np.asarray(columns @ residual / residual.size * self._scale / self.unit_rad**2)
-
-    def _cost(self, residual: Array) -> float:
-        return 0.5 * float(np.mean(residual**2)) / self.unit_rad**2
-
-    def _jacobian(self, parameters: Array) -> tuple[Array, Array]:
-        """Returns the residual (N,) and its derivatives (P, N)."""
-        moved = parameters + np.diag(self._step)
-        rows = self._residuals([parameters, *moved])
-        return rows[0], (rows[1:] - rows[0]) / self._step[:, None]
-
-    def _residuals(self, parameters: Sequence[Array]) -> Array:
-        """Returns measured minus predicted positions, rad, shape (len(parameters), N)."""
-        rows = self._fast.residuals([self.effects(one) for one in parameters])
-        return self._in_rad(rows) + self._correction
-
-    def _in_rad(self, whitened: Array) -> Array:
-        shape = (len(whitened), -1, len(self._joints))
-        return np.asarray((whitened.reshape(shape) * self._noise).reshape(len(whitened), -1))
-
-    def _damping_unit(self) -> Array:
-        """Returns a damping that would matter: drive torque over speed, N m s/rad, shape (J,)."""
-        predictions = self._fast.predictions([()], efforts=True)[0]
-        torque = np.concatenate([p.effort for p in predictions])
-        speed = np.concatenate(
-            [
-                np.gradient(p.position, s.time_s, axis=0)
-                for p, s in zip(predictions, self._fast.segments, strict=True)
-            ]
-        )
-        rms = [np.sqrt((values**2).mean(axis=0)) for values in (torque, speed)]
-        return np.asarray(np.maximum(rms[0], _LEAST_TORQUE) / np.maximum(rms[1], _LEAST_SPEED))
+def _nominal(problem: Problem) -> tuple[EffectInstance, ...]:
+    """Returns the effects that leave the model as it is; no damping falls below none at all."""
+    none = {"actuator_gain": {"scale": 1.0}, "viscous_friction": {"coefficient": 0.0}}
+    places = [
+        with_room(problem, Place(effect=find_effect(name), joints=(joint,)))
+        for name in none
+        for joint in problem.joints
+    ]
+    return tuple(
+        EffectInstance(effect=p.effect, joints=p.joints, values=none[p.effect.name], least=p.least)
+        for p in places
+    )
 
 
-def _on(effect: Effect, joint: str, parameter: str, value: float) -> EffectInstance:
-    return EffectInstance(effect=effect, joints=(joint,), values={parameter: float(value)})
+def _errors(problem: Problem, effects: tuple[EffectInstance, ...]) -> Array:
+    """Returns measured minus predicted positions, rad, shape (N,)."""
+    return np.concatenate([part.ravel() for part in problem.position_errors(effects)])
+
+
+def _slopes(problem: Problem, effects: tuple[EffectInstance, ...], errors: Array) -> Array:
+    """Returns the derivatives of such errors by the parameters, shape (N, P)."""
+    columns = derivatives(problem, effects, errors)
+    noise = np.tile(problem.noise.position, len(columns) // len(problem.joints))
+    return np.asarray(noise[:, None] * columns)

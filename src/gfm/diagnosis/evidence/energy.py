@@ -13,11 +13,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
+from gfm.diagnosis.data.quality.units import along
 from gfm.diagnosis.evidence.torques import TorqueDomain
 from gfm.diagnosis.search.candidates import TorqueView
 from gfm.diagnosis.search.nominal_parameters import covers
@@ -88,103 +88,64 @@ class EnergyBalance:
         return self.share <= EVEN and all(one.possible for one in self.named)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Work:
-    """Energies of one recording, J."""
-
-    drive: float
-    through: float
-    stored: float
-    dissipated: float
-    duration_s: float
-
-    @property
-    def missing(self) -> float:
-        return self.drive - self.stored - self.dissipated
-
-
 def energy_balance(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> EnergyBalance:
     """Returns the balance under the nominal model and with `effects`."""
     spec = next(iter(domain.specs.values()))
-    before, after = (_works(domain, chosen) for chosen in ((), domain.in_model(effects)))
-    duration_s = sum(one.duration_s for one in before)
     named = tuple(
         Dissipation(
             effect=e.effect.name,
             joints=e.joints,
-            power_w=-_work(domain, law) / duration_s,
+            power_w=_taken(domain, law),
             only_takes=e.effect.name in DISSIPATIVE and not covers(spec, e),
         )
         for e in effects
         if (law := domain.law(e)) is not None
     )
-    missing = sum(one.missing for one in after) / duration_s
+    before, _, gained, lost = _powers(domain, ())
+    drive, through, stored, dissipated = _powers(domain, domain.in_model(effects))
     return EnergyBalance(
-        drive_w=sum(one.drive for one in after) / duration_s,
-        through_w=sum(one.through for one in after) / duration_s,
-        stored_w=sum(one.stored for one in after) / duration_s,
-        dissipated_w=sum(one.dissipated for one in after) / duration_s,
-        missing_w=sum(one.missing for one in before) / duration_s,
+        drive_w=drive,
+        through_w=through,
+        stored_w=stored,
+        dissipated_w=dissipated,
+        missing_w=before - gained - lost,
         named=named,
-        unexplained_w=missing - sum(one.power_w for one in named),
+        unexplained_w=drive - stored - dissipated - sum(one.power_w for one in named),
     )
 
 
-def _work(domain: TorqueDomain, law: Sequence[Array]) -> float:
-    """Returns the work of torques (T, J) along the recordings, J."""
-    return sum(
-        _integral(recording, torque * view.velocity)
-        for recording, torque, view in zip(domain.recordings, law, domain.views, strict=True)
-    )
+def _taken(domain: TorqueDomain, law: Sequence[Array]) -> float:
+    """Returns the mean power that torques (T, J) take along the recordings, W."""
+    rows = zip(domain.recordings, law, domain.views, strict=True)
+    work = sum(_integral(recording, torque * view.velocity) for recording, torque, view in rows)
+    return -work / sum(recording.duration_s for recording in domain.recordings)
 
 
-def _works(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> list[_Work]:
+def _powers(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> list[float]:
+    """Returns mean powers with `effects` in the model, W: as of `_works`."""
     plants = domain.plants(effects)
-    return [
-        _recording_work(plants[recording.command_kind], recording, view)
-        for recording, view in zip(domain.recordings, domain.views_with(effects), strict=True)
-    ]
+    rows = zip(domain.recordings, domain.views_with(effects), strict=True)
+    works = [_works(plants[recording.command_kind], recording, view) for recording, view in rows]
+    duration_s = sum(recording.duration_s for recording in domain.recordings)
+    return [sum(work) / duration_s for work in zip(*works, strict=True)]
 
 
-def _recording_work(plant: Plant, recording: Trajectory, view: TorqueView) -> _Work:
-    """Returns one recording's energies under a plant, by its positions and velocities."""
-    passive = _along(plant, view)
-    power = view.drive * view.velocity
-    return _Work(
-        drive=_integral(recording, power),
-        through=_integral(recording, np.abs(power)),
-        stored=passive.stored - _integral(recording, passive.holding * view.velocity),
-        dissipated=-_integral(recording, passive.damping * view.velocity),
-        duration_s=recording.duration_s,
-    )
+def _works(plant: Plant, recording: Trajectory, view: TorqueView) -> tuple[float, ...]:
+    """Returns what the drives do along a recording, what goes through them, is stored, and lost, J.
 
-
-@dataclass(frozen=True, kw_only=True)
-class _Passive:
-    """What a model does by itself: energy gained, J, and torques on the joints, (T, J) each."""
-
-    stored: float
-    damping: Array
-    holding: Array
-
-
-def _along(plant: Plant, view: TorqueView) -> _Passive:
-    """Returns what the model does by itself along a motion; it holds what cancels its weight."""
-    model, data = plant.model, mujoco.MjData(plant.model)
-    model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    What cancels the weight of a part stores energy as a spring does.
+    """
     damping, holding = np.empty_like(view.position), np.empty_like(view.position)
     energy = np.empty(len(view.position))
-    for i, (q, v) in enumerate(zip(view.position, view.velocity, strict=True)):
-        data.qpos[plant.qpos], data.qvel[plant.dof] = q, v
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        mujoco.mj_energyPos(model, data)
-        mujoco.mj_energyVel(model, data)
-        energy[i] = data.energy.sum()
+    for i, data in enumerate(along(plant, view.position, view.velocity)):
         other = data.qfrc_passive - data.qfrc_spring - data.qfrc_damper
         damping[i], holding[i] = data.qfrc_damper[plant.dof], other[plant.dof]
-    dry = model.dof_frictionloss[plant.dof] * sign(view.velocity, SIGN_WIDTH_RAD_S)
-    return _Passive(stored=float(energy[-1] - energy[0]), damping=damping - dry, holding=holding)
+        energy[i] = data.energy.sum()
+    dry = plant.model.dof_frictionloss[plant.dof] * sign(view.velocity, SIGN_WIDTH_RAD_S)
+    torques = (view.drive, holding, damping - dry)
+    drive, held, damped = (_integral(recording, t * view.velocity) for t in torques)
+    through = _integral(recording, np.abs(view.drive * view.velocity))
+    return drive, through, float(energy[-1] - energy[0]) - held, -damped
 
 
 def _integral(recording: Trajectory, power: Array) -> float:

@@ -7,6 +7,8 @@ Shape letters: T measurements, J joints.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import mujoco
 import numpy as np
 
@@ -170,7 +172,7 @@ def surplus_energy(recording: Trajectory, plant: Plant) -> Objection | None:
     if effort is None:
         return None
     q, v, _ = smooth_states(recording.time_s, recording.position)
-    kinetic, potential = _energies(plant, q, v)
+    potential, kinetic = np.array([data.energy.copy() for data in along(plant, q, v)]).T
     power = np.abs(effort * v).sum(axis=1)
     work = np.concatenate([[0.0], np.cumsum(power[:-1] * np.diff(recording.time_s))])
     top = int(np.argmax(kinetic - np.minimum.accumulate(kinetic)))
@@ -185,18 +187,16 @@ def surplus_energy(recording: Trajectory, plant: Plant) -> Objection | None:
     )
 
 
-def _energies(plant: Plant, q: Array, v: Array) -> tuple[Array, Array]:
-    """Returns kinetic and potential energy of a motion, J, each of shape (T,)."""
+def along(plant: Plant, q: Array, v: Array) -> Iterator[mujoco.MjData]:
+    """Yields a model's state along a motion: positions and velocities (T, J), forces, energies."""
     model, data = plant.model, mujoco.MjData(plant.model)
-    kinetic, potential = np.empty(len(q)), np.empty(len(q))
-    for i in range(len(q)):
-        data.qpos[plant.qpos], data.qvel[plant.dof] = q[i], v[i]
+    for position, velocity in zip(q, v, strict=True):
+        data.qpos[plant.qpos], data.qvel[plant.dof] = position, velocity
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_energyPos(model, data)
         mujoco.mj_energyVel(model, data)
-        potential[i], kinetic[i] = data.energy
-    return kinetic, potential
+        yield data
 
 
 def _is(ratio: float, factor: float, within: float) -> bool:
