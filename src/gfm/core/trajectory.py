@@ -130,6 +130,11 @@ class Trajectory:
         place = np.searchsorted(self.command_stamp_ns, self.stamp_ns, side="right") - 1
         return self.command[np.maximum(place, 0)]
 
+    @property
+    def gains(self) -> Array:
+        """The factor on each joint's servo gain, 0 where its drive was off, shape (J,)."""
+        return np.array([self.servo_gain.get(name, 1.0) for name in self.joint_names])
+
     def with_joints(self, names: Sequence[str]) -> Trajectory:
         """Returns the recording with these of its joints, in this order.
 

@@ -246,7 +246,6 @@ def cut(
         edges = at_ease(touch, recording, edges)
     position, velocity, _ = smooth_states(time_s, recording.position)
     effort_noise, together_s = _own_effort_noise(recording, noise), _same_stamp_s(recording)
-    gain = np.array([recording.servo_gain.get(name, 1.0) for name in recording.joint_names])
     segments = []
     for start, end in pairwise(edges.tolist()):
         if end - start < LEAST_MEASUREMENTS:
@@ -266,7 +265,7 @@ def cut(
                 command=command,
                 initial_position=position[start],
                 initial_velocity=np.where(resting, 0.0, velocity[start]),
-                servo_gain=gain,
+                servo_gain=recording.gains,
                 recording=index,
                 object_pose=resting_pose(recording, int(recording.stamp_ns[start])),
             )

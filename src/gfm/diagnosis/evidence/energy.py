@@ -17,13 +17,13 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.units import along
 from gfm.diagnosis.evidence.torques import TorqueDomain
 from gfm.diagnosis.search.candidates import TorqueView
 from gfm.diagnosis.search.nominal_parameters import covers
 from gfm.effects import EffectInstance
 from gfm.effects.effect import sign
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
+from gfm.sim.kinematics import along
 from gfm.sim.plant import Plant
 
 #: Effects that can only dissipate.

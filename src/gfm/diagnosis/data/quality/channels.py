@@ -13,7 +13,7 @@ from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.core.rounding import resolution
 from gfm.diagnosis.data.noise import noise_std
-from gfm.diagnosis.data.quality.finding import Finding, Objection, joint_finding
+from gfm.diagnosis.data.quality.finding import Finding, Objection, finding
 
 #: A command that moves by so much while the joint does not: more than any dry friction holds
 #: against a servo that works, rad.
@@ -28,16 +28,14 @@ def stuck_position(recording: Trajectory) -> Objection | None:
     """Objects to a joint whose position never changes while its command demands a motion."""
     if recording.command_kind is CommandKind.EFFORT:
         return None
-    demanded = _demanded_motion(recording)
-    for j, name in enumerate(recording.joint_names):
-        driven = recording.servo_gain.get(name, 1.0) > 0.0
-        still = float(np.ptp(recording.position[:, j])) == 0.0
-        if driven and still and demanded[j] > STUCK_RAD:
-            return Objection(
-                where=f"position of {name}",
-                problem=f"never changes while the command demands {demanded[j]:.3g} rad of motion",
-                expected="measurements (is the joint locked, or the channel dead?)",
-            )
+    demanded = np.where(recording.gains > 0.0, _demanded_motion(recording), 0.0)
+    still = np.ptp(recording.position, axis=0) == 0.0
+    for j in np.flatnonzero(still & (demanded > STUCK_RAD)):
+        return Objection(
+            where=f"position of {recording.joint_names[j]}",
+            problem=f"never changes while the command demands {demanded[j]:.3g} rad of motion",
+            expected="measurements (is the joint locked, or the channel dead?)",
+        )
     return None
 
 
@@ -55,9 +53,8 @@ def stuck_effort(recording: Trajectory) -> Objection | None:
     if effort is None or np.ptp(effort, axis=0).any():
         return None
     moves = np.ptp(recording.position, axis=0).any()
-    on = any(recording.servo_gain.get(name, 1.0) > 0.0 for name in recording.joint_names)
     silent = recording.command_kind is CommandKind.EFFORT and not recording.command.any()
-    if not moves or not on or silent:
+    if not moves or not recording.gains.any() or silent:
         return None
     return Objection(
         where="effort",
@@ -102,7 +99,7 @@ def still(recording: Trajectory) -> list[Finding]:
         ("command never changes", recording.command, "not excited on purpose", False),
     )
     return [
-        joint_finding(recording, int(j), what, values[0, j], "", advice, doubtful=doubtful)
+        finding(recording, what, values[0, j], "", advice, joint=j, doubtful=doubtful)
         for what, values, advice, doubtful in signals
         for j in np.flatnonzero(np.ptp(values, axis=0) == 0.0)
     ]
@@ -114,7 +111,7 @@ def rounded(recording: Trajectory) -> list[Finding]:
     noise = noise_std(recording.time_s, recording.position)
     what, advice = "encoder step", "no error below a third of it can be seen"
     return [
-        joint_finding(recording, int(j), what, 1e3 * steps[j], "mrad", advice, doubtful=False)
+        finding(recording, what, 1e3 * steps[j], "mrad", advice, joint=j, doubtful=False)
         for j in np.flatnonzero((steps > 0.0) & (steps > noise))
     ]
 
@@ -128,18 +125,17 @@ def echoed(recording: Trajectory) -> list[Finding]:
     }[recording.command_kind]
     if measured is None:
         return []
-    command = recording.held_command
+    command, what = recording.held_command, "command equals measurement"
     advice = "the command looks like an echo of the measurement: record what the robot was told"
-    found = []
-    for j in np.flatnonzero(np.ptp(measured, axis=0) > 100.0 * EXACTLY):
-        share = max(_equal(command[:, j], measured[:, j], shift) for shift in (-2, -1, 0, 1, 2))
-        if share > ECHO:
-            found.append(
-                joint_finding(
-                    recording, int(j), "command equals measurement", 100 * share, "%", advice
-                )
-            )
-    return found
+    shares = {
+        j: max(_equal(command[:, j], measured[:, j], shift) for shift in (-2, -1, 0, 1, 2))
+        for j in np.flatnonzero(np.ptp(measured, axis=0) > 100.0 * EXACTLY)
+    }
+    return [
+        finding(recording, what, 100 * share, "%", advice, joint=j)
+        for j, share in shares.items()
+        if share > ECHO
+    ]
 
 
 def _equal(command: Array, measured: Array, shift: int) -> float:

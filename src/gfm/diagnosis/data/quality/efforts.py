@@ -21,8 +21,8 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.finding import Finding, Objection, correlation
-from gfm.diagnosis.data.signals import smooth_states
+from gfm.diagnosis.data.quality.finding import Finding, Objection, finding
+from gfm.diagnosis.data.signals import correlation, smooth_states
 from gfm.diagnosis.search.candidates import torque_view
 from gfm.sim.plant import Plant
 
@@ -68,7 +68,7 @@ def _moved(recording: Trajectory, by_ns: int) -> Trajectory:
 
 def wrong_effort(recording: Trajectory, views: Views) -> Objection | None:
     """Objects to efforts of the opposite sign, and to efforts without one."""
-    if recording.effort is None or _is_off(recording):
+    if recording.effort is None or not recording.gains.any():
         return None
     return _unsigned(recording, recording.effort, views) or _opposite(
         recording, recording.effort, views
@@ -110,23 +110,17 @@ def _unsigned(recording: Trajectory, effort: Array, views: Views) -> Objection |
 
 def doubtful_efforts(recording: Trajectory, views: Views) -> list[Finding]:
     """Finds efforts that run against what the motion needs, in recordings that are not refused."""
-    if recording.effort is None or _is_off(recording):
+    if recording.effort is None or not recording.gains.any():
         return []
-    found = []
-    for j, name in enumerate(recording.joint_names):
-        needed = correlation(recording.effort[:, j], views.needed[:, j])
-        if needed < OPPOSITE:
-            found.append(
-                Finding(
-                    recording=recording.name,
-                    joint=name,
-                    what="correlation of effort and needed torque",
-                    value=needed,
-                    unit="",
-                    consequence="is its sign or its gravity compensation not the model's?",
-                )
-            )
-    return found
+    what = "correlation of effort and needed torque"
+    advice = "is its sign or its gravity compensation not the model's?"
+    pairs = enumerate(zip(recording.effort.T, views.needed.T, strict=True))
+    needed = {j: correlation(*pair) for j, pair in pairs}
+    return [
+        finding(recording, what, alike, "", advice, joint=j)
+        for j, alike in needed.items()
+        if alike < OPPOSITE
+    ]
 
 
 def _agreement(effort: Array, views: Views, joint: int) -> tuple[float, float]:
@@ -142,7 +136,3 @@ def _agreement(effort: Array, views: Views, joint: int) -> tuple[float, float]:
 def _comparable(measured: Array, asked: Array) -> bool:
     sizes = float(np.std(measured)), float(np.std(asked))
     return max(sizes) <= COMPARABLE * min(sizes)
-
-
-def _is_off(recording: Trajectory) -> bool:
-    return all(recording.servo_gain.get(name, 1.0) == 0.0 for name in recording.joint_names)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-
-import numpy as np
+from typing import SupportsIndex
 
 from gfm.core import Trajectory
-from gfm.core.checks import Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,37 +100,23 @@ def gathered(findings: Iterable[Finding]) -> tuple[FindingRow, ...]:
     return tuple(sorted(rows, key=lambda row: not row.doubtful))
 
 
-def joint_finding(
+def finding(
     recording: Trajectory,
-    joint: int,
     what: str,
     value: float,
     unit: str,
     consequence: str,
     *,
+    joint: SupportsIndex | None = None,
     doubtful: bool = True,
 ) -> Finding:
-    """Returns a finding about one joint, by its number in the recording."""
+    """Returns a finding about a recording, or one of its joints by its number."""
     return Finding(
         recording=recording.name,
-        joint=recording.joint_names[joint],
+        joint=None if joint is None else recording.joint_names[joint],
         what=what,
         value=float(value),
         unit=unit,
         consequence=consequence,
         doubtful=doubtful,
     )
-
-
-def correlation(one: Array, other: Array) -> float:
-    """Returns Pearson's correlation of two signals of shape (T,); 0 where one is constant."""
-    a, b = one - one.mean(), other - other.mean()
-    size = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / size if size > 0.0 else 0.0
-
-
-def slope(of: Array, over: Array) -> float:
-    """Returns the slope of a line through `of` over `over`, each of shape (T,); 0 if constant."""
-    centred = over - over.mean()
-    power = float(centred @ centred)
-    return float(centred @ of) / power if power > 0.0 else 0.0

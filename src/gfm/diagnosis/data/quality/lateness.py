@@ -133,7 +133,7 @@ def delays(
 
 def _of_joint(recording: Trajectory, joint: int, prediction: Array | None) -> Iterator[float]:
     """Yields the lateness of one joint, block by block, s."""
-    if recording.servo_gain.get(recording.joint_names[joint], 1.0) == 0.0:
+    if recording.gains[joint] == 0.0:
         return
     pair = _command_pair(recording, joint)
     if prediction is not None:

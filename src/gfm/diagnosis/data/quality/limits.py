@@ -11,7 +11,7 @@ from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.core.rounding import resolution
 from gfm.diagnosis.data.noise import noise_std
-from gfm.diagnosis.data.quality.finding import Finding, joint_finding
+from gfm.diagnosis.data.quality.finding import Finding, finding
 from gfm.diagnosis.data.signals import smooth_states
 from gfm.sim.plant import Plant
 
@@ -74,7 +74,7 @@ def _flat_tops(
     advice = "the drive is at a limit there: record with smaller commands as well"
     tops = [_plateau(signal[:, j], demand[:, j], width[j]) for j in range(signal.shape[1])]
     return [
-        joint_finding(recording, j, what, top, unit, advice)
+        finding(recording, what, top, unit, advice, joint=j)
         for j, top in enumerate(tops)
         if top is not None
     ]
@@ -119,5 +119,5 @@ def at_range_limit(recording: Trajectory, plant: Plant) -> list[Finding]:
         share = float(((q < low + margin) | (q > high - margin)).mean())
         if share > PLATEAU:
             advice = "at a limit of its range in the model: an end stop acts, not the drive alone"
-            found.append(joint_finding(recording, j, "time spent", 100.0 * share, "%", advice))
+            found.append(finding(recording, "time spent", 100.0 * share, "%", advice, joint=j))
     return found

@@ -11,7 +11,8 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.core.rounding import resolution
 from gfm.diagnosis.data.noise import noise_std
-from gfm.diagnosis.data.quality.finding import Finding, Objection
+from gfm.diagnosis.data.quality.finding import Finding, Objection, finding
+from gfm.diagnosis.data.signals import slope
 
 #: Joint states come tens to thousands of times a second; what lies outside is another unit.
 LEAST_RATE_HZ, MOST_RATE_HZ = 1.0, 10_000.0
@@ -50,7 +51,7 @@ def jitter(recording: Trajectory) -> list[Finding]:
     if share < JITTER:
         return []
     advice = "velocities scatter as much: stamp at the measurement, not at the arrival"
-    return [_finding(recording, "stamps jitter by", 100.0 * share, "% of the period", advice)]
+    return [finding(recording, "stamps jitter by", 100.0 * share, "% of the period", advice)]
 
 
 def gaps(recording: Trajectory) -> list[Finding]:
@@ -67,10 +68,10 @@ def gaps(recording: Trajectory) -> list[Finding]:
     found = []
     if len(lost):
         advice = "what happens inside is not seen"
-        found.append(_finding(recording, "longest gap", lengths[lost].max(), "s", advice))
+        found.append(finding(recording, "longest gap", lengths[lost].max(), "s", advice))
     if jumped:
         advice = "the motion goes on as if no time had passed: a stamping clock was set"
-        found.append(_finding(recording, "clock jumps by", lengths[jumped].max(), "s", advice))
+        found.append(finding(recording, "clock jumps by", lengths[jumped].max(), "s", advice))
     return found
 
 
@@ -85,7 +86,7 @@ def _jumped(recording: Trajectory, i: int, period_s: float) -> bool:
     if start < 0 or start + ACROSS > len(q):
         return False
     before, after = slice(start, i + 1), slice(i + 1, start + ACROSS)
-    speed = np.abs(_slopes(t[before], q[before])) + np.abs(_slopes(t[after], q[after]))
+    speed = np.abs(slope(q[before], t[before])) + np.abs(slope(q[after], t[after]))
     noise = noise_std(t, q)
     fast = 0.5 * speed * (t[i + 1] - t[i] - period_s) > 20.0 * noise
     even = np.lib.stride_tricks.sliding_window_view(q, ACROSS, axis=0)
@@ -99,11 +100,6 @@ def _cubic_misfit(windows: Array) -> Array:
     basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, ACROSS), 4))
     rest = windows - windows @ basis @ basis.T
     return np.asarray(np.sqrt(np.mean(rest**2, axis=-1)))
-
-
-def _slopes(time_s: Array, values: Array) -> Array:
-    centred = time_s - time_s.mean()
-    return np.asarray(centred @ values / (centred @ centred))
 
 
 def repeated(recording: Trajectory) -> list[Finding]:
@@ -123,7 +119,7 @@ def repeated(recording: Trajectory) -> list[Finding]:
     if share < REPEATED:
         return []
     advice = "the sensor is read less often than it is logged: up to a period of delay more"
-    return [_finding(recording, "measurements told twice", 100.0 * share, "%", advice)]
+    return [finding(recording, "measurements told twice", 100.0 * share, "%", advice)]
 
 
 def one_stamp_a_cycle(recording: Trajectory) -> list[Finding]:
@@ -136,18 +132,5 @@ def one_stamp_a_cycle(recording: Trajectory) -> list[Finding]:
         "one stamp for commands and all joints: if they are read one after the other, this much "
         "may look like a delay that falls from joint to joint (read_offset_s of an import mapping)"
     )
-    found = _finding(recording, "one stamp for a cycle of", 1e3 * period_s, "ms", advice)
-    return [Finding(**{**vars(found), "doubtful": False})]
-
-
-def _finding(
-    recording: Trajectory, what: str, value: float, unit: str, consequence: str
-) -> Finding:
-    return Finding(
-        recording=recording.name,
-        joint=None,
-        what=what,
-        value=float(value),
-        unit=unit,
-        consequence=consequence,
-    )
+    what = "one stamp for a cycle of"
+    return [finding(recording, what, 1e3 * period_s, "ms", advice, doubtful=False)]

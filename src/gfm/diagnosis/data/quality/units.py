@@ -7,15 +7,14 @@ Shape letters: T measurements, J joints.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import mujoco
 import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.finding import Finding, Objection, correlation, slope
-from gfm.diagnosis.data.signals import smooth_states
+from gfm.diagnosis.data.quality.finding import Finding, Objection, finding
+from gfm.diagnosis.data.signals import correlation, slope, smooth_states
+from gfm.sim.kinematics import along
 from gfm.sim.plant import Plant
 
 DEGREES = 180.0 / np.pi
@@ -102,7 +101,7 @@ def command_ratio(recording: Trajectory) -> Objection | None:
     for j, name in enumerate(recording.joint_names):
         if correlation(signal[:, j], command[:, j]) < FOLLOWS:
             continue
-        ratio = slope(signal[:, j], command[:, j])
+        ratio = float(slope(signal[:, j], command[:, j]))
         if _is(ratio, DEGREES, LOOSELY) or _is(ratio, 1.0 / DEGREES, LOOSELY):
             degrees = "measurements" if ratio > 1.0 else "commands"
             return Objection(
@@ -133,15 +132,10 @@ def velocity_ratio(recording: Trajectory) -> Objection | None:
 
 def odd_velocities(recording: Trajectory) -> list[Finding]:
     """Finds velocities that follow the position's slope at another scale."""
+    what = "velocity over the position's slope"
+    advice = "1 expected: another unit (rpm is 9.55)? velocities are not used"
     return [
-        Finding(
-            recording=recording.name,
-            joint=name,
-            what="velocity over the position's slope",
-            value=ratio,
-            unit="",
-            consequence="1 expected: another unit (rpm is 9.55)? velocities are not used",
-        )
+        finding(recording, what, ratio, "", advice, joint=recording.joint_names.index(name))
         for name, ratio in _velocity_ratios(recording).items()
         if not 0.5 < ratio < 2.0
     ]
@@ -154,7 +148,7 @@ def _velocity_ratios(recording: Trajectory) -> dict[str, float]:
     _, speed, _ = smooth_states(recording.time_s, recording.position)
     pairs = zip(recording.joint_names, recording.velocity.T, speed.T, strict=True)
     return {
-        name: slope(told, seen)
+        name: float(slope(told, seen))
         for name, told, seen in pairs
         if abs(correlation(told, seen)) > FOLLOWS
     }
@@ -185,18 +179,6 @@ def surplus_energy(recording: Trajectory, plant: Plant) -> Objection | None:
         problem=f"motion gains {risen / given:.2g} times the energy that drives and weight give",
         expected="rad, seconds and N m (positions in degrees? scale them by 0.0174533)",
     )
-
-
-def along(plant: Plant, q: Array, v: Array) -> Iterator[mujoco.MjData]:
-    """Yields a model's state along a motion: positions and velocities (T, J), forces, energies."""
-    model, data = plant.model, mujoco.MjData(plant.model)
-    for position, velocity in zip(q, v, strict=True):
-        data.qpos[plant.qpos], data.qvel[plant.dof] = position, velocity
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        mujoco.mj_energyPos(model, data)
-        mujoco.mj_energyVel(model, data)
-        yield data
 
 
 def _is(ratio: float, factor: float, within: float) -> bool:
