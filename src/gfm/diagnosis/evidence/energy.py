@@ -17,7 +17,7 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.evidence.torques import TorqueDomain
+from gfm.diagnosis.evidence.torques import TorqueDomain, without_law
 from gfm.diagnosis.search.candidates import TorqueView
 from gfm.diagnosis.search.nominal_parameters import covers
 from gfm.effects import EffectInstance
@@ -102,7 +102,7 @@ def energy_balance(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> E
         if (law := domain.law(e)) is not None
     )
     before, _, gained, lost = _powers(domain, ())
-    drive, through, stored, dissipated = _powers(domain, domain.in_model(effects))
+    drive, through, stored, dissipated = _powers(domain, without_law(effects))
     return EnergyBalance(
         drive_w=drive,
         through_w=through,

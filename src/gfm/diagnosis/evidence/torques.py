@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -20,7 +21,7 @@ import numpy as np
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.signals import smooth_states
-from gfm.diagnosis.search.candidates import TorqueView, torque_view
+from gfm.diagnosis.search.candidates import TorqueView, has_law, law_along, torque_view
 from gfm.effects import EffectInstance
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
 from gfm.sim.plant import Plant, make_plant
@@ -56,19 +57,16 @@ class TorqueDomain:
         joints: The measured joints.
         given: Effects of the model that its specs cannot say.
         recordings: What is looked at of them.
-        views: Each of them as torques under the nominal model, drives as the model has them.
     """
 
     specs: Mapping[CommandKind, mujoco.MjSpec]
     joints: tuple[str, ...]
     given: tuple[EffectInstance, ...]
     recordings: tuple[Trajectory, ...]
-    views: tuple[TorqueView, ...]
 
     def missing(self, effects: Sequence[EffectInstance] = ()) -> Array:
         """Returns the torque that the model with `effects` lacks, block means, N m, (B, J)."""
-        others = self.in_model(effects)
-        views = self.views_with(others)
+        views = self.views_with(without_law(effects))
         left = self.blocks([view.missing for view in views])
         for instance in effects:
             if (law := self.law(instance)) is not None:
@@ -90,7 +88,7 @@ class TorqueDomain:
 
     def signals(self) -> Signals:
         """Returns the motion, what drives it and how commands change."""
-        changes = [_command_change(recording) for recording in self.recordings]
+        changes = [np.gradient(r.held_command, r.time_s, axis=0) for r in self.recordings]
         velocities = [view.velocity for view in self.views]
         return Signals(
             position=self.blocks([view.position for view in self.views]),
@@ -107,41 +105,35 @@ class TorqueDomain:
 
     def touched(self, instance: EffectInstance) -> list[int]:
         """Returns the numbers of the joints on which an effect acts: all, for one of the robot."""
-        return [self.joints.index(name) for name in instance.joints] or list(
-            range(len(self.joints))
-        )
+        return [self.joints.index(name) for name in instance.joints or self.joints]
 
-    def in_model(self, effects: Sequence[EffectInstance]) -> list[EffectInstance]:
-        """Returns those of `effects` that inverse dynamics have to be told of: without a law."""
-        return [e for e in effects if self.law(e) is None and not e.effect.separates_motor]
+    @cached_property
+    def views(self) -> tuple[TorqueView, ...]:
+        """Each recording as torques under the nominal model, drives as the model has them."""
+        return self._views(())
 
     def plants(self, effects: Sequence[EffectInstance]) -> dict[CommandKind, Plant]:
         """Returns the model with `effects` in it by kind of command."""
-        return _plants(self.specs, self.joints, (*self.given, *effects), self.recordings)
+        kinds = {recording.command_kind for recording in self.recordings}
+        added = (*self.given, *effects)
+        return {kind: make_plant(self.specs[kind], self.joints, added) for kind in kinds}
 
     def views_with(self, effects: Sequence[EffectInstance]) -> tuple[TorqueView, ...]:
         """Returns the recordings as torques under the model with `effects` in it."""
-        if not effects:
-            return self.views
-        return _views(self.specs, self.joints, (*self.given, *effects), self.recordings)
+        return self._views(effects) if effects else self.views
+
+    def _views(self, effects: Sequence[EffectInstance]) -> tuple[TorqueView, ...]:
+        plants = self.plants(effects)
+        return tuple(torque_view(plants[one.command_kind], one) for one in self.recordings)
 
     def law(self, instance: EffectInstance) -> list[Array] | None:
         """Returns an effect's law in closed form along the motions, shape (T, J) each, if any."""
-        if not instance.joints or len(instance.joints) > 2:
+        if not has_law(instance):
             return None
-        places = [self.joints.index(name) for name in instance.joints]
-        rows = []
-        for view in self.views:
-            motion = view.motion(places[0], places[1] if len(places) == 2 else None)
-            torque = instance.effect.torque(motion, instance.values)
-            if torque is None:
-                return None
-            row = np.zeros_like(view.missing)
-            row[:, places[0]] = torque
-            if len(places) == 2:
-                row[:, places[1]] = -torque
-            rows.append(row)
-        return rows
+        numbers = range(len(self.joints))
+        columns = [law_along(j, instance, self.joints, self.views) for j in numbers]
+        ends = np.cumsum([len(view.missing) for view in self.views])
+        return np.split(np.stack(columns, axis=1), ends[:-1])
 
     def blocks(self, rows: Sequence[Array]) -> Array:
         """Returns the block means of rows at the measurements, (T, J) each, shape (B, J)."""
@@ -150,42 +142,24 @@ class TorqueDomain:
         )
 
 
+def without_law(effects: Sequence[EffectInstance]) -> list[EffectInstance]:
+    """Returns those of `effects` that inverse dynamics have to be told of: without a law."""
+    return [e for e in effects if not has_law(e) and not e.effect.separates_motor]
+
+
 def torque_domain(
     specs: Mapping[CommandKind, mujoco.MjSpec],
     recordings: Sequence[Trajectory],
     given: Sequence[EffectInstance] = (),
 ) -> TorqueDomain:
     """Returns recordings as torques under the model `specs`, beside which `given` stands."""
-    joints = recordings[0].joint_names
     share = MOST_SAMPLES // len(recordings)
-    looked_at = tuple(_looked_at(recording, share) for recording in recordings)
     return TorqueDomain(
         specs=specs,
-        joints=joints,
+        joints=recordings[0].joint_names,
         given=tuple(given),
-        recordings=looked_at,
-        views=_views(specs, joints, given, looked_at),
+        recordings=tuple(_looked_at(recording, share) for recording in recordings),
     )
-
-
-def _views(
-    specs: Mapping[CommandKind, mujoco.MjSpec],
-    joints: Sequence[str],
-    effects: Sequence[EffectInstance],
-    recordings: Sequence[Trajectory],
-) -> tuple[TorqueView, ...]:
-    plants = _plants(specs, joints, effects, recordings)
-    return tuple(torque_view(plants[recording.command_kind], recording) for recording in recordings)
-
-
-def _plants(
-    specs: Mapping[CommandKind, mujoco.MjSpec],
-    joints: Sequence[str],
-    effects: Sequence[EffectInstance],
-    recordings: Sequence[Trajectory],
-) -> dict[CommandKind, Plant]:
-    kinds = {recording.command_kind for recording in recordings}
-    return {kind: make_plant(specs[kind], joints, effects) for kind in kinds}
 
 
 def _looked_at(recording: Trajectory, samples: int) -> Trajectory:
@@ -204,15 +178,9 @@ def _looked_at(recording: Trajectory, samples: int) -> Trajectory:
     )
 
 
-def _command_change(recording: Trajectory) -> Array:
-    """Returns the rate of the commands in force at the measurements, shape (T, J)."""
-    return np.asarray(np.gradient(recording.held_command, recording.time_s, axis=0))
-
-
 def block_means(rows: Array, recording: Trajectory) -> Array:
     """Returns the means over whole blocks of a recording's rows (T, J), shape (B, J)."""
-    period_s = recording.period_s
-    length = max(round(BLOCK_S / period_s), 1)
+    length = max(round(BLOCK_S / recording.period_s), 1)
     count = max(len(rows) // length, 1)
     whole = rows[: count * length]
     return np.asarray(whole.reshape(count, -1, rows.shape[1]).mean(axis=1))
