@@ -1,4 +1,4 @@
-"""What is said of an input: findings, with which one goes on, and objections, with which not."""
+"""What is said of an input with which one goes on: findings."""
 
 from __future__ import annotations
 
@@ -40,15 +40,6 @@ class Finding:
         give = "" if self.spread is None else f" ± {self.spread:.2g}"
         amount = f"{self.value:.3g}{give} {self.unit}".rstrip()
         return f"{where}{self.what} {amount} ({self.consequence})"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Objection:
-    """Why a recording cannot be used: what was found in it, where, and what to do."""
-
-    where: str
-    problem: str
-    expected: str
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,11 +11,9 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.core.rounding import resolution
 from gfm.diagnosis.data.noise import noise_std
-from gfm.diagnosis.data.quality.finding import Finding, Objection, finding
+from gfm.diagnosis.data.quality.finding import Finding, finding
 from gfm.diagnosis.data.signals import slope
 
-#: Joint states come tens to thousands of times a second; what lies outside is another unit.
-LEAST_RATE_HZ, MOST_RATE_HZ = 1.0, 10_000.0
 #: Standard deviation of the period, as a share of it, from which accelerations suffer.
 JITTER = 0.10
 #: A gap is so many typical periods long: four messages in a row were lost.
@@ -28,19 +26,6 @@ REPEATED = 0.05
 MOST_HELD, LEAST_STEPS = 10, 30
 #: Sequential reading takes a millisecond or more for each joint: shorter cycles leave no room.
 LEAST_CYCLE_S = 0.005
-
-
-def absurd_rate(recording: Trajectory) -> Objection | None:
-    """Objects to stamps in another unit than they claim."""
-    rate_hz = 1.0 / recording.period_s
-    if LEAST_RATE_HZ <= rate_hz <= MOST_RATE_HZ:
-        return None
-    return Objection(
-        where="stamps of the measurements",
-        problem=f"{rate_hz:.3g} measurements per second",
-        expected=f"{LEAST_RATE_HZ:.0f} to {MOST_RATE_HZ:.0f} (milliseconds or nanoseconds taken "
-        "for seconds? give the unit in the import mapping: time.scale)",
-    )
 
 
 def jitter(recording: Trajectory) -> list[Finding]:

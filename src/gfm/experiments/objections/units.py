@@ -12,14 +12,15 @@ import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.finding import Finding, Objection, finding
+from gfm.diagnosis.data.quality.channels import FOLLOWS, velocity_ratios
 from gfm.diagnosis.data.signals import correlation, slope, smooth_states
+from gfm.experiments.objections.objection import Objection
 from gfm.sim.kinematics import along
 from gfm.sim.plant import Plant
 
+#: Joint states come tens to thousands of times a second; what lies outside is another unit.
+LEAST_RATE_HZ, MOST_RATE_HZ = 1.0, 10_000.0
 DEGREES = 180.0 / np.pi
-#: How closely two signals must follow each other for their ratio to mean a unit.
-FOLLOWS = 0.8
 #: How far a ratio may lie from a unit's factor. Commands are followed loosely: a servo may give
 #: way, or overshoot.
 NEAR, LOOSELY = 1.2, 2.5
@@ -34,6 +35,19 @@ BESIDE_M = 0.01
 MOST_ENERGY = 10.0
 #: Less kinetic energy than this is noise, J.
 LEAST_ENERGY_J = 1e-3
+
+
+def absurd_rate(recording: Trajectory) -> Objection | None:
+    """Objects to stamps in another unit than they claim."""
+    rate_hz = 1.0 / recording.period_s
+    if LEAST_RATE_HZ <= rate_hz <= MOST_RATE_HZ:
+        return None
+    return Objection(
+        where="stamps of the measurements",
+        problem=f"{rate_hz:.3g} measurements per second",
+        expected=f"{LEAST_RATE_HZ:.0f} to {MOST_RATE_HZ:.0f} (milliseconds or nanoseconds taken "
+        "for seconds? give the unit in the import mapping: time.scale)",
+    )
 
 
 def beyond_range(recording: Trajectory, plant: Plant) -> Objection | None:
@@ -114,7 +128,7 @@ def command_ratio(recording: Trajectory) -> Objection | None:
 
 def velocity_ratio(recording: Trajectory) -> Objection | None:
     """Objects to velocities that are no derivative of the positions."""
-    for name, ratio in _velocity_ratios(recording).items():
+    for name, ratio in velocity_ratios(recording).items():
         if _is(ratio, -1.0, NEAR):
             problem, expected = "has the opposite sign of the position's slope", "the same sign"
         elif _is(ratio, DEGREES, NEAR) or _is(ratio, 1.0 / DEGREES, NEAR):
@@ -128,30 +142,6 @@ def velocity_ratio(recording: Trajectory) -> Objection | None:
             continue
         return Objection(where=f"velocity of {name}", problem=problem, expected=expected)
     return None
-
-
-def odd_velocities(recording: Trajectory) -> list[Finding]:
-    """Finds velocities that follow the position's slope at another scale."""
-    what = "velocity over the position's slope"
-    advice = "1 expected: another unit (rpm is 9.55)? velocities are not used"
-    return [
-        finding(recording, what, ratio, "", advice, joint=recording.joint_names.index(name))
-        for name, ratio in _velocity_ratios(recording).items()
-        if not 0.5 < ratio < 2.0
-    ]
-
-
-def _velocity_ratios(recording: Trajectory) -> dict[str, float]:
-    """Returns velocity over d position / dt, by joint, where they follow each other."""
-    if recording.velocity is None:
-        return {}
-    _, speed, _ = smooth_states(recording.time_s, recording.position)
-    pairs = zip(recording.joint_names, recording.velocity.T, speed.T, strict=True)
-    return {
-        name: float(slope(told, seen))
-        for name, told, seen in pairs
-        if abs(correlation(told, seen)) > FOLLOWS
-    }
 
 
 def surplus_energy(recording: Trajectory, plant: Plant) -> Objection | None:
