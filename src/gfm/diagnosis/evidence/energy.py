@@ -18,7 +18,7 @@ import numpy as np
 from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.evidence.torques import TorqueDomain, without_law
-from gfm.diagnosis.search.candidates import TorqueView
+from gfm.diagnosis.search.candidates import has_law
 from gfm.diagnosis.search.nominal_parameters import covers
 from gfm.effects import EffectInstance
 from gfm.effects.effect import sign
@@ -95,11 +95,11 @@ def energy_balance(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> E
         Dissipation(
             effect=e.effect.name,
             joints=e.joints,
-            power_w=_taken(domain, law),
+            power_w=-_mean_power(domain, domain.law(e) * domain.view.velocity),
             only_takes=e.effect.name in DISSIPATIVE and not covers(spec, e),
         )
         for e in effects
-        if (law := domain.law(e)) is not None
+        if has_law(e)
     )
     before, _, gained, lost = _powers(domain, ())
     drive, through, stored, dissipated = _powers(domain, without_law(effects))
@@ -114,40 +114,46 @@ def energy_balance(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> E
     )
 
 
-def _taken(domain: TorqueDomain, law: Sequence[Array]) -> float:
-    """Returns the mean power that torques (T, J) take along the recordings, W."""
-    rows = zip(domain.recordings, law, domain.views, strict=True)
-    work = sum(_integral(recording, torque * view.velocity) for recording, torque, view in rows)
-    return -work / sum(recording.duration_s for recording in domain.recordings)
-
-
 def _powers(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> list[float]:
     """Returns mean powers with `effects` in the model, W: as of `_works`."""
-    plants = domain.plants(effects)
-    rows = zip(domain.recordings, domain.views_with(effects), strict=True)
-    works = [_works(plants[recording.command_kind], recording, view) for recording, view in rows]
-    duration_s = sum(recording.duration_s for recording in domain.recordings)
-    return [sum(work) / duration_s for work in zip(*works, strict=True)]
+    plants, view = domain.plants(effects), domain.view_with(effects)
+    motion = np.stack([view.position, view.velocity, view.drive], axis=1)
+    works = [_works(plants[one.command_kind], one, own) for one, own in domain.of_each(motion)]
+    return [sum(work) / _duration_s(domain) for work in zip(*works, strict=True)]
 
 
-def _works(plant: Plant, recording: Trajectory, view: TorqueView) -> tuple[float, ...]:
+def _works(plant: Plant, recording: Trajectory, motion: Array) -> tuple[float, ...]:
     """Returns what the drives do along a recording, what goes through them, is stored, and lost, J.
 
     What cancels the weight of a part stores energy as a spring does.
+
+    Args:
+        plant: The model.
+        recording: Of which it is.
+        motion: Position, velocity and drive, shape (T, 3, J).
     """
-    damping, holding = np.empty_like(view.position), np.empty_like(view.position)
-    energy = np.empty(len(view.position))
-    for i, data in enumerate(along(plant, view.position, view.velocity)):
+    position, velocity, drive = np.moveaxis(motion, 1, 0)
+    damping, holding = np.empty_like(position), np.empty_like(position)
+    energy = np.empty(len(position))
+    for i, data in enumerate(along(plant, position, velocity)):
         other = data.qfrc_passive - data.qfrc_spring - data.qfrc_damper
         damping[i], holding[i] = data.qfrc_damper[plant.dof], other[plant.dof]
         energy[i] = data.energy.sum()
-    dry = plant.model.dof_frictionloss[plant.dof] * sign(view.velocity, SIGN_WIDTH_RAD_S)
-    torques = (view.drive, holding, damping - dry)
-    drive, held, damped = (_integral(recording, t * view.velocity) for t in torques)
-    through = _integral(recording, np.abs(view.drive * view.velocity))
-    return drive, through, float(energy[-1] - energy[0]) - held, -damped
+    damping -= plant.model.dof_frictionloss[plant.dof] * sign(velocity, SIGN_WIDTH_RAD_S)
+    put_in, held, damped = (_work(recording, t * velocity) for t in (drive, holding, damping))
+    through = _work(recording, np.abs(drive * velocity))
+    return put_in, through, float(energy[-1] - energy[0]) - held, -damped
 
 
-def _integral(recording: Trajectory, power: Array) -> float:
+def _mean_power(domain: TorqueDomain, power: Array) -> float:
+    """Returns the mean of powers at all measurements, shape (T of all, J), W."""
+    return sum(_work(one, own) for one, own in domain.of_each(power)) / _duration_s(domain)
+
+
+def _duration_s(domain: TorqueDomain) -> float:
+    return sum(recording.duration_s for recording in domain.recordings)
+
+
+def _work(recording: Trajectory, power: Array) -> float:
     """Returns the integral over time of what all joints sum up to, shape (T, J)."""
     return float(np.trapezoid(power.sum(axis=1), recording.time_s))

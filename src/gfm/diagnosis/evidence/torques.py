@@ -64,53 +64,24 @@ class TorqueDomain:
     given: tuple[EffectInstance, ...]
     recordings: tuple[Trajectory, ...]
 
-    def missing(self, effects: Sequence[EffectInstance] = ()) -> Array:
-        """Returns the torque that the model with `effects` lacks, block means, N m, (B, J)."""
-        views = self.views_with(without_law(effects))
-        left = self.blocks([view.missing for view in views])
-        for instance in effects:
-            if (law := self.law(instance)) is not None:
-                left -= self.blocks(law)
-        return left
-
-    def response(self, instance: EffectInstance) -> Array:
-        """Returns the torque that an effect adds along the motion, block means, N m, (B, J).
-
-        Zero for a motor apart from its link: no inverse dynamics of the measured joints has it.
-        """
-        law = self.law(instance)
-        if law is not None:
-            return self.blocks(law)
-        if instance.effect.separates_motor:
-            return np.zeros_like(self.missing())
-        with_it = self.blocks([view.missing for view in self.views_with([instance])])
-        return self.missing() - with_it
-
-    def signals(self) -> Signals:
-        """Returns the motion, what drives it and how commands change."""
-        changes = [np.gradient(r.held_command, r.time_s, axis=0) for r in self.recordings]
-        velocities = [view.velocity for view in self.views]
-        return Signals(
-            position=self.blocks([view.position for view in self.views]),
-            velocity=self.blocks(velocities),
-            sign_of_velocity=self.blocks([np.sign(velocity) for velocity in velocities]),
-            drive=self.blocks([view.drive for view in self.views]),
-            command_change=self.blocks(changes),
-        )
-
-    def moving(self) -> Array:
-        """Returns 1 where a joint moves in a block and 0 where it rests, shape (B, J)."""
-        velocity = self.blocks([view.velocity for view in self.views])
-        return (np.abs(velocity) > MOVES_RAD_S).astype(float)
-
-    def touched(self, instance: EffectInstance) -> list[int]:
-        """Returns the numbers of the joints on which an effect acts: all, for one of the robot."""
-        return [self.joints.index(name) for name in instance.joints or self.joints]
-
     @cached_property
-    def views(self) -> tuple[TorqueView, ...]:
-        """Each recording as torques under the nominal model, drives as the model has them."""
-        return self._views(())
+    def view(self) -> TorqueView:
+        """All recordings as torques under the nominal model, drives as the model has them."""
+        return self._view(())
+
+    def view_with(self, effects: Sequence[EffectInstance]) -> TorqueView:
+        """Returns all recordings as torques under the model with `effects` in it."""
+        return self._view(effects) if effects else self.view
+
+    def _view(self, effects: Sequence[EffectInstance]) -> TorqueView:
+        plants = self.plants(effects)
+        views = [torque_view(plants[one.command_kind], one) for one in self.recordings]
+        return TorqueView(
+            position=np.concatenate([view.position for view in views]),
+            velocity=np.concatenate([view.velocity for view in views]),
+            drive=np.concatenate([view.drive for view in views]),
+            missing=np.concatenate([view.missing for view in views]),
+        )
 
     def plants(self, effects: Sequence[EffectInstance]) -> dict[CommandKind, Plant]:
         """Returns the model with `effects` in it by kind of command."""
@@ -118,27 +89,57 @@ class TorqueDomain:
         added = (*self.given, *effects)
         return {kind: make_plant(self.specs[kind], self.joints, added) for kind in kinds}
 
-    def views_with(self, effects: Sequence[EffectInstance]) -> tuple[TorqueView, ...]:
-        """Returns the recordings as torques under the model with `effects` in it."""
-        return self._views(effects) if effects else self.views
+    def missing(self, effects: Sequence[EffectInstance] = ()) -> Array:
+        """Returns the torque that the model with `effects` lacks, block means, N m, (B, J)."""
+        left = self.view_with(without_law(effects)).missing
+        for instance in effects:
+            if has_law(instance):
+                left = left - self.law(instance)
+        return self.blocks(left)
 
-    def _views(self, effects: Sequence[EffectInstance]) -> tuple[TorqueView, ...]:
-        plants = self.plants(effects)
-        return tuple(torque_view(plants[one.command_kind], one) for one in self.recordings)
+    def response(self, instance: EffectInstance) -> Array:
+        """Returns the torque that an effect adds along the motion, block means, N m, (B, J).
 
-    def law(self, instance: EffectInstance) -> list[Array] | None:
-        """Returns an effect's law in closed form along the motions, shape (T, J) each, if any."""
-        if not has_law(instance):
-            return None
+        Zero for a motor apart from its link: no inverse dynamics of the measured joints has it.
+        """
+        if has_law(instance) or instance.effect.separates_motor:
+            return self.blocks(self.law(instance))
+        return self.blocks(self.view.missing - self.view_with([instance]).missing)
+
+    def law(self, instance: EffectInstance) -> Array:
+        """Returns an effect's law along the motions, N m, shape (T of all, J); zero without one."""
         numbers = range(len(self.joints))
-        columns = [law_along(j, instance, self.joints, self.views) for j in numbers]
-        ends = np.cumsum([len(view.missing) for view in self.views])
-        return np.split(np.stack(columns, axis=1), ends[:-1])
+        columns = [law_along(j, instance, self.joints, [self.view]) for j in numbers]
+        return np.stack(columns, axis=1)
 
-    def blocks(self, rows: Sequence[Array]) -> Array:
-        """Returns the block means of rows at the measurements, (T, J) each, shape (B, J)."""
+    def signals(self) -> Signals:
+        """Returns the motion, what drives it and how commands change."""
+        changes = [np.gradient(r.held_command, r.time_s, axis=0) for r in self.recordings]
+        return Signals(
+            position=self.blocks(self.view.position),
+            velocity=self.blocks(self.view.velocity),
+            sign_of_velocity=self.blocks(np.sign(self.view.velocity)),
+            drive=self.blocks(self.view.drive),
+            command_change=self.blocks(np.concatenate(changes)),
+        )
+
+    def moving(self) -> Array:
+        """Returns 1 where a joint moves in a block and 0 where it rests, shape (B, J)."""
+        return (np.abs(self.blocks(self.view.velocity)) > MOVES_RAD_S).astype(float)
+
+    def touched(self, instance: EffectInstance) -> list[int]:
+        """Returns the numbers of the joints on which an effect acts: all, for one of the robot."""
+        return [self.joints.index(name) for name in instance.joints or self.joints]
+
+    def of_each(self, rows: Array) -> list[tuple[Trajectory, Array]]:
+        """Returns each recording with its own of rows at the measurements of all."""
+        ends = np.cumsum([len(recording.position) for recording in self.recordings])
+        return list(zip(self.recordings, np.split(rows, ends[:-1]), strict=True))
+
+    def blocks(self, rows: Array) -> Array:
+        """Returns the block means of rows at the measurements, (T of all, J), shape (B, J)."""
         return np.concatenate(
-            [block_means(row, r) for row, r in zip(rows, self.recordings, strict=True)]
+            [block_means(own, recording) for recording, own in self.of_each(rows)]
         )
 
 
