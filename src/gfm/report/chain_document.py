@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from gfm.diagnosis.data.quality import Finding, gathered
-from gfm.diagnosis.data.quality.timing import EVERYWHERE
 from gfm.diagnosis.evidence import EvidenceChain
 from gfm.diagnosis.evidence.adequacy import WORDS, JointAdequacy, Residual
 from gfm.diagnosis.evidence.domains import Agreement, TwoDomains
@@ -39,24 +37,9 @@ def chain_json(chain: EvidenceChain | None) -> dict[str, object] | None:
     return document
 
 
-def delays_found(findings: Sequence[Finding]) -> list[str]:
-    """Returns by how much the joints are late, and what that means, in lines."""
-    return [
-        f"{f'{words.some(row.joints)}: ' if row.joints else ''}{row.what} "
-        f"{words.finding_amount(row)}: {row.consequence}"
-        for row in gathered(findings)
-        if row.recordings == (EVERYWHERE,) and row.unit == "ms"
-    ]
-
-
 def hundredths(value: float) -> str:
     """Returns two digits after the point, zero without a sign."""
     return f"{round(value, 2) + 0.0:.2f}"
-
-
-def doubts_found(findings: Sequence[Finding]) -> int:
-    """Returns how many different things put the input in doubt."""
-    return len({(one.what, one.consequence) for one in findings if one.doubtful})
 
 
 def adequacy_sentence(rows: Sequence[JointAdequacy]) -> str:

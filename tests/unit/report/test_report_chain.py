@@ -11,12 +11,11 @@ from gfm.diagnosis.evidence.energy import Dissipation
 from gfm.report import diagnosis_html, diagnosis_json
 from gfm.report.chain_document import (
     amounts_sentence,
-    delays_found,
-    doubts_found,
     energy_sentence,
     hundredths,
     stopping_sentence,
 )
+from gfm.report.findings import delays_found, doubts_found
 
 STEPS = (
     "1. Input",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import SupportsIndex
 
@@ -40,55 +39,6 @@ class Finding:
         give = "" if self.spread is None else f" ± {self.spread:.2g}"
         amount = f"{self.value:.3g}{give} {self.unit}".rstrip()
         return f"{where}{self.what} {amount} ({self.consequence})"
-
-
-@dataclass(frozen=True, kw_only=True)
-class FindingRow:
-    """The same finding in several recordings or joints, as one row of a table.
-
-    Attributes:
-        what: The property.
-        recordings: Where it was found.
-        joints: Of which joints; empty where it is the whole recording's.
-        low: The least value.
-        high: The greatest one.
-        spread: Of a single value, where it is known.
-        unit: Of both.
-        consequence: What it means.
-        doubtful: Whether it puts results in doubt.
-    """
-
-    what: str
-    recordings: tuple[str, ...]
-    joints: tuple[str, ...]
-    low: float
-    high: float
-    spread: float | None
-    unit: str
-    consequence: str
-    doubtful: bool
-
-
-def gathered(findings: Iterable[Finding]) -> tuple[FindingRow, ...]:
-    """Returns findings that say the same as one row each, doubtful ones first."""
-    groups: dict[tuple[str, str, str, bool], list[Finding]] = {}
-    for one in findings:
-        groups.setdefault((one.what, one.unit, one.consequence, one.doubtful), []).append(one)
-    rows = [
-        FindingRow(
-            what=what,
-            recordings=tuple(dict.fromkeys(one.recording for one in group)),
-            joints=tuple(dict.fromkeys(one.joint for one in group if one.joint is not None)),
-            low=min(one.value for one in group),
-            high=max(one.value for one in group),
-            spread=group[0].spread if len(group) == 1 else None,
-            unit=unit,
-            consequence=consequence,
-            doubtful=doubtful,
-        )
-        for (what, unit, consequence, doubtful), group in groups.items()
-    ]
-    return tuple(sorted(rows, key=lambda row: not row.doubtful))
 
 
 def finding(
