@@ -12,7 +12,7 @@ from gfm.core import ConfigError, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.objects.find import find, friction_cost, seen_and_unseen
 from gfm.diagnosis.objects.problem import ObjectProblem, predicted
-from gfm.diagnosis.objects.segments import ObjectSegment, cut, make_scene
+from gfm.diagnosis.objects.segments import cut, make_scene
 from gfm.diagnosis.objects.stage import make_stage, run
 from gfm.diagnosis.objects.track import plane_noise, track_of
 from gfm.diagnosis.output.claims import credible, named_effects
@@ -97,12 +97,12 @@ def examine_object(
     own = int(spec.option.cone)
     seen, unseen = seen_and_unseen(best)
     found, problem = find(best, seen, report)
+    spots = [
+        BlindSpot(effect=e.name, joints=(), why=UNSEEN[e.name], motion=e.shown_by) for e in unseen
+    ]
     return replace(
         _part(held or training, problem, found, own),
-        blind_spots=tuple(
-            BlindSpot(effect=e.name, joints=(), why=UNSEEN[e.name], motion=e.shown_by)
-            for e in unseen
-        ),
+        blind_spots=tuple(spots),
         notes=_notes(problem, own=own, held=held is not None),
     )
 
@@ -155,11 +155,11 @@ def _problem(spec: mujoco.MjSpec, recordings: Sequence[Trajectory]) -> ObjectPro
     if not known:
         return None
     noise = plane_noise([track for _, _, track in known])
-    stage, air = make_stage(spec), make_stage(spec, robot_touches=False)
+    stages = make_stage(spec), make_stage(spec, robot_touches=False)
     segments = [
         segment
         for i, recording, track in known
-        for segment in cut(make_scene(i, recording, track, stage, noise), air)
+        for segment in cut(make_scene(i, recording, track, stages, noise))
     ]
     if not segments:
         return None
@@ -231,12 +231,12 @@ def _path_plot(
     """Returns the object's measured and predicted path in the longest segment."""
     lengths = [float(np.ptp(s.plane[:, :2], axis=0).max()) for s in before.segments]
     longest = int(np.argmax(lengths))
-    measured = before.segments[longest].plane
-    nominal = _path(before, before.segments[longest], ())
-    corrected = _path(after, after.segments[longest], effects)
-    shown = [("measured", measured, "points"), ("nominal model", nominal, "line")]
+    shown = [
+        ("measured", before.segments[longest].plane, "points"),
+        ("nominal model", _path(before, longest, ()), "line"),
+    ]
     if effects:
-        shown.append(("corrected model", corrected, "line"))
+        shown.append(("corrected model", _path(after, longest, effects), "line"))
     return EvidencePlot(
         title="Path of the object in the longest segment",
         effect=effects[0].effect.name if effects else "",
@@ -250,8 +250,7 @@ def _path_plot(
     )
 
 
-def _path(
-    problem: ObjectProblem, segment: ObjectSegment, effects: Sequence[EffectInstance]
-) -> Array:
-    stage = make_stage(problem.spec, effects)
+def _path(problem: ObjectProblem, index: int, effects: Sequence[EffectInstance]) -> Array:
+    """Returns the predicted path in one segment, shape (P, 3)."""
+    stage, segment = make_stage(problem.spec, effects), problem.segments[index]
     return predicted(segment, run(stage, [segment.setting])[0], stage.timestep_s)
