@@ -22,11 +22,11 @@ from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import free_parameters
 from gfm.diagnosis.inference.score import SegmentShape
 from gfm.diagnosis.objects.segments import ObjectSegment, own_velocity
-from gfm.diagnosis.objects.stage import Setting, Stage, make_stage, run
 from gfm.diagnosis.objects.track import in_plane, turned
 from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.effects import EffectInstance
+from gfm.sim.object_stage import Setting, Stage, make_stage, run
 
 #: Steps with which the effect of the initial state is measured: m, m, rad, and per second.
 STATE_STEPS = (2e-4, 2e-4, 2e-3, 2e-3, 2e-3, 2e-2)

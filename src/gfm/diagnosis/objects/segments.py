@@ -19,9 +19,9 @@ from scipy.interpolate import BSpline
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.objects.stage import Setting, Stage, clearance, place
 from gfm.diagnosis.objects.track import Track, in_plane, turned
 from gfm.effects.effect import MOTOR_SIDE
+from gfm.sim.object_stage import Setting, Stage, clearance, place
 from gfm.sim.smoothing import smoothing_spline
 
 #: Longest segments, s: of free sliding, and of pushing.
