@@ -61,28 +61,21 @@ def effects_in_words(named: Sequence[NamedEffect]) -> list[str]:
     kinds: dict[str, list[NamedEffect]] = {}
     for effect in named:
         kinds.setdefault(effect.effect, []).append(effect)
-    return [_in_words(alike[0]) if len(alike) == 1 else _of_kind(alike) for alike in kinds.values()]
+    return [_in_words(*alike) for alike in kinds.values()]
 
 
-def _of_kind(alike: Sequence[NamedEffect]) -> str:
-    first = alike[0]
-    joints = ", ".join(joint for effect in alike for joint in effect.joints)
-    ranges = []
+def _in_words(*alike: NamedEffect) -> str:
+    """Returns effects of one kind in words, with the range of their amounts."""
+    first, digits = alike[0], 4 if len(alike) == 1 else 3
+    amounts = []
     for name, parameter in first.parameters.items():
         values = [effect.parameters[name].value for effect in alike]
+        ends = dict.fromkeys(f"{v:.{digits}g}" for v in (min(values), max(values)))
         unit = "" if parameter.unit == "1" else parameter.unit
-        amounts = " to ".join(dict.fromkeys(f"{v:.3g}" for v in (min(values), max(values))))
-        ranges.append(f"{name.replace('_', ' ')} {amounts} {unit}".rstrip())
-    return f"{first.effect.replace('_', ' ')} on {joints} ({_first_of(ranges)})"
-
-
-def _in_words(effect: NamedEffect) -> str:
-    where = f" on {', '.join(effect.joints)}" if effect.joints else ""
-    amounts = [
-        f"{name.replace('_', ' ')} {p.value:.4g} {'' if p.unit == '1' else p.unit}".rstrip()
-        for name, p in effect.parameters.items()
-    ]
-    return f"{effect.effect.replace('_', ' ')}{where} ({_first_of(amounts)})"
+        amounts.append(f"{name.replace('_', ' ')} {' to '.join(ends)} {unit}".rstrip())
+    joints = ", ".join(joint for effect in alike for joint in effect.joints)
+    where = f" on {joints}" if joints else ""
+    return f"{first.effect.replace('_', ' ')}{where} ({_first_of(amounts)})"
 
 
 def _first_of(amounts: Sequence[str]) -> str:
