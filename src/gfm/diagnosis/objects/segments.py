@@ -8,7 +8,6 @@ Shape letters: P poses, K time steps, R joints of the robot.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -71,8 +70,7 @@ class Scene:
     Attributes:
         index: Of the recording.
         track: The object.
-        robot: The joints of the stage as functions of time, and their places among these.
-        places: Which of the stage's joints `robot` gives, shape (R,); others rest at zero.
+        robot: The joints of the stage as functions of time, R of them.
         stage: Of the nominal model.
         air: The same on which the robot touches nothing.
         noise: Of x, y and yaw, shape (3,).
@@ -82,20 +80,14 @@ class Scene:
     index: int
     track: Track
     robot: BSpline
-    columns: NDArray[np.intp]
     stage: Stage
     air: Stage
     noise: Array
     radius: float
 
     def robot_at(self, time_s: Array) -> Array:
-        """Returns the robot's joints, shape (..., R); those not recorded rest at their default."""
-        lowest, highest = self.robot.t[0], self.robot.t[-1]
-        known = self.robot(np.clip(time_s, lowest, highest))
-        default = np.broadcast_to(
-            self.stage.model.qpos0[self.stage.qpos], (*known.shape[:-1], len(self.columns))
-        )
-        return np.where(self.columns >= 0, known[..., np.maximum(self.columns, 0)], default)
+        """Returns the robot's joints, shape (..., R)."""
+        return np.asarray(self.robot(np.clip(time_s, self.robot.t[0], self.robot.t[-1])))
 
 
 def make_scene(
@@ -111,14 +103,11 @@ def make_scene(
         noise: Of x, y (m) and yaw (rad), shape (3,).
     """
     stage, air = stages
-    names = [stage.model.joint(int(stage.model.dof_jntid[d])).name for d in stage.dof]
-    columns = [_column(name, recording.joint_names) for name in names]
     mass, inertia = stage.inertia
     return Scene(
         index=index,
         track=track,
-        robot=smoothing_spline(recording.time_s, recording.position),
-        columns=np.array(columns, np.intp),
+        robot=smoothing_spline(recording.time_s, _robot(recording, stage)),
         stage=stage,
         air=air,
         noise=noise,
@@ -126,10 +115,16 @@ def make_scene(
     )
 
 
-def _column(name: str, recorded: Sequence[str]) -> int:
-    """Returns where a joint of the stage is recorded, -1 where nowhere; a motor's with its link."""
-    link = name.removesuffix(MOTOR_SIDE)
-    return recorded.index(link) if link in recorded else -1
+def _robot(recording: Trajectory, stage: Stage) -> Array:
+    """Returns the stage's joints as recorded, shape (T, R); others rest at their default.
+
+    A motor moves with its link.
+    """
+    names = [stage.model.joint(int(stage.model.dof_jntid[d])).name for d in stage.dof]
+    known = dict(zip(recording.joint_names, recording.position.T, strict=True))
+    rest = np.tile(stage.model.qpos0[stage.qpos], (len(recording.position), 1)).T
+    links = (name.removesuffix(MOTOR_SIDE) for name in names)
+    return np.stack([known.get(*one) for one in zip(links, rest, strict=True)], axis=1)
 
 
 def cut(scene: Scene) -> list[ObjectSegment]:
