@@ -13,7 +13,7 @@ import numpy as np
 
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.noise import noise_std, steady_noise, typical_noise
+from gfm.core.noise import noise_std, steady_noise, typical_noise
 from gfm.diagnosis.data.signals import smooth_states, starts_at_rest
 from gfm.diagnosis.data.touching import Touch, at_ease, resting_pose
 from gfm.diagnosis.residuals.problem import Noise, Problem, timed, with_state_basis

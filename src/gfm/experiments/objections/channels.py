@@ -11,8 +11,8 @@ import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
+from gfm.core.noise import noise_std
 from gfm.core.rounding import resolution
-from gfm.diagnosis.data.noise import noise_std
 from gfm.experiments.objections.objection import Objection
 
 #: A command that moves by so much while the joint does not: more than any dry friction holds

@@ -9,8 +9,8 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
+from gfm.core.noise import noise_std
 from gfm.core.rounding import resolution
-from gfm.diagnosis.data.noise import noise_std
 from gfm.diagnosis.data.quality.finding import Finding, finding
 from gfm.diagnosis.data.signals import slope
 
