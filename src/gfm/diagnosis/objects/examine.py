@@ -60,8 +60,8 @@ class ObjectPart:
     errors: tuple[ErrorSummary, ErrorSummary]
     cone: int
     plots: tuple[EvidencePlot, ...]
-    blind_spots: tuple[BlindSpot, ...] = ()
-    notes: tuple[str, ...] = ()
+    blind_spots: tuple[BlindSpot, ...]
+    notes: tuple[str, ...]
 
     @property
     def effects(self) -> tuple[EffectInstance, ...]:
@@ -93,30 +93,36 @@ def examine_object(
     if training is None:
         return None
     held = _problem(spec, holdout)
-    best = _with_cone(training, _better_cone(training))
-    own = int(spec.option.cone)
+    best = _with_better_cone(training)
     seen, unseen = seen_and_unseen(best)
     found, problem = find(best, seen, report)
+    judged, effects = held or training, found.fit.effects
+    before, after = judged.settled(()), replace(judged, spec=best.spec).settled(effects)
+    overall, place, yaw = _errors(before.parts(()), after.parts(effects), judged.noise)
     spots = [
         BlindSpot(effect=e.name, joints=(), why=UNSEEN[e.name], motion=e.shown_by) for e in unseen
     ]
-    return replace(
-        _part(held or training, problem, found, own),
+    return ObjectPart(
+        found=found,
+        problem=problem,
+        overall=overall,
+        errors=(place, yaw),
+        cone=int(best.spec.option.cone),
+        plots=(_path_plot(before, after, effects),),
         blind_spots=tuple(spots),
-        notes=_notes(problem, own=own, held=held is not None),
+        notes=_notes(problem, own=int(spec.option.cone), held=held is not None),
     )
 
 
-def _better_cone(problem: ObjectProblem) -> int:
-    """Returns the kind of contacts with which friction explains more: the model's, or elliptic.
+def _with_better_cone(problem: ObjectProblem) -> ObjectProblem:
+    """Returns the problem with those contacts with which friction explains more: its, or elliptic.
 
     Pyramidal ones hold less along their diagonals.
     """
-    own, elliptic = int(problem.spec.option.cone), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
-    if own == elliptic:
-        return own
-    costs = {cone: friction_cost(_with_cone(problem, cone)) for cone in (own, elliptic)}
-    return min(costs, key=lambda cone: costs[cone])
+    elliptic = with_cone(problem.spec, int(mujoco.mjtCone.mjCONE_ELLIPTIC))
+    if problem.spec.option.cone == elliptic.option.cone:
+        return problem
+    return min(problem, replace(problem, spec=elliptic), key=friction_cost)
 
 
 def _widened(named: NamedEffect) -> NamedEffect:
@@ -175,36 +181,26 @@ def with_cone(spec: mujoco.MjSpec, cone: int) -> mujoco.MjSpec:
     return changed
 
 
-def _with_cone(problem: ObjectProblem, cone: int) -> ObjectProblem:
-    return replace(problem, spec=with_cone(problem.spec, cone))
+def _errors(
+    before: Sequence[Array], after: Sequence[Array], noise: Array
+) -> tuple[ErrorSummary, ...]:
+    """Returns the errors of all together in units of the noise, of the place, and of the yaw.
 
-
-def _part(
-    judged: ObjectProblem, problem: ObjectProblem, found: SearchResult, own: int
-) -> ObjectPart:
-    """Returns what was found, judged on some segments."""
-    effects, cone = found.fit.effects, int(problem.spec.option.cone)
-    before = _with_cone(judged, own).settled(())
-    after = _with_cone(judged, cone).settled(effects)
-    parts = [before.parts(()), after.parts(effects)]
-    whole = [rms(part) for part in parts]
-    errors = [np.concatenate(part).reshape(-1, 3) * judged.noise for part in parts]
-    place, yaw = (
+    Args:
+        before: What the nominal model leaves in units of the noise, by segment, shape (3 P,) each.
+        after: The same of the corrected one.
+        noise: Of x, y (m) and yaw (rad), shape (3,).
+    """
+    left, rest = (np.concatenate(parts).reshape(-1, 3) for parts in (before, after))
+    told = ((slice(3), np.ones(3), "noise"), (slice(2), noise[:2], "m"), (2, noise[2:], "rad"))
+    return tuple(
         ErrorSummary(
-            before=rms([errors[0][:, columns]]),
-            after=rms([errors[1][:, columns]]),
-            noise_floor=rms([judged.noise[columns]]),
+            before=rms([size * left[:, columns]]),
+            after=rms([size * rest[:, columns]]),
+            noise_floor=rms([size]),
             unit=unit,
         )
-        for columns, unit in ((slice(0, 2), "m"), (slice(2, 3), "rad"))
-    )
-    return ObjectPart(
-        found=found,
-        problem=problem,
-        overall=ErrorSummary(before=whole[0], after=whole[1], noise_floor=1.0, unit="noise"),
-        errors=(place, yaw),
-        cone=cone,
-        plots=(_path_plot(before, after, effects),),
+        for columns, size, unit in told
     )
 
 
