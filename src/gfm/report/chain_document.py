@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 
+from scipy.stats import beta
+
 from gfm.diagnosis.evidence import EvidenceChain
 from gfm.diagnosis.evidence.adequacy import WORDS, JointAdequacy, Residual
 from gfm.diagnosis.evidence.domains import Agreement, TwoDomains
 from gfm.diagnosis.evidence.energy import EnergyBalance
-from gfm.diagnosis.evidence.stopping import Stopping
 from gfm.diagnosis.output.claims import SPREADS_ASKED, SPREADS_HELD, WRONG_ALIKE
 from gfm.diagnosis.output.result import Diagnosis
 from gfm.report import words
 
+#: Simulated robots without any hidden effect that were diagnosed (docs/results/known_truth.md), and
+#: those of them on which anything was named.
+CLEAN_ROBOTS, FALSE_ALARMS = 85, 0
 AGREEMENTS = {
     Agreement.AGREES: "both say the same",
     Agreement.OTHER_AMOUNT: "the same effect in another amount",
@@ -33,7 +37,11 @@ def chain_json(chain: EvidenceChain | None) -> dict[str, object] | None:
         row["concentrated"] = region.words
     document["energy"] |= {"share": chain.energy.share, "even": chain.energy.even}
     if chain.stopping is not None:
-        document["stopping"]["false_alarm_rate_at_most"] = chain.stopping.at_most
+        document["stopping"] |= {
+            "clean_robots": CLEAN_ROBOTS,
+            "false_alarms": FALSE_ALARMS,
+            "false_alarm_rate_at_most": largest_rate(FALSE_ALARMS, CLEAN_ROBOTS),
+        }
     return document
 
 
@@ -66,12 +74,18 @@ def agreement_words(row: TwoDomains) -> str:
     return AGREEMENTS[row.agreement] + other
 
 
-def stopping_sentence(told: Stopping) -> str:
+def largest_rate(errors: int, cases: int) -> float:
+    """Returns the upper end of the one-sided 95 % interval of a rate (Clopper and Pearson 1934)."""
+    return 1.0 if errors >= cases else float(beta.ppf(0.95, errors + 1, cases - errors))
+
+
+def false_alarms_sentence() -> str:
     """Returns the stopping rule's false alarms in words."""
+    at_most = largest_rate(FALSE_ALARMS, CLEAN_ROBOTS)
     return (
-        f"How often does this find what is not there? Of {told.clean_robots} simulated robots "
+        f"How often does this find what is not there? Of {CLEAN_ROBOTS} simulated robots "
         f"without any hidden effect, the search before this one named something on "
-        f"{told.false_alarms}. So few robots leave a rate of up to {100.0 * told.at_most:.1f} % "
+        f"{FALSE_ALARMS}. So few robots leave a rate of up to {100.0 * at_most:.1f} % "
         "possible (95 % confidence)."
     )
 

@@ -50,9 +50,12 @@ def _environment() -> Environment:
         "learned_sentence": learned_document.learned_sentence,
         "hundredths": chain_document.hundredths,
         "goes_with": chain_document.goes_with,
-        "stopping_sentence": chain_document.stopping_sentence,
     }
-    environment.globals |= {"times": words.times, "quantity": words.quantity}
+    environment.globals |= {
+        "times": words.times,
+        "quantity": words.quantity,
+        "false_alarms_sentence": chain_document.false_alarms_sentence,
+    }
     return environment
 
 
