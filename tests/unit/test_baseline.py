@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind, ConfigError, Trajectory
-from gfm.diagnosis.baselines.slsqp import identify
+from gfm.experiments.slsqp import identify
 
 JOINTS = ("shoulder", "elbow")
 DAMPING = (0.5, 0.5)

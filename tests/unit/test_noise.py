@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from gfm.core.noise import noise_std, steady_noise, typical_noise
 from gfm.core.rounding import resolution
-from gfm.diagnosis.data.noise import noise_std, steady_noise, typical_noise
 
 
 def test_noise_is_measured_under_a_smooth_motion():

@@ -10,8 +10,7 @@ from scipy.integrate import solve_ivp
 from gfm.core import CommandKind, ConfigError, ObjectTrack, Trajectory
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.objects.examine import examine_object
-from gfm.diagnosis.objects.stage import Setting, carrying_forces, make_stage, place, run
-from gfm.diagnosis.objects.track import in_plane, track_of
+from gfm.diagnosis.objects.track import track_of
 from gfm.diagnosis.output.result import Verdict
 
 MU, MASS, REST_Z = 0.3, 0.2, 0.02
@@ -168,27 +167,6 @@ def test_poses_of_an_object_that_the_model_lacks_are_refused():
 def test_a_free_body_without_poses_is_no_question():
     run_ = replace(recording(0, np.zeros((60, 3))), object_track=None)
     assert examine_object(spec(), [run_], [], lambda _: None) is None
-
-
-def test_the_robot_follows_its_motion_and_carries_the_object_along():
-    stage = make_stage(spec(MODEL))
-    steps = 250
-    swept = 0.3 - 0.8 * stage.timestep_s * np.arange(-1, steps + 1)  # rad, towards the object
-    begin = Setting(
-        pose=np.array([-0.1, 0.0, REST_Z, 1.0, 0.0, 0.0, 0.0]),
-        velocity=np.zeros(6),
-        robot=swept[:, None],
-    )
-    poses = run(stage, [begin, replace(begin, robot=np.full((steps + 2, 1), 0.6))])
-    moved = in_plane(poses, poses[0, 0])
-    assert moved[0, -1, 1] < -0.02  # pushed aside
-    assert moved[1, -1] == pytest.approx([-0.1, 0.0, 0.0], abs=1e-3)
-    data = mujoco.MjData(stage.model)
-    place(stage, data, begin)
-    for force in carrying_forces(stage, begin, steps):
-        data.qfrc_applied[:] = force
-        mujoco.mj_step(stage.model, data)
-    assert data.qpos[stage.qpos] == pytest.approx(swept[-1], abs=1e-6)  # whatever it pushes
 
 
 def test_the_yaw_is_counted_on_over_whole_turns():

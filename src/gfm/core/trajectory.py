@@ -119,6 +119,22 @@ class Trajectory:
         """Time from the first to the last measurement."""
         return float(self.stamp_ns[-1] - self.stamp_ns[0]) * 1e-9
 
+    @property
+    def period_s(self) -> float:
+        """Median time from one measurement to the next."""
+        return float(np.median(np.diff(self.time_s)))
+
+    @property
+    def held_command(self) -> Array:
+        """The command in force at each measurement, the first one before it, shape (T, J)."""
+        place = np.searchsorted(self.command_stamp_ns, self.stamp_ns, side="right") - 1
+        return self.command[np.maximum(place, 0)]
+
+    @property
+    def gains(self) -> Array:
+        """The factor on each joint's servo gain, 0 where its drive was off, shape (J,)."""
+        return np.array([self.servo_gain.get(name, 1.0) for name in self.joint_names])
+
     def with_joints(self, names: Sequence[str]) -> Trajectory:
         """Returns the recording with these of its joints, in this order.
 

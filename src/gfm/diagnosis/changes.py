@@ -5,21 +5,21 @@ Shape letters: K sets, oldest first.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
-import mujoco
 import numpy as np
 
 from gfm.core.checks import Array
+from gfm.diagnosis.found import Found
 from gfm.diagnosis.inference.fitting import fit, free_parameters
 from gfm.diagnosis.output.changes import Changes, SetAmount, sentence_on_changes
-from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.output.claims import credible
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.diagnosis.search.naming import twin_of
 from gfm.diagnosis.search.nominal_parameters import said_already
 from gfm.diagnosis.search.sets import OverSets, Sets
-from gfm.effects import EffectInstance, Parameter
+from gfm.effects import EffectInstance
 
 #: Standard errors of an interval that covers 95 %.
 COVERS = 1.96
@@ -27,51 +27,29 @@ COVERS = 1.96
 GAIN = "actuator_gain"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Found:
-    """What one set says by itself.
-
-    Attributes:
-        names: Of its recordings.
-        problem: To which amounts were fitted.
-        effects: All that was found.
-        credible: Those that are more likely right than wrong.
-    """
-
-    names: tuple[str, ...]
-    problem: Problem
-    effects: Sequence[EffectInstance]
-    credible: Sequence[EffectInstance]
-
-
-def what_changed(
-    found: Sequence[Found],
-    specs: Collection[mujoco.MjSpec],
-    given: Sequence[EffectInstance],
-    report: Callable[[str], None],
-) -> Changes:
+def what_changed(found: Sequence[Found], report: Callable[[str], None]) -> Changes:
     """Returns which amounts differ between sets of recordings.
 
     Args:
         found: In each set by itself, oldest first, two at least.
-        specs: The nominal model by the kind of command.
-        given: Effects of it that they cannot say.
         report: Told what is happening, in words.
     """
     report("comparing the sets")
-    effects = _of_all_sets(found)
-    names = tuple(one.names for one in found)
-    if not effects:
-        return Changes(sentence=sentence_on_changes(()), sets=names, amounts=())
-    sets = _fitted_to_each(found, effects)
-    over = sets.simplest(sets.apart(), report)
-    credible = {_usual(e).key for one in found for e in one.credible}
-    told = tuple(
-        replace(amount, already=_already(effect, specs, given), credible=effect.key in credible)
-        for i, effect in enumerate(sets.effects)
-        for amount in _amounts(sets, over, i)
+    results = [one.result for one in found if one.result is not None]
+    # Each effect as it was found last.
+    effects = {e.key: e for one in results for e in map(_usual, one.fit.effects)}
+    sure = {_usual(e).key for one in results for e in credible(one)}
+    told: list[SetAmount] = []
+    if effects:
+        sets = _fitted_to_each(found, tuple(effects.values()))
+        over = sets.simplest(sets.apart(), report)
+        for i, effect in enumerate(sets.effects):
+            told += _amounts(sets, over, i, credible=effect.key in sure)
+    return Changes(
+        sentence=sentence_on_changes(told),
+        sets=tuple(tuple(run.name for run in one.recordings) for one in found),
+        amounts=tuple(told),
     )
-    return Changes(sentence=sentence_on_changes(told), sets=names, amounts=told)
 
 
 def _usual(instance: EffectInstance) -> EffectInstance:
@@ -79,41 +57,19 @@ def _usual(instance: EffectInstance) -> EffectInstance:
     return twin_of(instance) if instance.effect.twin else instance
 
 
-def _of_all_sets(found: Sequence[Found]) -> tuple[EffectInstance, ...]:
-    """Returns the effects of all sets, each as it was found last."""
-    newest = {e.key: e for one in found for e in map(_usual, one.effects)}
-    return tuple(newest.values())
-
-
 def _fitted_to_each(found: Sequence[Found], effects: Sequence[EffectInstance]) -> Sets:
     """Returns effects fitted to each set, from where they were found there, or else last."""
     problems, fits = [], []
     for one in found:
-        own = {e.key: e for e in map(_usual, one.effects)}
+        own = {e.key: e for e in map(_usual, one.result.fit.effects if one.result else ())}
         begun = [_begun(own.get(e.key, e), e) for e in effects]
-        problem = with_suitable_steps(one.problem, begun)
+        problem = with_suitable_steps(one.long, begun)
         problem = problem.settled(fit(problem, begun).effects).robust(begun)
         problems.append(problem)
         fits.append(fit(problem, begun))
-    unwrapped = [_turned(fitted.effects, fits[-1].effects) for fitted in fits]
-    fits = [replace(one, effects=own) for one, own in zip(fits, unwrapped, strict=True)]
+    newest = fits[-1].effects
+    fits = [replace(f, effects=tuple(map(_turned, f.effects, newest))) for f in fits]
     return Sets(problems=tuple(problems), fits=tuple(fits))
-
-
-def _turned(
-    effects: Sequence[EffectInstance], newest: Sequence[EffectInstance]
-) -> tuple[EffectInstance, ...]:
-    """Returns effects with angles within half a turn of others', where that is the same."""
-    turned = []
-    for one, other in zip(effects, newest, strict=True):
-        near = {
-            name: value - 2.0 * np.pi * round((value - other.values[name]) / (2.0 * np.pi))
-            for name, value in one.values.items()
-        }
-        back = one.effect.canonical(near)
-        same = all(np.isclose(back[name], value) for name, value in one.values.items())
-        turned.append(replace(one, values=near) if same else one)
-    return tuple(turned)
 
 
 def _begun(instance: EffectInstance, newest: EffectInstance) -> EffectInstance:
@@ -122,10 +78,24 @@ def _begun(instance: EffectInstance, newest: EffectInstance) -> EffectInstance:
     return replace(instance, values={**instance.values, **fixed})
 
 
-def _amounts(sets: Sets, over: OverSets, index: int) -> list[SetAmount]:
+def _turned(instance: EffectInstance, newest: EffectInstance) -> EffectInstance:
+    """Returns an effect with angles within half a turn of the newest, where that is the same."""
+    whole = 2.0 * np.pi
+    near = {
+        n: v - whole * round((v - newest.values[n]) / whole) for n, v in instance.values.items()
+    }
+    back = instance.effect.canonical(near)
+    same = all(np.isclose(back[name], value) for name, value in instance.values.items())
+    return replace(instance, values=near) if same else instance
+
+
+def _amounts(sets: Sets, over: OverSets, index: int, *, credible: bool) -> list[SetAmount]:
     """Returns the amounts of one effect; those that no fit changes are known as they are."""
-    instance = sets.effects[index]
-    seen = sets.seen(over, index, 1.0 if instance.effect.name == GAIN else 0.0)
+    instance, model = sets.effects[index], sets.problems[-1]
+    none, already = 0.0, said_already(model.specs.values(), model.given, instance)
+    if instance.effect.name == GAIN:
+        none, already = 1.0, 0.0
+    seen = sets.seen(over, index, none)
     free = [name for i, name in free_parameters(sets.effects) if i == index]
     values, errors = (dict(zip(free, rows.T, strict=True)) for rows in sets.alone(over, index))
     told = []
@@ -134,7 +104,10 @@ def _amounts(sets: Sets, over: OverSets, index: int) -> list[SetAmount]:
         own = values.get(name, np.full(len(seen), instance.values[name]))
         apart = errors.get(name, np.zeros(len(seen)))
         mean, error, spread = random_effects(own, apart)
-        low, high = _possible(instance, parameter, mean, COVERS * float(np.hypot(error, spread)))
+        reach = COVERS * float(np.hypot(error, spread))
+        if not np.isfinite(reach):  # no set shows it
+            reach = 0.0
+        possible = instance.least.get(name, parameter.lower), parameter.upper
         told.append(
             SetAmount(
                 effect=instance.effect.name,
@@ -145,26 +118,15 @@ def _amounts(sets: Sets, over: OverSets, index: int) -> list[SetAmount]:
                 values=tuple(map(float, own)),
                 errors=tuple(map(float, apart)),
                 seen=seen,
-                already=None,
+                already=already,
                 mean=mean,
                 spread=spread,
-                low=low,
-                high=high,
-                credible=False,
+                low=float(np.clip(mean - reach, *possible)),
+                high=float(np.clip(mean + reach, *possible)),
+                credible=credible,
             )
         )
     return told
-
-
-def _possible(
-    instance: EffectInstance, parameter: Parameter, mean: float, reach: float
-) -> tuple[float, float]:
-    """Returns a range within what is possible; the amount itself where no set shows it."""
-    if not np.isfinite(reach):
-        return mean, mean
-    least = instance.least.get(parameter.name, parameter.lower)
-    most = parameter.upper
-    return float(np.clip(mean - reach, least, most)), float(np.clip(mean + reach, least, most))
 
 
 def random_effects(values: Array, errors: Array) -> tuple[float, float, float]:
@@ -180,20 +142,12 @@ def random_effects(values: Array, errors: Array) -> tuple[float, float, float]:
     if not shown.any():
         return float(values.mean()), float("inf"), 0.0
     values, variances = values[shown], np.maximum(errors[shown], 1e-12) ** 2
-    weights = 1.0 / variances
-    total = weights.sum()
-    apart = float(weights @ (values - weights @ values / total) ** 2) - (len(values) - 1)
     between = 0.0
     if len(values) > 1:
+        weights = 1.0 / variances
+        total = weights.sum()
+        apart = float(weights @ (values - weights @ values / total) ** 2) - (len(values) - 1)
         between = max(apart / float(total - weights @ weights / total), 0.0)
     weights = 1.0 / (variances + between)
     mean = float(weights @ values / weights.sum())
     return mean, float(weights.sum() ** -0.5), between**0.5
-
-
-def _already(
-    instance: EffectInstance,
-    specs: Collection[mujoco.MjSpec],
-    given: Sequence[EffectInstance],
-) -> float | None:
-    return 0.0 if instance.effect.name == GAIN else said_already(specs, given, instance)

@@ -170,24 +170,36 @@ def learned_report(
     """
     domain = torque_domain(problem.specs, recordings, problem.given)
     along = np.stack([_forces(problem, one, domain.recordings) for one in members])
-    rows = np.split(along.mean(axis=0), np.cumsum([len(v.position) for v in domain.views])[:-1])
-    views = [replace(v, missing=row) for v, row in zip(domain.views, rows, strict=True)]
-    drive = np.maximum(_rms(domain.signals().drive), 1e-9)
+    mean = along.mean(axis=0)
     told = LearnedProblem(
-        domain=domain, learned=domain.moving() * domain.blocks(rows), noise=NOISE_SHARE * drive
+        domain=domain,
+        learned=domain.moving() * domain.blocks(mean),
+        noise=NOISE_SHARE * np.maximum(_rms(domain.signals().drive, axis=0), 1e-9),
     )
     start = nothing(told)
     here = hypothesis(told, start, told.joint_costs(start.residual))
-    asked = here.open_joints
-    found = _searched(here, joint_scales(problem, views))
-    fitted = fitly_named(found.fit, problem.specs)
-    mean = _rms(along.mean(axis=0).ravel()[:, None])[0]
-    apart = _rms((along - along.mean(axis=0)).ravel()[:, None])[0]
+    found = _searched(here, joint_scales(problem, [replace(domain.view, missing=mean)]))
+    effects = fitly_named(found.fit, problem.specs).effects
+    without = [[e for e in effects if e is not one] for one in effects]
+    before, after, *rest = map(told.joint_costs, told.residuals([(), effects, *without]))
+    shares = [(left - after) / before for left in rest]
+    size, asked = float(_rms(mean)), here.open_joints
     return LearnedReport(
         members=len(members),
-        spread=float(apart / mean) if len(members) > 1 and mean > 0.0 else None,
-        names=_names(told, fitted.effects, asked),
-        joints=_joints(told, fitted.effects, asked),
+        spread=float(_rms(along - mean)) / size if len(members) > 1 and size > 0.0 else None,
+        names=tuple(
+            LearnedName(instance=one, share=_share(told, one, share, asked))
+            for one, share in zip(effects, shares, strict=True)
+        ),
+        joints=tuple(
+            JointForce(
+                joint=name,
+                rms_nm=float(np.sqrt(before[j]) * told.noise[j]),
+                of_drive=float(np.sqrt(before[j]) * NOISE_SHARE),
+                named=float(1.0 - after[j] / before[j]) if name in asked else None,
+            )
+            for j, name in enumerate(told.joints)
+        ),
     )
 
 
@@ -247,36 +259,13 @@ def _candidates(joints: Sequence[str]) -> list[Place]:
     ]
 
 
-def _names(
-    told: LearnedProblem, effects: Sequence[EffectInstance], asked: Collection[str]
-) -> tuple[LearnedName, ...]:
-    """Returns names with the share of the force on their joints that each explains."""
-    without = [[e for e in effects if e is not one] for one in effects]
-    nothing_said, whole, *rest = (
-        told.joint_costs(r) for r in told.residuals([(), effects, *without])
-    )
-    shares = []
-    for one, left in zip(effects, rest, strict=True):
-        rows = [j for j in told.domain.touched(one) if told.joints[j] in asked]
-        shares.append(float(np.mean((left - whole)[rows] / nothing_said[rows])) if rows else 0.0)
-    return tuple(LearnedName(instance=e, share=s) for e, s in zip(effects, shares, strict=True))
+def _share(
+    told: LearnedProblem, instance: EffectInstance, shares: Array, asked: Collection[str]
+) -> float:
+    """Returns the mean share, shape (J,), over the joints of an effect that were asked."""
+    rows = [j for j in told.domain.touched(instance) if told.joints[j] in asked]
+    return float(np.mean(shares[rows])) if rows else 0.0
 
 
-def _joints(
-    told: LearnedProblem, effects: Sequence[EffectInstance], asked: Collection[str]
-) -> tuple[JointForce, ...]:
-    before, after = (told.joint_costs(r) for r in told.residuals([(), effects]))
-    return tuple(
-        JointForce(
-            joint=name,
-            rms_nm=float(np.sqrt(before[j]) * told.noise[j]),
-            of_drive=float(np.sqrt(before[j]) * NOISE_SHARE),
-            named=float(1.0 - after[j] / before[j]) if name in asked else None,
-        )
-        for j, name in enumerate(told.joints)
-    )
-
-
-def _rms(rows: Array) -> Array:
-    """Returns the root mean square of each column."""
-    return np.asarray(np.sqrt(np.mean(rows**2, axis=0)))
+def _rms(values: Array, axis: int | None = None) -> Array:
+    return np.asarray(np.sqrt(np.mean(values**2, axis=axis)))

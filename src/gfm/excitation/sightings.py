@@ -107,7 +107,7 @@ def sightings(recordings: Sequence[Trajectory]) -> tuple[Sighting, ...]:
 
 def _signals(recordings: Sequence[Trajectory]) -> _Signals:
     efforts = [one.effort for one in recordings if one.effort is not None]
-    periods = [np.full(len(one.stamp_ns), np.median(np.diff(one.time_s))) for one in recordings]
+    periods = [np.full(len(one.stamp_ns), one.period_s) for one in recordings]
     numbers = [np.full(len(one.stamp_ns), i, np.intp) for i, one in enumerate(recordings)]
     return _Signals(
         position=np.concatenate([one.position for one in recordings]),

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from gfm.diagnosis.baselines.slsqp import Identified
 from gfm.diagnosis.output.result import Diagnosis
 from gfm.effects import EffectInstance
 from gfm.experiments.fit import BEST, FittedForces
 from gfm.experiments.joint_control import JointControlTest, ModelErrors
+from gfm.experiments.slsqp import Identified
 from gfm.launch import Supervisor, statuses, summary
 from gfm.report import HiddenEffect, ModelKind, PhaseTime, RunReport, SystemFacts
 

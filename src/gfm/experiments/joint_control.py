@@ -192,5 +192,4 @@ def setpoints(recording: Trajectory) -> Array | None:
     """Returns the commanded position at every measurement, rad, shape (T, J); None for others."""
     if recording.command_kind is not CommandKind.POSITION:
         return None
-    held = np.searchsorted(recording.command_stamp_ns, recording.stamp_ns, side="right") - 1
-    return recording.command[np.maximum(held, 0)]
+    return recording.held_command

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from gfm.core import CommandKind, RecordingError, Trajectory
-from gfm.diagnosis.data.quality import Objection, dead_positions, objection_to, same_measurements
+from gfm.experiments.objections import Objection, dead_positions, objection_to, same_measurements
 from gfm.sim.passive import with_idle_drives
 from gfm.sim.plant import make_plant
 

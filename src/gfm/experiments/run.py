@@ -24,7 +24,6 @@ from gfm.core import (
     MonotonicClock,
     Trajectory,
 )
-from gfm.diagnosis.baselines.slsqp import Identified, identify
 from gfm.diagnosis.data.segmentation import measure_noise
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.output.correction import model_pair
@@ -45,6 +44,7 @@ from gfm.experiments.joint_control import JointControlTest, ModelErrors, make_te
 from gfm.experiments.progress import Phase, RunProgress
 from gfm.experiments.run_settings import RunSettings
 from gfm.experiments.sealed import unseal
+from gfm.experiments.slsqp import Identified, identify
 from gfm.launch import (
     Supervisor,
     SystemSpec,

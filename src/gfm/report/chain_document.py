@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from gfm.diagnosis.data.quality import Finding, gathered
-from gfm.diagnosis.data.quality.timing import EVERYWHERE
+from scipy.stats import beta
+
 from gfm.diagnosis.evidence import EvidenceChain
 from gfm.diagnosis.evidence.adequacy import WORDS, JointAdequacy, Residual
 from gfm.diagnosis.evidence.domains import Agreement, TwoDomains
 from gfm.diagnosis.evidence.energy import EnergyBalance
-from gfm.diagnosis.evidence.stopping import Stopping
 from gfm.diagnosis.output.claims import SPREAD_WIDTH, SPREADS_ASKED, SPREADS_HELD
 from gfm.diagnosis.output.result import Diagnosis
 from gfm.report import words
 
+#: Simulated robots without any hidden effect that were diagnosed (docs/results/known_truth.md), and
+#: those of them on which anything was named.
+CLEAN_ROBOTS, FALSE_ALARMS = 85, 0
 AGREEMENTS = {
     Agreement.AGREES: "both say the same",
     Agreement.OTHER_AMOUNT: "the same effect in another amount",
@@ -35,28 +37,17 @@ def chain_json(chain: EvidenceChain | None) -> dict[str, object] | None:
         row["concentrated"] = region.words
     document["energy"] |= {"share": chain.energy.share, "even": chain.energy.even}
     if chain.stopping is not None:
-        document["stopping"]["false_alarm_rate_at_most"] = chain.stopping.at_most
+        document["stopping"] |= {
+            "clean_robots": CLEAN_ROBOTS,
+            "false_alarms": FALSE_ALARMS,
+            "false_alarm_rate_at_most": largest_rate(FALSE_ALARMS, CLEAN_ROBOTS),
+        }
     return document
-
-
-def delays_found(findings: Sequence[Finding]) -> list[str]:
-    """Returns by how much the joints are late, and what that means, in lines."""
-    return [
-        f"{f'{words.some(row.joints)}: ' if row.joints else ''}{row.what} "
-        f"{words.finding_amount(row)}: {row.consequence}"
-        for row in gathered(findings)
-        if row.recordings == (EVERYWHERE,) and row.unit == "ms"
-    ]
 
 
 def hundredths(value: float) -> str:
     """Returns two digits after the point, zero without a sign."""
     return f"{round(value, 2) + 0.0:.2f}"
-
-
-def doubts_found(findings: Sequence[Finding]) -> int:
-    """Returns how many different things put the input in doubt."""
-    return len({(one.what, one.consequence) for one in findings if one.doubtful})
 
 
 def adequacy_sentence(rows: Sequence[JointAdequacy]) -> str:
@@ -83,12 +74,18 @@ def agreement_words(row: TwoDomains) -> str:
     return AGREEMENTS[row.agreement] + other
 
 
-def stopping_sentence(told: Stopping) -> str:
+def largest_rate(errors: int, cases: int) -> float:
+    """Returns the upper end of the one-sided 95 % interval of a rate (Clopper and Pearson 1934)."""
+    return 1.0 if errors >= cases else float(beta.ppf(0.95, errors + 1, cases - errors))
+
+
+def false_alarms_sentence() -> str:
     """Returns the stopping rule's false alarms in words."""
+    at_most = largest_rate(FALSE_ALARMS, CLEAN_ROBOTS)
     return (
-        f"How often does this find what is not there? Of {told.clean_robots} simulated robots "
+        f"How often does this find what is not there? Of {CLEAN_ROBOTS} simulated robots "
         f"without any hidden effect, the search before this one named something on "
-        f"{told.false_alarms}. So few robots leave a rate of up to {100.0 * told.at_most:.1f} % "
+        f"{FALSE_ALARMS}. So few robots leave a rate of up to {100.0 * at_most:.1f} % "
         "possible (95 % confidence)."
     )
 

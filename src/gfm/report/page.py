@@ -9,8 +9,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from gfm.diagnosis.data.quality import gathered
-from gfm.report import chain_document, learned_document, words
+from gfm.report import chain_document, findings, learned_document, words
 from gfm.report.figures import Picture
 
 
@@ -38,22 +37,25 @@ def _environment() -> Environment:
         "joints_title": words.joints_title,
         "figure_json": _figure_json,
         "flat": flat,
-        "gathered": gathered,
-        "finding_amount": words.finding_amount,
+        "gathered": findings.gathered,
+        "finding_amount": findings.finding_amount,
         "some": words.some,
         "adequacy_sentence": chain_document.adequacy_sentence,
         "agreement": chain_document.agreement_words,
         "amounts_sentence": chain_document.amounts_sentence,
-        "delays_found": chain_document.delays_found,
-        "doubts_found": chain_document.doubts_found,
+        "delays_found": findings.delays_found,
+        "doubts_found": findings.doubts_found,
         "energy_sentence": chain_document.energy_sentence,
         "both_say": learned_document.both_say,
         "learned_sentence": learned_document.learned_sentence,
         "hundredths": chain_document.hundredths,
         "goes_with": chain_document.goes_with,
-        "stopping_sentence": chain_document.stopping_sentence,
     }
-    environment.globals |= {"times": words.times, "quantity": words.quantity}
+    environment.globals |= {
+        "times": words.times,
+        "quantity": words.quantity,
+        "false_alarms_sentence": chain_document.false_alarms_sentence,
+    }
     return environment
 
 

@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gfm.diagnosis.data.quality import FindingRow
 from gfm.diagnosis.evidence.plots import MISFIT
 from gfm.diagnosis.output.result import (
     EvidencePlot,
@@ -228,15 +227,6 @@ def quantity(value: float | None, unit: str) -> str:
     """Returns the number with its unit; "1" is the unit of pure numbers and is not shown."""
     digits = number(value)
     return digits if digits == NOTHING or unit in {"", "1"} else f"{digits} {unit}"
-
-
-def finding_amount(row: FindingRow) -> str:
-    """Returns the value of a finding with its spread, or between what values it lies."""
-    if row.spread is not None:
-        return f"{number(row.low)} ± {quantity(row.spread, row.unit)}"
-    if number(row.low) == number(row.high):
-        return quantity(row.low, row.unit)
-    return f"{number(row.low)} … {quantity(row.high, row.unit)}"
 
 
 def some(names: Sequence[str]) -> str:

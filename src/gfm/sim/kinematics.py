@@ -1,10 +1,11 @@
-"""Where a site is, and how a free object is turned, without stepping.
+"""Where a site is, how a free object is turned, and what acts along a motion, without stepping.
 
-Shape letters: N states.
+Shape letters: N states, J joints.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import final
 
 import mujoco
@@ -12,6 +13,7 @@ import numpy as np
 
 from gfm.core import UnknownNameError
 from gfm.core.checks import Array
+from gfm.sim.plant import Plant
 
 
 @final
@@ -33,6 +35,18 @@ class SiteKinematics:
             mujoco.mj_kinematics(self._model, self._data)
             place[:] = self._data.site_xpos[self._site]
         return places
+
+
+def along(plant: Plant, position: Array, velocity: Array) -> Iterator[mujoco.MjData]:
+    """Yields a model's state along a motion (N, J), with passive forces and energies."""
+    model, data = plant.model, mujoco.MjData(plant.model)
+    for q, v in zip(position, velocity, strict=True):
+        data.qpos[plant.qpos], data.qvel[plant.dof] = q, v
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_energyPos(model, data)
+        mujoco.mj_energyVel(model, data)
+        yield data
 
 
 def body_axes(quaternion: Array) -> Array:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gfm.diagnosis.data.quality import channels, dead_positions
+from gfm.diagnosis.data.quality import channels
+from gfm.experiments.objections import dead_positions
+from gfm.experiments.objections.channels import stuck_effort, stuck_position
 
 T = 0.01 * np.arange(1000)
 WAVE = 0.5 * np.sin(3.0 * T)
@@ -13,7 +15,7 @@ NOISE = 1e-4 * np.random.default_rng(0).standard_normal((1000, 2))
 
 
 def test_a_position_that_never_follows_is_refused(make):
-    objection = channels.stuck_position(make(T, np.zeros(1000), command=WAVE))
+    objection = stuck_position(make(T, np.zeros(1000), command=WAVE))
     assert objection is not None
     assert objection.where == "position of a"
     assert objection.problem == "never changes while the command demands 1 rad of motion"
@@ -29,11 +31,11 @@ def test_a_position_that_never_follows_is_refused(make):
     ],
 )
 def test_a_joint_that_may_rest_is_not_refused(make, case):
-    assert channels.stuck_position(make(T, np.zeros(1000), **case)) is None
+    assert stuck_position(make(T, np.zeros(1000), **case)) is None
 
 
 def test_a_commanded_speed_is_summed_up_to_a_motion(make):
-    objection = channels.stuck_position(make(T, np.zeros(1000), "velocity", command=WAVE))
+    objection = stuck_position(make(T, np.zeros(1000), "velocity", command=WAVE))
     assert objection is not None
     assert "0.333 rad" in objection.problem
 
@@ -63,7 +65,7 @@ def test_a_coarse_encoder_may_rest_without_noise(make):
 
 
 def test_efforts_filled_with_zeros_are_refused(make):
-    objection = channels.stuck_effort(make(T, WAVE, effort=np.zeros(1000)))
+    objection = stuck_effort(make(T, WAVE, effort=np.zeros(1000)))
     assert objection is not None
     assert "is 0 throughout" in objection.problem
     assert "empty field" in objection.expected
@@ -79,7 +81,7 @@ def test_efforts_filled_with_zeros_are_refused(make):
     ],
 )
 def test_efforts_that_may_be_zero_are_not_refused(make, case):
-    assert channels.stuck_effort(make(T, WAVE, **case)) is None
+    assert stuck_effort(make(T, WAVE, **case)) is None
 
 
 def test_what_never_changes_is_told(make):

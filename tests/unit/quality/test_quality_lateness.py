@@ -52,6 +52,15 @@ def test_against_a_prediction_the_delay_comes_out(make, delay_s):
     assert late.per_joint_s is None
 
 
+def test_a_segment_without_a_prediction_says_nothing_against_one(make):
+    command = commanded(1)
+    measured = make(T, answer(command, 0.02), command=command)
+    alone = delays([measured], [answer(command)])
+    both = delays([measured, measured], [answer(command), None])
+    assert both.blocks == alone.blocks
+    assert both.seconds == alone.seconds
+
+
 def test_against_the_command_the_lag_of_the_servo_is_part_of_it(make):
     command = commanded(1)
     quick, slow = (

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gfm.diagnosis.data.quality import stamps
+from gfm.experiments.objections.units import absurd_rate
 
 PERIOD_S = 0.01
 
@@ -41,7 +42,7 @@ def test_jitter_is_told_as_a_share_of_the_period(make, share, found):
 )
 def test_rates_that_no_robot_has_are_refused(make, rate_hz, refused):
     time_s = np.arange(100) / rate_hz
-    objection = stamps.absurd_rate(make(time_s, wave(time_s)))
+    objection = absurd_rate(make(time_s, wave(time_s)))
     assert (objection is not None) is refused
     if objection is not None:
         assert objection.problem == f"{rate_hz:.3g} measurements per second"

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gfm.diagnosis.data.quality import objection_to, units
+from gfm.diagnosis.data.quality.channels import odd_velocities
+from gfm.experiments.objections import objection_to, units
 
 DEGREES = 180.0 / np.pi
 KINDS = ("position", "velocity", "effort")
@@ -139,9 +140,9 @@ def test_an_odd_unit_of_an_unused_velocity_is_only_told(good, pendulum):
     recording = good("position")
     rpm = replace(recording, velocity=9.55 * recording.velocity)
     assert objection_to(rpm, pendulum()) is None
-    (told,) = units.odd_velocities(rpm)
+    (told,) = odd_velocities(rpm)
     assert told.value == pytest.approx(9.55, rel=0.02)
-    assert units.odd_velocities(recording) == []
+    assert odd_velocities(recording) == []
 
 
 def test_a_weak_servo_is_no_other_unit(make):

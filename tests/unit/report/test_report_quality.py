@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from gfm.diagnosis.data.quality import Finding, gathered
+from gfm.diagnosis.data.quality import Finding
 from gfm.excitation.blind_spots import BlindSpot
 from gfm.report import diagnosis_html, diagnosis_json
-from gfm.report.words import finding_amount, some
+from gfm.report.findings import finding_amount, gathered
+from gfm.report.words import some
 
 
 def finding(**changes: object) -> Finding:

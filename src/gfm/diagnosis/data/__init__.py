@@ -1,1 +1,1 @@
-"""Recordings as a diagnosis sees them: noise, segments, quality."""
+"""Recordings as a diagnosis sees them: segments, quality."""

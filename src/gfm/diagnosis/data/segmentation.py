@@ -6,14 +6,14 @@ Shape letters: T measurements of a segment, J joints.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import mujoco
 import numpy as np
 
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.noise import noise_std, steady_noise, typical_noise
+from gfm.core.noise import noise_std, steady_noise, typical_noise
 from gfm.diagnosis.data.signals import smooth_states, starts_at_rest
 from gfm.diagnosis.data.touching import Touch, at_ease, resting_pose
 from gfm.diagnosis.residuals.initial_states import with_state_basis
@@ -106,42 +106,26 @@ def all_segments(
         kind: accurately_simulated(with_still_joints(spec, still[kind]))
         for kind, spec in specs.items()
     }
-    touch = {kind: Touch(spec, joints) for kind, spec in accurate.items()}
+    noise, windows_s, touch = noise or measure_noise(recordings), dict(windows_s), {}
     for kind, spec in accurate.items():
-        if not any(touch[kind].ever(r) for r in recordings if r.command_kind is kind):
+        looking = Touch(spec, joints)
+        if any(looking.ever(r) for r in recordings if r.command_kind is kind):
+            # Nothing is followed for long: what is touched a little earlier is soon elsewhere.
+            touch[kind], windows_s[kind] = looking, min(windows_s[kind], SHORT[kind])
+        else:
             spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-            del touch[kind]
-    noise = noise or measure_noise(recordings)
-    segments = tuple(
-        segment
-        for i, recording in enumerate(recordings)
-        for segment in _cut_as_it_touches(recording, i, noise, windows_s, touch)
-    )
+    segments = [
+        cut(one, i, noise, windows_s[one.command_kind], touch.get(one.command_kind))
+        for i, one in enumerate(recordings)
+    ]
     return Problem(
         specs=accurate,
         joints=joints,
-        segments=segments,
+        segments=tuple(chain.from_iterable(segments)),
         noise=noise,
         given=tuple(given),
         still={name: at for one in still.values() for name, at in one.items()},
     )
-
-
-def _cut_as_it_touches(
-    recording: Trajectory,
-    index: int,
-    noise: Noise,
-    windows_s: Mapping[CommandKind, float],
-    touch: Mapping[CommandKind, Touch],
-) -> list[Segment]:
-    """Returns a recording's segments; short ones where things are touched.
-
-    Nothing is followed for long then: what is touched a little earlier is soon elsewhere.
-    """
-    kind = recording.command_kind
-    if kind not in touch:
-        return cut(recording, index, noise, windows_s[kind])
-    return cut(recording, index, noise, min(windows_s[kind], SHORT[kind]), touch[kind])
 
 
 def accurately_simulated(spec: mujoco.MjSpec) -> mujoco.MjSpec:
@@ -247,7 +231,6 @@ def cut(
         edges = at_ease(touch, recording, edges)
     position, velocity, _ = smooth_states(time_s, recording.position)
     effort_noise, together_s = _own_effort_noise(recording, noise), _same_stamp_s(recording)
-    gain = np.array([recording.servo_gain.get(name, 1.0) for name in recording.joint_names])
     segments = []
     for start, end in pairwise(edges.tolist()):
         if end - start < LEAST_MEASUREMENTS:
@@ -267,7 +250,7 @@ def cut(
                 command=command,
                 initial_position=position[start],
                 initial_velocity=np.where(resting, 0.0, velocity[start]),
-                servo_gain=gain,
+                servo_gain=recording.gains,
                 recording=index,
                 object_pose=resting_pose(recording, int(recording.stamp_ns[start])),
             )

@@ -1,4 +1,4 @@
-"""What can be said of measured signals alone: even sampling, smooth states, rest.
+"""What can be said of measured signals alone: even sampling, smooth states, rest, likeness.
 
 Shape letters: T measurements, J joints.
 """
@@ -55,3 +55,17 @@ def starts_at_rest(time_s: Array, position: Array, noise: Array) -> Array:
     time = time_s[first] - time_s[first].mean()
     slope = time @ position[first] / (time @ time)
     return np.asarray(np.abs(slope) < REST_SIGMAS * noise / np.sqrt(time @ time))
+
+
+def correlation(one: Array, other: Array) -> float:
+    """Returns Pearson's correlation of two signals of shape (T,); 0 where one is constant."""
+    a, b = one - one.mean(), other - other.mean()
+    size = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / size if size > 0.0 else 0.0
+
+
+def slope(of: Array, over: Array) -> Array:
+    """Returns the slopes of lines through each column of `of` over `over`, (T,); 0 if constant."""
+    centred = over - over.mean()
+    power = centred @ centred
+    return np.asarray(centred @ of / power if power > 0.0 else 0.0 * of[0])

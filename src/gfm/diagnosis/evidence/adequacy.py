@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.finding import correlation
+from gfm.diagnosis.data.signals import correlation
 from gfm.diagnosis.evidence.torques import Signals
 
 #: RMS error, in noise floors, that is as small as noise.

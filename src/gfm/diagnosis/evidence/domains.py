@@ -18,7 +18,7 @@ import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.evidence.torques import TorqueDomain
-from gfm.diagnosis.search.naming import describe, twins
+from gfm.diagnosis.search.naming import describe, first_of_each, twins
 from gfm.diagnosis.search.trace import Move, SearchResult
 from gfm.effects import EffectInstance, Key
 
@@ -89,49 +89,48 @@ def two_domains(
     fitted = _fitted(found)
     taken = {e.key for e in named} | {t.key for t, _ in twins(named)}
     mine = [_as_found(instance, fitted, named) for instance in named]
-    rest = [c for key, c in fitted.items() if key not in taken and (c.share or 0.0) >= LEAST_SHARE]
-    others = sorted(rest, key=lambda c: -(c.share or 0.0))[:MOST_SUSPECTS]
+    rest = [c for c in fitted if c.instance.key not in taken and (c.share or 0.0) >= LEAST_SHARE]
+    others = rest[:MOST_SUSPECTS]
     moving = domain.moving()
     told = {c.instance.key: moving * domain.response(c.instance) for c in (*mine, *others)}
     missing = moving * domain.missing()
-    pairs = [(c, _row(c, domain, missing, told, tuple(e.key for e in named))) for c in mine]
+    keys = [e.key for e in named]
+    rows = [_row(c, domain, missing, told, keys) for c in mine]
     beside = [(c, _row(c, domain, missing, told, ())) for c in others]
-    return (*(_judged(c, row, beside) for c, row in pairs), *(row for _, row in beside))
+    judged = (_judged(c, row, beside) for c, row in zip(mine, rows, strict=True))
+    return (*judged, *(row for _, row in beside))
 
 
-def _fitted(found: SearchResult) -> dict[Key, _Candidate]:
-    """Returns every candidate that was fitted, in the step in which it explained most."""
-    best: dict[Key, _Candidate] = {}
-    for number, step in enumerate(found.steps):
-        for tried in step.ranked if step.move is not Move.REMOVE else ():
-            if len(tried.new) > 1:
-                continue
-            base = [e for e in tried.fit.effects if e.key != tried.new[0].key]
-            share = float(np.clip(1.0 - tried.fit.cost / step.before, 0.0, 1.0))
-            before = best.get(tried.new[0].key)
-            if before is None or share > (before.share or 0.0):
-                best[tried.new[0].key] = _Candidate(
-                    instance=tried.new[0],
-                    step=number,
-                    base=tuple(e.key for e in base),
-                    share=share,
-                )
-    return best
+def _fitted(found: SearchResult) -> list[_Candidate]:
+    """Returns every candidate in the step in which it explained most, best first."""
+    tried = [
+        _Candidate(
+            instance=one.new[0],
+            step=number,
+            base=tuple(e.key for e in one.fit.effects if e.key != one.new[0].key),
+            share=float(np.clip(1.0 - one.fit.cost / step.before, 0.0, 1.0)),
+        )
+        for number, step in enumerate(found.steps)
+        for one in step.ranked
+        if step.move is not Move.REMOVE and len(one.new) == 1
+    ]
+    ranked = sorted(tried, key=lambda one: -(one.share or 0.0))
+    return first_of_each(ranked, lambda one: one.instance.key)
 
 
 def _as_found(
-    instance: EffectInstance, fitted: Mapping[Key, _Candidate], named: Sequence[EffectInstance]
+    instance: EffectInstance, fitted: Sequence[_Candidate], named: Sequence[EffectInstance]
 ) -> _Candidate:
     """Returns a named effect with its settled amounts; it may have been found by another name.
 
     One that was only found together with others is weighed beside all of them.
     """
-    keys = (instance.key, *(twin.key for twin, _ in twins([instance])))
-    found = next((fitted[key] for key in keys if key in fitted), None)
-    if found is None:
-        others = tuple(e.key for e in named if e is not instance)
-        return _Candidate(instance=instance, step=-1, base=others, share=None)
-    return replace(found, instance=instance)
+    for key in (instance.key, *(twin.key for twin, _ in twins([instance]))):
+        for one in fitted:
+            if one.instance.key == key:
+                return replace(one, instance=instance)
+    others = tuple(e.key for e in named if e is not instance)
+    return _Candidate(instance=instance, step=-1, base=others, share=None)
 
 
 def _row(
@@ -142,23 +141,18 @@ def _row(
     named: Sequence[Key],
 ) -> TwoDomains:
     instance = candidate.instance
-    joints = domain.touched(instance)
-
-    def column(key: Key) -> Array:
-        return told[key][:, joints].ravel()
-
-    torque, own = missing[:, joints].ravel(), column(instance.key)
-    base = [column(key) for key in candidate.base if key in told]
-    beside = [column(key) for key in named if key != instance.key]
-    share, _ = regressed(torque, own, base)
-    _, amount = regressed(torque, own, beside)
+    joints, is_named = domain.touched(instance), instance.key in named
+    columns = {key: torque[:, joints].ravel() for key, torque in told.items()}
+    torque, own = missing[:, joints].ravel(), columns[instance.key]
+    share, _ = regressed(torque, own, [columns[k] for k in candidate.base if k in columns])
+    _, amount = regressed(torque, own, [columns[k] for k in named if k != instance.key])
     return TwoDomains(
         effect=instance.effect.name,
         joints=instance.joints,
-        named=instance.key in named,
+        named=is_named,
         rollout_share=candidate.share,
         torque_share=share,
-        amount=amount if share >= HEARD and instance.key in named else None,
+        amount=amount if share >= HEARD and is_named else None,
     )
 
 

@@ -13,17 +13,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.evidence.torques import TorqueDomain
-from gfm.diagnosis.search.candidates import TorqueView
+from gfm.diagnosis.evidence.torques import TorqueDomain, without_law
+from gfm.diagnosis.search.candidates import has_law
 from gfm.diagnosis.search.nominal_parameters import covers
 from gfm.effects import EffectInstance
 from gfm.effects.effect import sign
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
+from gfm.sim.kinematics import along
 from gfm.sim.plant import Plant
 
 #: Effects that can only dissipate.
@@ -88,105 +88,72 @@ class EnergyBalance:
         return self.share <= EVEN and all(one.possible for one in self.named)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Work:
-    """Energies of one recording, J."""
-
-    drive: float
-    through: float
-    stored: float
-    dissipated: float
-    duration_s: float
-
-    @property
-    def missing(self) -> float:
-        return self.drive - self.stored - self.dissipated
-
-
 def energy_balance(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> EnergyBalance:
     """Returns the balance under the nominal model and with `effects`."""
     spec = next(iter(domain.specs.values()))
-    before, after = (_works(domain, chosen) for chosen in ((), domain.in_model(effects)))
-    duration_s = sum(one.duration_s for one in before)
     named = tuple(
         Dissipation(
             effect=e.effect.name,
             joints=e.joints,
-            power_w=-_work(domain, law) / duration_s,
+            power_w=-_mean_power(domain, domain.law(e) * domain.view.velocity),
             only_takes=e.effect.name in DISSIPATIVE and not covers(spec, e),
         )
         for e in effects
-        if (law := domain.law(e)) is not None
+        if has_law(e)
     )
-    missing = sum(one.missing for one in after) / duration_s
+    before, _, gained, lost = _powers(domain, ())
+    drive, through, stored, dissipated = _powers(domain, without_law(effects))
     return EnergyBalance(
-        drive_w=sum(one.drive for one in after) / duration_s,
-        through_w=sum(one.through for one in after) / duration_s,
-        stored_w=sum(one.stored for one in after) / duration_s,
-        dissipated_w=sum(one.dissipated for one in after) / duration_s,
-        missing_w=sum(one.missing for one in before) / duration_s,
+        drive_w=drive,
+        through_w=through,
+        stored_w=stored,
+        dissipated_w=dissipated,
+        missing_w=before - gained - lost,
         named=named,
-        unexplained_w=missing - sum(one.power_w for one in named),
+        unexplained_w=drive - stored - dissipated - sum(one.power_w for one in named),
     )
 
 
-def _work(domain: TorqueDomain, law: Sequence[Array]) -> float:
-    """Returns the work of torques (T, J) along the recordings, J."""
-    return sum(
-        _integral(recording, torque * view.velocity)
-        for recording, torque, view in zip(domain.recordings, law, domain.views, strict=True)
-    )
+def _powers(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> list[float]:
+    """Returns mean powers with `effects` in the model, W: as of `_works`."""
+    plants, view = domain.plants(effects), domain.view_with(effects)
+    motion = np.stack([view.position, view.velocity, view.drive], axis=1)
+    works = [_works(plants[one.command_kind], one, own) for one, own in domain.of_each(motion)]
+    return [sum(work) / _duration_s(domain) for work in zip(*works, strict=True)]
 
 
-def _works(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> list[_Work]:
-    plants = domain.plants(effects)
-    return [
-        _recording_work(plants[recording.command_kind], recording, view)
-        for recording, view in zip(domain.recordings, domain.views_with(effects), strict=True)
-    ]
+def _works(plant: Plant, recording: Trajectory, motion: Array) -> tuple[float, ...]:
+    """Returns what the drives do along a recording, what goes through them, is stored, and lost, J.
 
+    What cancels the weight of a part stores energy as a spring does.
 
-def _recording_work(plant: Plant, recording: Trajectory, view: TorqueView) -> _Work:
-    """Returns one recording's energies under a plant, by its positions and velocities."""
-    passive = _along(plant, view)
-    power = view.drive * view.velocity
-    return _Work(
-        drive=_integral(recording, power),
-        through=_integral(recording, np.abs(power)),
-        stored=passive.stored - _integral(recording, passive.holding * view.velocity),
-        dissipated=-_integral(recording, passive.damping * view.velocity),
-        duration_s=recording.duration_s,
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Passive:
-    """What a model does by itself: energy gained, J, and torques on the joints, (T, J) each."""
-
-    stored: float
-    damping: Array
-    holding: Array
-
-
-def _along(plant: Plant, view: TorqueView) -> _Passive:
-    """Returns what the model does by itself along a motion; it holds what cancels its weight."""
-    model, data = plant.model, mujoco.MjData(plant.model)
-    model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
-    damping, holding = np.empty_like(view.position), np.empty_like(view.position)
-    energy = np.empty(len(view.position))
-    for i, (q, v) in enumerate(zip(view.position, view.velocity, strict=True)):
-        data.qpos[plant.qpos], data.qvel[plant.dof] = q, v
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        mujoco.mj_energyPos(model, data)
-        mujoco.mj_energyVel(model, data)
-        energy[i] = data.energy.sum()
+    Args:
+        plant: The model.
+        recording: Of which it is.
+        motion: Position, velocity and drive, shape (T, 3, J).
+    """
+    position, velocity, drive = np.moveaxis(motion, 1, 0)
+    damping, holding = np.empty_like(position), np.empty_like(position)
+    energy = np.empty(len(position))
+    for i, data in enumerate(along(plant, position, velocity)):
         other = data.qfrc_passive - data.qfrc_spring - data.qfrc_damper
         damping[i], holding[i] = data.qfrc_damper[plant.dof], other[plant.dof]
-    dry = model.dof_frictionloss[plant.dof] * sign(view.velocity, SIGN_WIDTH_RAD_S)
-    return _Passive(stored=float(energy[-1] - energy[0]), damping=damping - dry, holding=holding)
+        energy[i] = data.energy.sum()
+    damping -= plant.model.dof_frictionloss[plant.dof] * sign(velocity, SIGN_WIDTH_RAD_S)
+    put_in, held, damped = (_work(recording, t * velocity) for t in (drive, holding, damping))
+    through = _work(recording, np.abs(drive * velocity))
+    return put_in, through, float(energy[-1] - energy[0]) - held, -damped
 
 
-def _integral(recording: Trajectory, power: Array) -> float:
+def _mean_power(domain: TorqueDomain, power: Array) -> float:
+    """Returns the mean of powers at all measurements, shape (T of all, J), W."""
+    return sum(_work(one, own) for one, own in domain.of_each(power)) / _duration_s(domain)
+
+
+def _duration_s(domain: TorqueDomain) -> float:
+    return sum(recording.duration_s for recording in domain.recordings)
+
+
+def _work(recording: Trajectory, power: Array) -> float:
     """Returns the integral over time of what all joints sum up to, shape (T, J)."""
     return float(np.trapezoid(power.sum(axis=1), recording.time_s))

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.evidence.adequacy import JointAdequacy, adequacy
@@ -63,10 +61,10 @@ def evidence_chain(
     domain = torque_domain(problem.specs, holdout, problem.given)
     missing, signals = (domain.missing(), domain.missing(effects)), domain.signals()
     noise, joints = problem.noise.position, problem.joints
-    squares = tuple(np.mean(np.concatenate(list(e)) ** 2, axis=0) / noise**2 for e in errors)
+    adequate = adequacy(joints, noise, errors, missing, signals)
     return EvidenceChain(
-        adequacy=adequacy(joints, noise, errors, missing, signals),
-        regions=localisation(joints, (squares[0], squares[1]), missing[0], signals),
+        adequacy=adequate,
+        regions=localisation(adequate, missing[0], signals),
         domains=two_domains(domain, found, effects) if found else (),
         stopping=stopping(found) if found else None,
         energy=energy_balance(domain, effects),

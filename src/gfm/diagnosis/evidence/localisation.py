@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gfm.core.checks import Array
+from gfm.diagnosis.evidence.adequacy import JointAdequacy
 from gfm.diagnosis.evidence.torques import Signals
 
 THIRDS = 3
@@ -63,17 +64,17 @@ class JointRegions:
 
 
 def localisation(
-    joints: Sequence[str], squares: tuple[Array, Array], missing: Array, signals: Signals
+    adequacy: Sequence[JointAdequacy], missing: Array, signals: Signals
 ) -> tuple[JointRegions, ...]:
     """Returns where what the nominal model lacks lies, joint by joint.
 
     Args:
-        joints: Names, J of them.
-        squares: Mean squared position errors in units of the noise, before and after, (J,) each.
+        adequacy: What both models leave on J joints.
         missing: Torque that the nominal model lacks, N m, shape (B, J).
         signals: Of the motion.
     """
-    before, after = (_shares(np.where(s > NOISE, s - 1.0, 0.0)) for s in squares)
+    ratios = np.array([(one.before.ratio, one.after.ratio) for one in adequacy])
+    before, after = (_shares(np.where(s > NOISE, s - 1.0, 0.0)) for s in ratios.T**2)
     by = {
         "speed": np.abs(signals.velocity),
         "position": signals.position,
@@ -81,12 +82,12 @@ def localisation(
     }
     return tuple(
         JointRegions(
-            joint=name,
+            joint=one.joint,
             misfit_share=float(before[j]),
             misfit_share_after=float(after[j]),
             energy={key: energy_by(missing[:, j], signal[:, j]) for key, signal in by.items()},
         )
-        for j, name in enumerate(joints)
+        for j, one in enumerate(adequacy)
     )
 
 

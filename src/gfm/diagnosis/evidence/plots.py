@@ -12,6 +12,7 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
+from gfm.diagnosis.evidence.torques import without_law
 from gfm.diagnosis.output.result import EvidencePlot, Series
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import TorqueView, has_law, law_along, torque_views
@@ -41,17 +42,13 @@ def law_plots(
     It shows the torque that the model lacks with all effects in it but this one (a partial
     residual), against what the law depends on, with the fitted law over it.
     """
-    plots = []
-    seen: dict[tuple[int, ...], list[TorqueView]] = {}
-    for instance in instances:
-        others = [one for one in instances if one is not instance]
-        told = _without_law(others)
-        key = tuple(id(one) for one in told)
-        if has_law(instance):
-            if key not in seen:
-                seen[key] = torque_views(problem, recordings, told)
-            plots.append(_law_plot(instance, others, problem, seen[key]))
-    return plots
+    lawful = [one for one in instances if has_law(one)]
+    if not lawful:
+        return []
+    views = torque_views(problem, recordings, without_law(instances))
+    left = _left(instances, problem.joints, views)
+    beside = ", the other effects in it" if len(instances) > 1 else ""
+    return [_law_plot(one, problem.joints, views, left, beside) for one in lawful]
 
 
 def torque_left(
@@ -62,31 +59,31 @@ def torque_left(
     Needed by inverse dynamics along the smoothed motion, minus what the drives gave: the measured
     effort, where there is one.
     """
-    views = torque_views(problem, recordings, _without_law(instances))
+    views = torque_views(problem, recordings, without_law(instances))
+    return _left(instances, problem.joints, views)
+
+
+def _left(
+    instances: Sequence[EffectInstance], joints: Sequence[str], views: Sequence[TorqueView]
+) -> Array:
     left = np.concatenate([view.missing for view in views])
     for joint, column in enumerate(left.T):
         for instance in instances:
-            column -= law_along(joint, instance, problem.joints, views)
+            column -= law_along(joint, instance, joints, views)
     return left
-
-
-def _without_law(instances: Sequence[EffectInstance]) -> list[EffectInstance]:
-    """Returns the effects without a law in closed form: inverse dynamics have to be told."""
-    return [one for one in instances if not has_law(one) and not one.effect.separates_motor]
 
 
 def _law_plot(
     instance: EffectInstance,
-    others: Sequence[EffectInstance],
-    problem: Problem,
+    joints: Sequence[str],
     views: Sequence[TorqueView],
+    left: Array,
+    beside: str,
 ) -> EvidencePlot:
-    joint = problem.joints.index(instance.joints[0])
-    missing = np.concatenate([view.missing[:, joint] for view in views])
-    for other in others:
-        missing = missing - law_along(joint, other, problem.joints, views)
-    law = law_along(joint, instance, problem.joints, views)
-    signal = instance.effect.seen_over
+    name, signal = instance.joints[0], instance.effect.seen_over
+    joint = joints.index(name)
+    law = law_along(joint, instance, joints, views)
+    missing = left[:, joint] + law
     axis = np.concatenate([getattr(view, signal)[:, joint] for view in views])
     if signal == "drive":
         # Friction that grows with the load acts against the motion, whichever way the drive pushes;
@@ -98,12 +95,11 @@ def _law_plot(
         )
     order = np.argsort(axis)
     keep = order[:: max(len(order) // MOST_POINTS, 1)]
-    name = instance.effect.name.replace("_", " ")
-    beside = ", the other effects in it" if others else ""
+    what = instance.effect.name.replace("_", " ")
     return EvidencePlot(
-        title=f"{name} on {instance.joints[0]}: torque that the model lacks without it{beside}",
+        title=f"{what} on {name}: torque that the model lacks without it{beside}",
         effect=instance.effect.name,
-        joint=instance.joints[0],
+        joint=name,
         x_label=AXES[signal][0],
         y_label=AXES[signal][1],
         series=(
@@ -135,10 +131,14 @@ def profile_plots(
         low = 0.0 if first.lower <= 0.0 else 0.5
         amounts = instance.values[first.name] * np.linspace(low, 2.0 - low, PROFILE_POINTS)
         amounts = np.clip(amounts, first.lower, first.upper)
-        sets = [_with_amount(instances, place, float(amount)) for amount in amounts]
+        others = [
+            replace(instance, values={**instance.values, first.name: float(amount)})
+            for amount in amounts
+        ]
+        sets = [(*instances[:place], other, *instances[place + 1 :]) for other in others]
         looked_at = rare if instance.effect.intermittent else problem
         left = np.sqrt(np.mean(looked_at.residuals(sets) ** 2, axis=1))
-        middle = PROFILE_POINTS // 2
+        middle = slice(PROFILE_POINTS // 2, PROFILE_POINTS // 2 + 1)
         where = instance.joints[0] if len(instance.joints) == 1 else ""
         name = instance.effect.name.replace("_", " ")
         plots.append(
@@ -150,26 +150,11 @@ def profile_plots(
                 y_label=MISFIT,
                 series=(
                     Series(label="all else as fitted", x=amounts, y=left, style="line"),
-                    Series(
-                        label="fitted",
-                        x=amounts[middle : middle + 1],
-                        y=left[middle : middle + 1],
-                        style="points",
-                    ),
+                    Series(label="fitted", x=amounts[middle], y=left[middle], style="points"),
                 ),
             )
         )
     return plots
-
-
-def _with_amount(
-    instances: Sequence[EffectInstance], place: int, amount: float
-) -> tuple[EffectInstance, ...]:
-    """Returns the effects, one of them with another value of its first parameter."""
-    one = instances[place]
-    first = one.effect.parameters[0]
-    changed = replace(one, values=dict(one.values) | {first.name: amount})
-    return (*instances[:place], changed, *instances[place + 1 :])
 
 
 def error_plot(
@@ -177,13 +162,13 @@ def error_plot(
 ) -> EvidencePlot:
     """Returns one joint's position error over time on the first segments, before and after."""
     name = problem.joints[joint]
-    recording = problem.segments[0].recording
-    first = [i for i, s in enumerate(problem.segments) if s.recording == recording]
-    time_s, offset = [], 0.0
-    for i in first:
-        time_s.append(problem.segments[i].time_s + offset)
-        offset += float(problem.segments[i].time_s[-1])
-    stamps = np.concatenate(time_s)
+    first = [
+        i for i, s in enumerate(problem.segments) if s.recording == problem.segments[0].recording
+    ]
+    lengths = [float(problem.segments[i].time_s[-1]) for i in first]
+    starts = np.cumsum([0.0, *lengths[:-1]])
+    time_s = [problem.segments[i].time_s + start for i, start in zip(first, starts, strict=True)]
+    lines = (("nominal model", before), ("corrected model", after))
     return EvidencePlot(
         title=f"{name}: position error of open-loop rollouts on held-out data",
         effect="",
@@ -193,15 +178,10 @@ def error_plot(
         series=tuple(
             Series(
                 label=label,
-                x=stamps,
-                y=np.concatenate([e[i][:, joint] for i in first]),
+                x=np.concatenate(time_s),
+                y=np.concatenate([errors[i][:, joint] for i in first]),
                 style="line",
             )
-            for label, e in (("nominal model", before), ("corrected model", after))
+            for label, errors in lines
         ),
     )
-
-
-def rmse(errors: Sequence[Array]) -> Array:
-    """Returns the root mean square of errors of shape (T, J) by joint, shape (J,)."""
-    return np.asarray(np.sqrt(np.mean(np.concatenate(list(errors)) ** 2, axis=0)))

@@ -1,18 +1,12 @@
-"""The steps of a search, why it ended there, and how often such a search finds too much."""
+"""The steps of a search, and why it ended there."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scipy.stats import beta
-
 from gfm.diagnosis.inference.fitting import at_bound
 from gfm.diagnosis.search.naming import describe, twins
 from gfm.diagnosis.search.trace import Move, SearchResult, Step
-
-#: Simulated robots without any hidden effect that were diagnosed (docs/results/known_truth.md), and
-#: those of them on which anything was named.
-CLEAN_ROBOTS, FALSE_ALARMS = 85, 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,8 +45,6 @@ class Stopping:
         room_error: Standard error of that.
         reason: Why it ended, in words.
         taken_out: What was found and is not among the effects in the end, with the reason.
-        clean_robots: Robots without a hidden effect that were diagnosed to see how often it errs.
-        false_alarms: Those of them on which anything was named.
     """
 
     steps: tuple[StepRow, ...]
@@ -61,18 +53,6 @@ class Stopping:
     room_error: float
     reason: str
     taken_out: tuple[str, ...] = ()
-    clean_robots: int = CLEAN_ROBOTS
-    false_alarms: int = FALSE_ALARMS
-
-    @property
-    def at_most(self) -> float:
-        """Largest rate of false alarms that the clean robots leave possible (95 %, exact)."""
-        return largest_rate(self.false_alarms, self.clean_robots)
-
-
-def largest_rate(errors: int, cases: int) -> float:
-    """Returns the upper end of the one-sided 95 % interval of a rate (Clopper and Pearson 1934)."""
-    return 1.0 if errors >= cases else float(beta.ppf(0.95, errors + 1, cases - errors))
 
 
 def stopping(found: SearchResult) -> Stopping:

@@ -13,15 +13,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.finding import held_command
 from gfm.diagnosis.data.signals import smooth_states
-from gfm.diagnosis.search.candidates import TorqueView, torque_view
+from gfm.diagnosis.search.candidates import TorqueView, has_law, law_along, torque_view
 from gfm.effects import EffectInstance
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
 from gfm.sim.plant import Plant, make_plant
@@ -57,98 +57,95 @@ class TorqueDomain:
         joints: The measured joints.
         given: Effects of the model that its specs cannot say.
         recordings: What is looked at of them.
-        views: Each of them as torques under the nominal model, drives as the model has them.
     """
 
     specs: Mapping[CommandKind, mujoco.MjSpec]
     joints: tuple[str, ...]
     given: tuple[EffectInstance, ...]
     recordings: tuple[Trajectory, ...]
-    views: tuple[TorqueView, ...]
+
+    @cached_property
+    def view(self) -> TorqueView:
+        """All recordings as torques under the nominal model, drives as the model has them."""
+        return self._view(())
+
+    def view_with(self, effects: Sequence[EffectInstance]) -> TorqueView:
+        """Returns all recordings as torques under the model with `effects` in it."""
+        return self._view(effects) if effects else self.view
+
+    def _view(self, effects: Sequence[EffectInstance]) -> TorqueView:
+        plants = self.plants(effects)
+        views = [torque_view(plants[one.command_kind], one) for one in self.recordings]
+        return TorqueView(
+            position=np.concatenate([view.position for view in views]),
+            velocity=np.concatenate([view.velocity for view in views]),
+            drive=np.concatenate([view.drive for view in views]),
+            missing=np.concatenate([view.missing for view in views]),
+        )
+
+    def plants(self, effects: Sequence[EffectInstance]) -> dict[CommandKind, Plant]:
+        """Returns the model with `effects` in it by kind of command."""
+        kinds = {recording.command_kind for recording in self.recordings}
+        added = (*self.given, *effects)
+        return {kind: make_plant(self.specs[kind], self.joints, added) for kind in kinds}
 
     def missing(self, effects: Sequence[EffectInstance] = ()) -> Array:
         """Returns the torque that the model with `effects` lacks, block means, N m, (B, J)."""
-        others = self.in_model(effects)
-        views = self.views_with(others)
-        left = self.blocks([view.missing for view in views])
+        left = self.view_with(without_law(effects)).missing
         for instance in effects:
-            if (law := self.law(instance)) is not None:
-                left -= self.blocks(law)
-        return left
+            if has_law(instance):
+                left = left - self.law(instance)
+        return self.blocks(left)
 
     def response(self, instance: EffectInstance) -> Array:
         """Returns the torque that an effect adds along the motion, block means, N m, (B, J).
 
         Zero for a motor apart from its link: no inverse dynamics of the measured joints has it.
         """
-        law = self.law(instance)
-        if law is not None:
-            return self.blocks(law)
-        if instance.effect.separates_motor:
-            return np.zeros_like(self.missing())
-        with_it = self.blocks([view.missing for view in self.views_with([instance])])
-        return self.missing() - with_it
+        if has_law(instance) or instance.effect.separates_motor:
+            return self.blocks(self.law(instance))
+        return self.blocks(self.view.missing - self.view_with([instance]).missing)
+
+    def law(self, instance: EffectInstance) -> Array:
+        """Returns an effect's law along the motions, N m, shape (T of all, J); zero without one."""
+        numbers = range(len(self.joints))
+        columns = [law_along(j, instance, self.joints, [self.view]) for j in numbers]
+        return np.stack(columns, axis=1)
 
     def signals(self) -> Signals:
         """Returns the motion, what drives it and how commands change."""
-        changes = [_command_change(recording) for recording in self.recordings]
-        velocities = [view.velocity for view in self.views]
+        changes = [np.gradient(r.held_command, r.time_s, axis=0) for r in self.recordings]
         return Signals(
-            position=self.blocks([view.position for view in self.views]),
-            velocity=self.blocks(velocities),
-            sign_of_velocity=self.blocks([np.sign(velocity) for velocity in velocities]),
-            drive=self.blocks([view.drive for view in self.views]),
-            command_change=self.blocks(changes),
+            position=self.blocks(self.view.position),
+            velocity=self.blocks(self.view.velocity),
+            sign_of_velocity=self.blocks(np.sign(self.view.velocity)),
+            drive=self.blocks(self.view.drive),
+            command_change=self.blocks(np.concatenate(changes)),
         )
 
     def moving(self) -> Array:
         """Returns 1 where a joint moves in a block and 0 where it rests, shape (B, J)."""
-        velocity = self.blocks([view.velocity for view in self.views])
-        return (np.abs(velocity) > MOVES_RAD_S).astype(float)
+        return (np.abs(self.blocks(self.view.velocity)) > MOVES_RAD_S).astype(float)
 
     def touched(self, instance: EffectInstance) -> list[int]:
         """Returns the numbers of the joints on which an effect acts: all, for one of the robot."""
-        return [self.joints.index(name) for name in instance.joints] or list(
-            range(len(self.joints))
-        )
+        return [self.joints.index(name) for name in instance.joints or self.joints]
 
-    def in_model(self, effects: Sequence[EffectInstance]) -> list[EffectInstance]:
-        """Returns those of `effects` that inverse dynamics have to be told of: without a law."""
-        return [e for e in effects if self.law(e) is None and not e.effect.separates_motor]
+    def of_each(self, rows: Array) -> list[tuple[Trajectory, Array]]:
+        """Returns each recording with its own of rows at the measurements of all."""
+        ends = np.cumsum([len(recording.position) for recording in self.recordings])
+        return list(zip(self.recordings, np.split(rows, ends[:-1]), strict=True))
 
-    def plants(self, effects: Sequence[EffectInstance]) -> dict[CommandKind, Plant]:
-        """Returns the model with `effects` in it by kind of command."""
-        return _plants(self.specs, self.joints, (*self.given, *effects), self.recordings)
-
-    def views_with(self, effects: Sequence[EffectInstance]) -> tuple[TorqueView, ...]:
-        """Returns the recordings as torques under the model with `effects` in it."""
-        if not effects:
-            return self.views
-        return _views(self.specs, self.joints, (*self.given, *effects), self.recordings)
-
-    def law(self, instance: EffectInstance) -> list[Array] | None:
-        """Returns an effect's law in closed form along the motions, shape (T, J) each, if any."""
-        if not instance.joints or len(instance.joints) > 2:
-            return None
-        places = [self.joints.index(name) for name in instance.joints]
-        rows = []
-        for view in self.views:
-            motion = view.motion(places[0], places[1] if len(places) == 2 else None)
-            torque = instance.effect.torque(motion, instance.values)
-            if torque is None:
-                return None
-            row = np.zeros_like(view.missing)
-            row[:, places[0]] = torque
-            if len(places) == 2:
-                row[:, places[1]] = -torque
-            rows.append(row)
-        return rows
-
-    def blocks(self, rows: Sequence[Array]) -> Array:
-        """Returns the block means of rows at the measurements, (T, J) each, shape (B, J)."""
+    def blocks(self, rows: Array) -> Array:
+        """Returns the block means of rows at the measurements, (T of all, J), shape (B, J)."""
         return np.concatenate(
-            [block_means(row, r) for row, r in zip(rows, self.recordings, strict=True)]
+            [block_means(own, recording) for recording, own in self.of_each(rows)]
         )
+
+
+def without_law(effects: Sequence[EffectInstance]) -> list[EffectInstance]:
+    """Returns those of `effects` that inverse dynamics have to be told of: without a law."""
+    return [e for e in effects if not has_law(e) and not e.effect.separates_motor]
 
 
 def torque_domain(
@@ -157,41 +154,18 @@ def torque_domain(
     given: Sequence[EffectInstance] = (),
 ) -> TorqueDomain:
     """Returns recordings as torques under the model `specs`, beside which `given` stands."""
-    joints = recordings[0].joint_names
     share = MOST_SAMPLES // len(recordings)
-    looked_at = tuple(_looked_at(recording, share) for recording in recordings)
     return TorqueDomain(
         specs=specs,
-        joints=joints,
+        joints=recordings[0].joint_names,
         given=tuple(given),
-        recordings=looked_at,
-        views=_views(specs, joints, given, looked_at),
+        recordings=tuple(_looked_at(recording, share) for recording in recordings),
     )
-
-
-def _views(
-    specs: Mapping[CommandKind, mujoco.MjSpec],
-    joints: Sequence[str],
-    effects: Sequence[EffectInstance],
-    recordings: Sequence[Trajectory],
-) -> tuple[TorqueView, ...]:
-    plants = _plants(specs, joints, effects, recordings)
-    return tuple(torque_view(plants[recording.command_kind], recording) for recording in recordings)
-
-
-def _plants(
-    specs: Mapping[CommandKind, mujoco.MjSpec],
-    joints: Sequence[str],
-    effects: Sequence[EffectInstance],
-    recordings: Sequence[Trajectory],
-) -> dict[CommandKind, Plant]:
-    kinds = {recording.command_kind for recording in recordings}
-    return {kind: make_plant(specs[kind], joints, effects) for kind in kinds}
 
 
 def _looked_at(recording: Trajectory, samples: int) -> Trajectory:
     """Returns the first measurements of a recording, thinned (and smoothed before) where dense."""
-    stride = max(int(RATE_HZ**-1 / float(np.median(np.diff(recording.time_s))) + 1e-6), 1)
+    stride = max(int(RATE_HZ**-1 / recording.period_s + 1e-6), 1)
     keep = slice(0, samples * stride, stride)
     smooth = recording.position
     if stride > 1:
@@ -205,15 +179,9 @@ def _looked_at(recording: Trajectory, samples: int) -> Trajectory:
     )
 
 
-def _command_change(recording: Trajectory) -> Array:
-    """Returns the rate of the commands in force at the measurements, shape (T, J)."""
-    return np.asarray(np.gradient(held_command(recording), recording.time_s, axis=0))
-
-
 def block_means(rows: Array, recording: Trajectory) -> Array:
     """Returns the means over whole blocks of a recording's rows (T, J), shape (B, J)."""
-    period_s = float(np.median(np.diff(recording.time_s)))
-    length = max(round(BLOCK_S / period_s), 1)
+    length = max(round(BLOCK_S / recording.period_s), 1)
     count = max(len(rows) // length, 1)
     whole = rows[: count * length]
     return np.asarray(whole.reshape(count, -1, rows.shape[1]).mean(axis=1))

@@ -4,6 +4,6 @@ The robot's joints follow their recorded motion; the object is simulated under c
 was measured, over short segments in which it moves.
 """
 
-from gfm.diagnosis.objects.examine import ObjectPart, examine_object, widened
+from gfm.diagnosis.objects.examine import ObjectPart, examine_object, with_cone
 
-__all__ = ["ObjectPart", "examine_object", "widened"]
+__all__ = ["ObjectPart", "examine_object", "with_cone"]

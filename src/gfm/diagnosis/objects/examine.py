@@ -12,14 +12,16 @@ from gfm.core import ConfigError, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.objects.find import find, friction_cost, seen_and_unseen
 from gfm.diagnosis.objects.problem import ObjectProblem, predicted
-from gfm.diagnosis.objects.segments import ObjectSegment, cut, make_scene
-from gfm.diagnosis.objects.stage import make_stage, run
+from gfm.diagnosis.objects.segments import cut, make_scene
 from gfm.diagnosis.objects.track import plane_noise, track_of
+from gfm.diagnosis.output.claims import credible, named_effects
+from gfm.diagnosis.output.errors import rms
 from gfm.diagnosis.output.result import ErrorSummary, EvidencePlot, NamedEffect, Series
 from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance
 from gfm.effects.objects import free_body
 from gfm.excitation.blind_spots import BlindSpot
+from gfm.sim.object_stage import make_stage, run
 
 #: Segments that are looked at, at most.
 MOST_SEGMENTS = 16
@@ -58,13 +60,19 @@ class ObjectPart:
     errors: tuple[ErrorSummary, ErrorSummary]
     cone: int
     plots: tuple[EvidencePlot, ...]
-    blind_spots: tuple[BlindSpot, ...] = ()
-    notes: tuple[str, ...] = ()
+    blind_spots: tuple[BlindSpot, ...]
+    notes: tuple[str, ...]
 
     @property
     def effects(self) -> tuple[EffectInstance, ...]:
         """What was accepted."""
         return self.found.fit.effects
+
+    @property
+    def named(self) -> tuple[NamedEffect, ...]:
+        """What of it is more likely right than not."""
+        named = named_effects(self.problem.slices(), self.found, credible(self.found))
+        return tuple(_widened(one) for one in named)
 
 
 def examine_object(
@@ -85,33 +93,39 @@ def examine_object(
     if training is None:
         return None
     held = _problem(spec, holdout)
-    best = _with_cone(training, _better_cone(training))
-    own = int(spec.option.cone)
+    best = _with_better_cone(training)
     seen, unseen = seen_and_unseen(best)
     found, problem = find(best, seen, report)
-    return replace(
-        _part(held or training, problem, found, own),
-        blind_spots=tuple(
-            BlindSpot(effect=e.name, joints=(), why=UNSEEN[e.name], motion=e.shown_by)
-            for e in unseen
-        ),
-        notes=_notes(problem, own=own, held=held is not None),
+    judged, effects = held or training, found.fit.effects
+    before, after = judged.settled(()), replace(judged, spec=best.spec).settled(effects)
+    overall, place, yaw = _errors(before.parts(()), after.parts(effects), judged.noise)
+    spots = [
+        BlindSpot(effect=e.name, joints=(), why=UNSEEN[e.name], motion=e.shown_by) for e in unseen
+    ]
+    return ObjectPart(
+        found=found,
+        problem=problem,
+        overall=overall,
+        errors=(place, yaw),
+        cone=int(best.spec.option.cone),
+        plots=(_path_plot(before, after, effects),),
+        blind_spots=tuple(spots),
+        notes=_notes(problem, own=int(spec.option.cone), held=held is not None),
     )
 
 
-def _better_cone(problem: ObjectProblem) -> int:
-    """Returns the kind of contacts with which friction explains more: the model's, or elliptic.
+def _with_better_cone(problem: ObjectProblem) -> ObjectProblem:
+    """Returns the problem with those contacts with which friction explains more: its, or elliptic.
 
     Pyramidal ones hold less along their diagonals.
     """
-    own, elliptic = int(problem.spec.option.cone), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
-    if own == elliptic:
-        return own
-    costs = {cone: friction_cost(_with_cone(problem, cone)) for cone in (own, elliptic)}
-    return min(costs, key=lambda cone: costs[cone])
+    elliptic = with_cone(problem.spec, int(mujoco.mjtCone.mjCONE_ELLIPTIC))
+    if problem.spec.option.cone == elliptic.option.cone:
+        return problem
+    return min(problem, replace(problem, spec=elliptic), key=friction_cost)
 
 
-def widened(named: NamedEffect) -> NamedEffect:
+def _widened(named: NamedEffect) -> NamedEffect:
     """Returns an effect whose intervals allow for the inexactness of contacts."""
     least = CONTACT_FRICTION if named.effect == "object_friction" else 0.0
     parameters = {}
@@ -147,11 +161,11 @@ def _problem(spec: mujoco.MjSpec, recordings: Sequence[Trajectory]) -> ObjectPro
     if not known:
         return None
     noise = plane_noise([track for _, _, track in known])
-    stage, air = make_stage(spec), make_stage(spec, robot_touches=False)
+    stages = make_stage(spec), make_stage(spec, robot_touches=False)
     segments = [
         segment
         for i, recording, track in known
-        for segment in cut(make_scene(i, recording, track, stage, noise), air)
+        for segment in cut(make_scene(i, recording, track, stages, noise))
     ]
     if not segments:
         return None
@@ -160,42 +174,34 @@ def _problem(spec: mujoco.MjSpec, recordings: Sequence[Trajectory]) -> ObjectPro
     return ObjectProblem(spec=spec, segments=kept, noise=noise)
 
 
-def _with_cone(problem: ObjectProblem, cone: int) -> ObjectProblem:
-    spec = problem.spec.copy()
-    spec.option.cone = cone
-    return ObjectProblem(spec=spec, segments=problem.segments, noise=problem.noise)
+def with_cone(spec: mujoco.MjSpec, cone: int) -> mujoco.MjSpec:
+    """Returns a model with another kind of contacts."""
+    changed = spec.copy()
+    changed.option.cone = cone
+    return changed
 
 
-def _part(
-    judged: ObjectProblem, problem: ObjectProblem, found: SearchResult, own: int
-) -> ObjectPart:
-    """Returns what was found, judged on some segments."""
-    effects, cone = found.fit.effects, int(problem.spec.option.cone)
-    before = _with_cone(judged, own).settled(())
-    after = _with_cone(judged, cone).settled(effects)
-    parts = [before.parts(()), after.parts(effects)]
-    rms = [_rms(part) for part in parts]
-    place, yaw = (
+def _errors(
+    before: Sequence[Array], after: Sequence[Array], noise: Array
+) -> tuple[ErrorSummary, ...]:
+    """Returns the errors of all together in units of the noise, of the place, and of the yaw.
+
+    Args:
+        before: What the nominal model leaves in units of the noise, by segment, shape (3 P,) each.
+        after: The same of the corrected one.
+        noise: Of x, y (m) and yaw (rad), shape (3,).
+    """
+    left, rest = (np.concatenate(parts).reshape(-1, 3) for parts in (before, after))
+    told = ((slice(3), np.ones(3), "noise"), (slice(2), noise[:2], "m"), (2, noise[2:], "rad"))
+    return tuple(
         ErrorSummary(
-            before=_rms([p.reshape(-1, 3)[:, columns] * judged.noise[columns] for p in parts[0]]),
-            after=_rms([p.reshape(-1, 3)[:, columns] * judged.noise[columns] for p in parts[1]]),
-            noise_floor=_rms([judged.noise[columns]]),
+            before=rms([size * left[:, columns]]),
+            after=rms([size * rest[:, columns]]),
+            noise_floor=rms([size]),
             unit=unit,
         )
-        for columns, unit in ((slice(0, 2), "m"), (slice(2, 3), "rad"))
+        for columns, size, unit in told
     )
-    return ObjectPart(
-        found=found,
-        problem=problem,
-        overall=ErrorSummary(before=rms[0], after=rms[1], noise_floor=1.0, unit="noise"),
-        errors=(place, yaw),
-        cone=cone,
-        plots=(_path_plot(before, after, effects),),
-    )
-
-
-def _rms(parts: Sequence[Array]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate([part.ravel() for part in parts]) ** 2)))
 
 
 def _notes(problem: ObjectProblem, *, own: int, held: bool) -> tuple[str, ...]:
@@ -221,12 +227,12 @@ def _path_plot(
     """Returns the object's measured and predicted path in the longest segment."""
     lengths = [float(np.ptp(s.plane[:, :2], axis=0).max()) for s in before.segments]
     longest = int(np.argmax(lengths))
-    measured = before.segments[longest].plane
-    nominal = _path(before, before.segments[longest], ())
-    corrected = _path(after, after.segments[longest], effects)
-    shown = [("measured", measured, "points"), ("nominal model", nominal, "line")]
+    shown = [
+        ("measured", before.segments[longest].plane, "points"),
+        ("nominal model", _path(before, longest, ()), "line"),
+    ]
     if effects:
-        shown.append(("corrected model", corrected, "line"))
+        shown.append(("corrected model", _path(after, longest, effects), "line"))
     return EvidencePlot(
         title="Path of the object in the longest segment",
         effect=effects[0].effect.name if effects else "",
@@ -240,8 +246,7 @@ def _path_plot(
     )
 
 
-def _path(
-    problem: ObjectProblem, segment: ObjectSegment, effects: Sequence[EffectInstance]
-) -> Array:
-    stage = make_stage(problem.spec, effects)
+def _path(problem: ObjectProblem, index: int, effects: Sequence[EffectInstance]) -> Array:
+    """Returns the predicted path in one segment, shape (P, 3)."""
+    stage, segment = make_stage(problem.spec, effects), problem.segments[index]
     return predicted(segment, run(stage, [segment.setting])[0], stage.timestep_s)

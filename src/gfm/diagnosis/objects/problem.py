@@ -15,17 +15,18 @@ from functools import cached_property
 
 import mujoco
 import numpy as np
+from scipy.linalg import orth
 from typing_extensions import override
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import free_parameters
 from gfm.diagnosis.inference.score import SegmentShape
 from gfm.diagnosis.objects.segments import ObjectSegment, own_velocity
-from gfm.diagnosis.objects.stage import Setting, Stage, make_stage, run
 from gfm.diagnosis.objects.track import in_plane, turned
 from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.effects import EffectInstance
+from gfm.sim.object_stage import Setting, Stage, make_stage, run
 
 #: Steps with which the effect of the initial state is measured: m, m, rad, and per second.
 STATE_STEPS = (2e-4, 2e-4, 2e-3, 2e-3, 2e-3, 2e-2)
@@ -79,16 +80,13 @@ class ObjectProblem(SegmentedProblem):
 
     def _whitened(self, stage: Stage, settings: Sequence[Setting]) -> list[Array]:
         """Returns residuals under some settings, those of all segments, repeated as need be."""
-        poses = run(stage, settings)
         segments = self.segments * (len(settings) // len(self.segments))
-        return [
-            self._part(segment, pose, stage.timestep_s)
-            for segment, pose in zip(segments, poses, strict=True)
+        errors = [
+            (segment.plane - predicted(segment, pose, stage.timestep_s)) / self.noise
+            for segment, pose in zip(segments, run(stage, settings), strict=True)
         ]
-
-    def _part(self, segment: ObjectSegment, pose: Array, timestep_s: float) -> Array:
-        error = (segment.plane - predicted(segment, pose, timestep_s)) / self.noise
-        return np.asarray(np.clip(np.nan_to_num(error.ravel(), nan=LARGEST), -LARGEST, LARGEST))
+        numbers = [np.nan_to_num(error.ravel(), nan=LARGEST) for error in errors]
+        return [np.clip(one, -LARGEST, LARGEST) for one in numbers]
 
     @property
     @override
@@ -116,10 +114,7 @@ class ObjectProblem(SegmentedProblem):
     @cached_property
     def sizes(self) -> Mapping[str, float]:
         """Amounts that matter, by parameter: of friction, mass, place and rates."""
-        stage = make_stage(self.spec)
-        body = int(stage.model.dof_bodyid[stage.object_dof.start])
-        mass = float(stage.model.body_mass[body])
-        inertia = float(np.max(stage.model.body_inertia[body]))
+        mass, inertia = make_stage(self.spec).inertia
         place = dict.fromkeys("xyz", 0.2 * float(np.sqrt(inertia / mass)))
         rates = {"mass": 0.5 * mass, "linear": 0.5 * mass, "angular": 0.5 * inertia}
         return {"coefficient": 0.1, **rates, **place}
@@ -158,8 +153,8 @@ class ObjectProblem(SegmentedProblem):
 
     def based(self, effects: Sequence[EffectInstance]) -> ObjectProblem:
         """Returns the problem with what initial states can explain near those measured."""
-        bases = [_orthonormal(c) for c in self._derivatives(make_stage(self.spec, effects))]
-        return replace(self, state_basis=tuple(bases))
+        columns = self._derivatives(make_stage(self.spec, effects))
+        return replace(self, state_basis=tuple(orth(each, rcond=1e-3) for each in columns))
 
     @override
     def settled(self, effects: Sequence[EffectInstance]) -> ObjectProblem:
@@ -175,10 +170,11 @@ class ObjectProblem(SegmentedProblem):
         stage = make_stage(self.spec, effects)
         residuals = self._whitened(stage, [segment.setting for segment in self.segments])
         columns = self._derivatives(stage)
-        moved = [
-            replace(s, setting=_moved(s.setting, np.clip(_solve(c, r), -FARTHEST, FARTHEST)))
-            for s, c, r in zip(self.segments, columns, residuals, strict=True)
-        ]
+        moved = []
+        for segment, slopes, left in zip(self.segments, columns, residuals, strict=True):
+            step = -np.linalg.lstsq(slopes, left, rcond=1e-3)[0]
+            setting = _moved(segment.setting, np.clip(step, -FARTHEST, FARTHEST))
+            moved.append(replace(segment, setting=setting))
         after = self._whitened(stage, [s.setting for s in moved])
         kept = [
             new if np.sum(b**2) < np.sum(a**2) else old
@@ -214,13 +210,3 @@ def _moved(setting: Setting, amounts: Array) -> Setting:
     pose = turned(setting.pose, here + change[:3], here)
     faster = own_velocity(pose, np.asarray(change[3:]))
     return replace(setting, pose=pose, velocity=setting.velocity + faster)
-
-
-def _solve(columns: Array, residual: Array) -> Array:
-    return np.asarray(-np.linalg.lstsq(columns, residual, rcond=1e-3)[0])
-
-
-def _orthonormal(columns: Array) -> Array:
-    """Returns an orthonormal basis of the columns, without directions that are numerical noise."""
-    left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(left[:, sizes > 1e-3 * max(sizes[0], 1e-12)])

@@ -8,7 +8,6 @@ Shape letters: P poses, K time steps, R joints of the robot.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -19,9 +18,9 @@ from scipy.interpolate import BSpline
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.objects.stage import Setting, Stage, clearance, place
 from gfm.diagnosis.objects.track import Track, in_plane, turned
 from gfm.effects.effect import MOTOR_SIDE
+from gfm.sim.object_stage import Setting, Stage, clearance, place
 from gfm.sim.smoothing import smoothing_spline
 
 #: Longest segments, s: of free sliding, and of pushing.
@@ -71,9 +70,9 @@ class Scene:
     Attributes:
         index: Of the recording.
         track: The object.
-        robot: The joints of the stage as functions of time, and their places among these.
-        places: Which of the stage's joints `robot` gives, shape (R,); others rest at zero.
+        robot: The joints of the stage as functions of time, R of them.
         stage: Of the nominal model.
+        air: The same on which the robot touches nothing.
         noise: Of x, y and yaw, shape (3,).
         radius: Of gyration of the object about the vertical, m: a turn as a distance.
     """
@@ -81,60 +80,63 @@ class Scene:
     index: int
     track: Track
     robot: BSpline
-    columns: NDArray[np.intp]
     stage: Stage
+    air: Stage
     noise: Array
     radius: float
 
     def robot_at(self, time_s: Array) -> Array:
-        """Returns the robot's joints, shape (..., R); those not recorded rest at their default."""
-        lowest, highest = self.robot.t[0], self.robot.t[-1]
-        known = self.robot(np.clip(time_s, lowest, highest))
-        default = np.broadcast_to(
-            self.stage.model.qpos0[self.stage.qpos], (*known.shape[:-1], len(self.columns))
-        )
-        return np.where(self.columns >= 0, known[..., np.maximum(self.columns, 0)], default)
+        """Returns the robot's joints, shape (..., R)."""
+        return np.asarray(self.robot(np.clip(time_s, self.robot.t[0], self.robot.t[-1])))
 
 
 def make_scene(
-    index: int, recording: Trajectory, track: Track, stage: Stage, noise: Array
+    index: int, recording: Trajectory, track: Track, stages: tuple[Stage, Stage], noise: Array
 ) -> Scene:
-    """Returns a recording with its robot's motion as a function of time."""
-    model = stage.model
-    names = [model.joint(int(model.dof_jntid[d])).name for d in stage.dof]
-    columns = [_column(name, recording.joint_names) for name in names]
-    body = int(model.dof_bodyid[stage.object_dof.start])
-    inertia = float(np.max(model.body_inertia[body]))
+    """Returns a recording with its robot's motion as a function of time.
+
+    Args:
+        index: Of the recording.
+        recording: What was recorded.
+        track: Its object.
+        stages: Of the nominal model, and the same with a robot that touches nothing.
+        noise: Of x, y (m) and yaw (rad), shape (3,).
+    """
+    stage, air = stages
+    mass, inertia = stage.inertia
     return Scene(
         index=index,
         track=track,
-        robot=smoothing_spline(recording.time_s, recording.position),
-        columns=np.array(columns, np.intp),
+        robot=smoothing_spline(recording.time_s, _robot(recording, stage)),
         stage=stage,
+        air=air,
         noise=noise,
-        radius=float(np.sqrt(inertia / model.body_mass[body])),
+        radius=float(np.sqrt(inertia / mass)),
     )
 
 
-def _column(name: str, recorded: Sequence[str]) -> int:
-    """Returns where a joint of the stage is recorded, -1 where nowhere; a motor's with its link."""
-    link = name.removesuffix(MOTOR_SIDE)
-    return recorded.index(link) if link in recorded else -1
+def _robot(recording: Trajectory, stage: Stage) -> Array:
+    """Returns the stage's joints as recorded, shape (T, R); others rest at their default.
 
-
-def cut(scene: Scene, air: Stage) -> list[ObjectSegment]:
-    """Returns the segments of a recording in which the object moves.
-
-    Args:
-        scene: The recording.
-        air: The stage on which the robot touches nothing.
+    A motor moves with its link.
     """
+    names = [stage.model.joint(int(stage.model.dof_jntid[d])).name for d in stage.dof]
+    known = dict(zip(recording.joint_names, recording.position.T, strict=True))
+    rest = np.tile(stage.model.qpos0[stage.qpos], (len(recording.position), 1)).T
+    links = (name.removesuffix(MOTOR_SIDE) for name in names)
+    return np.stack([known.get(*one) for one in zip(links, rest, strict=True)], axis=1)
+
+
+def cut(scene: Scene) -> list[ObjectSegment]:
+    """Returns the segments of a recording in which the object moves."""
     moving, touched = _moving(scene), _touched(scene)
-    segments = []
-    for start, end in _runs(moving):
-        for first, last in _runs_within(touched, start, end):
-            segments += _pieces(scene, air, first, last, pushed=bool(touched[first]))
-    return segments
+    changes = 1 + np.flatnonzero(np.diff(np.where(moving, 1 + touched, 0)))
+    return [
+        segment
+        for first, last in pairwise([0, *changes.tolist(), len(moving)])
+        if moving[first]
+        for segment in _pieces(scene, first, last, pushed=bool(touched[first]))
+    ]
 
 
 def _moving(scene: Scene) -> NDArray[np.bool_]:
@@ -167,21 +169,7 @@ def _touched(scene: Scene) -> NDArray[np.bool_]:
     return np.array(near, bool)
 
 
-def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Returns the borders [start, end) of the runs of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def _runs_within(mask: NDArray[np.bool_], start: int, end: int) -> list[tuple[int, int]]:
-    """Returns the borders of the runs of equal values from `start` to `end`."""
-    changes = start + 1 + np.flatnonzero(np.diff(mask[start:end].astype(int)))
-    return list(pairwise([start, *changes.tolist(), end]))
-
-
-def _pieces(
-    scene: Scene, air: Stage, first: int, last: int, *, pushed: bool
-) -> list[ObjectSegment]:
+def _pieces(scene: Scene, first: int, last: int, *, pushed: bool) -> list[ObjectSegment]:
     """Returns the segments between two poses, between which the robot touches always or never."""
     time_s = scene.track.time_s
     start_s, end_s = float(time_s[first]), float(time_s[last - 1])
@@ -195,7 +183,7 @@ def _pieces(
         return []
     count = int(np.ceil((end_s + after - start_s) / longest))
     edges = np.linspace(start_s, end_s + after, count + 1)
-    found = [_segment(scene, air, a, b, pushed=pushed) for a, b in pairwise(edges)]
+    found = [_segment(scene, a, b, pushed=pushed) for a, b in pairwise(edges)]
     return [one for one in found if one is not None]
 
 
@@ -207,9 +195,7 @@ def _rests(scene: Scene, time_s: float) -> bool:
     )
 
 
-def _segment(
-    scene: Scene, air: Stage, start_s: float, end_s: float, *, pushed: bool
-) -> ObjectSegment | None:
+def _segment(scene: Scene, start_s: float, end_s: float, *, pushed: bool) -> ObjectSegment | None:
     """Returns the poses between two times as a segment; None where they show nothing."""
     track, h = scene.track, scene.stage.timestep_s
     here = (track.time_s >= start_s - 1e-9) & (track.time_s <= end_s + 1e-9)
@@ -223,9 +209,8 @@ def _segment(
     robot = scene.robot_at(np.asarray(start_s + h * np.arange(-1, steps + 1), np.float64))
     start, velocity = _start(scene, start_s, pushed=pushed)
     pose = turned(track.pose[first], start, track.plane[first])
-    seated = _seated(
-        scene.stage if pushed else air, Setting(pose=pose, velocity=np.zeros(6), robot=robot)
-    )
+    stage = scene.stage if pushed else scene.air
+    seated = _seated(stage, Setting(pose=pose, velocity=np.zeros(6), robot=robot))
     if abs(seated[2] - pose[2]) > MOST_FALL_M:
         return None
     if not pushed:

@@ -12,7 +12,7 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.noise import noise_std
+from gfm.core.noise import noise_std
 
 #: Contacts are idealised, and cameras calibrated, to this much: less noise counts as this, m, rad.
 LEAST_NOISE = np.array([3e-4, 3e-4, 3e-3])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
@@ -75,31 +76,22 @@ class Changes:
 
 def sentence_on_changes(amounts: Sequence[SetAmount]) -> str:
     """Returns the answer in words: what changed, what only seems to, and what could not be seen."""
-    effects: dict[Key, list[SetAmount]] = {}
-    for one in amounts:
-        effects.setdefault(one.key, []).append(one)
-    changed = [own for own in effects.values() if own[0].course is not Course.REPEATS]
+    effects = [list(own) for _, own in groupby(amounts, lambda one: one.key)]
+    changed = [own for own in effects if own[0].course is not Course.REPEATS]
     sure = [_change(own) for own in changed if own[0].credible]
     unsure = [_change(own) for own in changed if not own[0].credible]
     parts = ["; ".join(sure) or ("something changed" if unsure else "nothing changed")]
     if unsure:
         parts.append(f"doubtful by name: {'; '.join(unsure)}")
-    parts += _unseen([own[0] for own in effects.values()])
-    return " ".join(f"{part[0].upper()}{part[1:]}." for part in parts)
-
-
-def _unseen(firsts: Sequence[SetAmount]) -> list[str]:
-    """Returns what some sets show and others could not have shown."""
-    same = [a for a in firsts if a.course is Course.REPEATS and a.credible and any(a.seen)]
-    told: Mapping[str, list[str]] = {
-        "earlier": [_what(a) for a in same if not all(a.seen[:-1])],
-        "later": [_what(a) for a in same if not a.seen[-1]],
+    same = [own[0] for own in effects if own[0].course is Course.REPEATS and own[0].credible]
+    hidden = {
+        "earlier": [_what(a) for a in same if any(a.seen) and not all(a.seen[:-1])],
+        "later": [_what(a) for a in same if any(a.seen) and not a.seen[-1]],
     }
-    return [
-        f"could not be seen in the {which} recordings: {', '.join(names)}"
-        for which, names in told.items()
-        if names
-    ]
+    for which, names in hidden.items():
+        if names:
+            parts.append(f"could not be seen in the {which} recordings: {', '.join(names)}")
+    return " ".join(f"{part[0].upper()}{part[1:]}." for part in parts)
 
 
 def _what(amount: SetAmount) -> str:
@@ -109,23 +101,19 @@ def _what(amount: SetAmount) -> str:
 
 def _change(own: Sequence[SetAmount]) -> str:
     """Returns in words how the amounts of one effect differ between sets."""
-    apart = [one for one in own if abs(_difference(one)) > CLEARLY * np.hypot(*_ends(one.errors))]
+    apart = [
+        one
+        for one in own
+        if abs(one.values[-1] - one.values[0]) > CLEARLY * np.hypot(one.errors[0], one.errors[-1])
+    ]
     return ", ".join(_course(one) for one in apart or own[:1])
-
-
-def _difference(amount: SetAmount) -> float:
-    return amount.values[-1] - amount.values[0]
-
-
-def _ends(errors: Sequence[float]) -> tuple[float, float]:
-    return errors[0], errors[-1]
 
 
 def _course(amount: SetAmount) -> str:
     """Returns in words how one amount differs between sets."""
-    change = _difference(amount)
-    unit = "" if amount.unit == "1" else f" {amount.unit}"
     values = np.array(amount.values) + (amount.already or 0.0)
+    change = values[-1] - values[0]
+    unit = "" if amount.unit == "1" else f" {amount.unit}"
     listed = " -> ".join(f"{value:.3g}" for value in values) + unit
     what = _what(amount)
     if len(find_effect(amount.effect).parameters) > 1:
@@ -136,9 +124,8 @@ def _course(amount: SetAmount) -> str:
         return f"{what} varies ({listed})"
     if (amount.effect, amount.parameter) == ("payload", "mass"):
         return f"{abs(change):#.2g} kg {'more' if change > 0.0 else 'less'} at the tool"
-    way = "up" if change > 0.0 else "down"
-    some = min(values[0], values[-1]) > CLEARLY * max(_ends(amount.errors))
+    some = min(values[0], values[-1]) > CLEARLY * max(amount.errors[0], amount.errors[-1])
+    much = f"{abs(change):.2g}{unit}"
     if amount.already is not None and some:
-        share = 100.0 * abs(values[-1] / values[0] - 1.0)
-        return f"{what} {way} by {share:.0f} % ({listed})"
-    return f"{what} {way} by {abs(change):.2g}{unit} ({listed})"
+        much = f"{100.0 * abs(values[-1] / values[0] - 1.0):.0f} %"
+    return f"{what} {'up' if change > 0.0 else 'down'} by {much} ({listed})"

@@ -136,7 +136,6 @@ def _line(effect: NamedEffect, beside: Sequence[NamedEffect]) -> str:
     return told.replace("--", "- -")
 
 
-def _amount(name: str, parameter: object) -> str:
-    value, unit, interval = (getattr(parameter, key) for key in ("value", "unit", "ci95"))
-    sure = "" if interval is None else f" [{interval[0]:.4g}, {interval[1]:.4g}]"
-    return f"{name} {value:.5g}{sure} {'' if unit == '1' else unit}".rstrip()
+def _amount(name: str, one: ParameterEstimate) -> str:
+    sure = "" if one.ci95 is None else f" [{one.ci95[0]:.4g}, {one.ci95[1]:.4g}]"
+    return f"{name} {one.value:.5g}{sure} {'' if one.unit == '1' else one.unit}".rstrip()

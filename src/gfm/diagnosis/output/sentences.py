@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import mujoco
+
 from gfm.diagnosis.objects import ObjectPart
 from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, Verdict
+from gfm.diagnosis.residuals.problem import Problem
+from gfm.effects import EffectInstance
 
 #: Parameters of an effect that a sentence tells at most.
 IN_A_SENTENCE = 3
+#: What to know of a search that was ended by its time.
+OUT_OF_TIME = "The time for the search was over: this is the best answer so far."
 
 
 def sentence_on(
@@ -39,11 +45,11 @@ def _wrong(named: Sequence[NamedEffect], among: str) -> str:
     return f"misses{among} {missing}; it has {much}" if less else f"misses{among} {missing}"
 
 
-def sentence_on_object(thing: ObjectPart, pushed: Sequence[NamedEffect]) -> str:
+def sentence_on_object(thing: ObjectPart) -> str:
     """Returns what a pushed object's poses say that the model lacks, in one sentence."""
     place = thing.errors[0]
-    names = "; ".join(_in_words(effect) for effect in pushed)
-    lacks = f"misses {names} of the object" if pushed else "misses nothing with a name"
+    names = "; ".join(_in_words(effect) for effect in thing.named)
+    lacks = f"misses {names} of the object" if names else "misses nothing with a name"
     return (
         f"By the object's poses it {lacks} (held-out error of its place {place.before:.3g} m "
         f"before, {place.after:.3g} m after, noise {place.noise_floor:.3g} m)."
@@ -55,31 +61,66 @@ def effects_in_words(named: Sequence[NamedEffect]) -> list[str]:
     kinds: dict[str, list[NamedEffect]] = {}
     for effect in named:
         kinds.setdefault(effect.effect, []).append(effect)
-    return [_in_words(alike[0]) if len(alike) == 1 else _of_kind(alike) for alike in kinds.values()]
+    return [_in_words(*alike) for alike in kinds.values()]
 
 
-def _of_kind(alike: Sequence[NamedEffect]) -> str:
-    first = alike[0]
-    joints = ", ".join(joint for effect in alike for joint in effect.joints)
-    ranges = []
+def _in_words(*alike: NamedEffect) -> str:
+    """Returns effects of one kind in words, with the range of their amounts."""
+    first, digits = alike[0], 4 if len(alike) == 1 else 3
+    amounts = []
     for name, parameter in first.parameters.items():
         values = [effect.parameters[name].value for effect in alike]
+        ends = dict.fromkeys(f"{v:.{digits}g}" for v in (min(values), max(values)))
         unit = "" if parameter.unit == "1" else parameter.unit
-        amounts = " to ".join(dict.fromkeys(f"{v:.3g}" for v in (min(values), max(values))))
-        ranges.append(f"{name.replace('_', ' ')} {amounts} {unit}".rstrip())
-    return f"{first.effect.replace('_', ' ')} on {joints} ({_first_of(ranges)})"
-
-
-def _in_words(effect: NamedEffect) -> str:
-    where = f" on {', '.join(effect.joints)}" if effect.joints else ""
-    amounts = [
-        f"{name.replace('_', ' ')} {p.value:.4g} {'' if p.unit == '1' else p.unit}".rstrip()
-        for name, p in effect.parameters.items()
-    ]
-    return f"{effect.effect.replace('_', ' ')}{where} ({_first_of(amounts)})"
+        amounts.append(f"{name.replace('_', ' ')} {' to '.join(ends)} {unit}".rstrip())
+    joints = ", ".join(joint for effect in alike for joint in effect.joints)
+    where = f" on {joints}" if joints else ""
+    return f"{first.effect.replace('_', ' ')}{where} ({_first_of(amounts)})"
 
 
 def _first_of(amounts: Sequence[str]) -> str:
     """Returns as many amounts as a sentence bears; all of them stand in the table below it."""
     shown = ", ".join(amounts[:IN_A_SENTENCE])
     return shown if len(amounts) <= IN_A_SENTENCE else f"{shown}, ..."
+
+
+def notes_on(
+    verdict: Verdict, problem: Problem, effects: Sequence[EffectInstance], *, outside: bool
+) -> list[str]:
+    """Returns what a reader should know of a verdict.
+
+    Args:
+        verdict: On the robot.
+        problem: What errors are measured on.
+        effects: What corrects the model.
+        outside: Whether there is something that MJCF cannot say.
+    """
+    notes = [
+        "Errors are of open-loop rollouts whose initial state is fitted (two numbers per joint, "
+        "and two per motor that rings against its link where no servo holds it); recordings of "
+        "torque commands are cut into segments of half a second, others of a robot that touches "
+        "something into segments of about two."
+    ]
+    if any(effect.takes_off for effect in effects):
+        notes.append("A negative amount takes off what the model has of it.")
+    if outside:
+        notes.append(
+            "Not everything can be written in MJCF: corrected.effects.json has the rest, and where "
+            "corrected.xml is given to a gfm command it is found beside it."
+        )
+    if verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY_EXPLAINED):
+        notes.append("What stays unexplained can be learned as a generalized force model.")
+    spec = next(iter(problem.specs.values()))
+    slide = mujoco.mjtJoint.mjJNT_SLIDE
+    if sliding := [name for name in problem.joints if spec.joint(name).type == slide]:
+        verb = "slides" if len(sliding) == 1 else "slide"
+        notes.append(
+            f"{', '.join(sliding)} {verb}: there read m for rad, N for N m, kg for kg m^2."
+        )
+    if any(problem.is_implicit(kind) for kind in problem.specs):
+        notes.append(
+            "MuJoCo's Runge-Kutta integrator does not follow the model on its time step (very "
+            "stiff servos on light links do that: are rotors missing?): its `discrete` integrator "
+            "is used, in the corrected model, too."
+        )
+    return notes

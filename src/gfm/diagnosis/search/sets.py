@@ -12,11 +12,14 @@ Shape letters: K sets, P parameters, M free numbers of a hypothesis, N numbers o
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
+from itertools import chain, pairwise
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import (
@@ -61,16 +64,13 @@ class OverSets:
 
     Attributes:
         courses: Of each effect.
-        amounts: Of each set, shape (K, P).
-        residuals: Of each set.
-        columns: Their derivatives by the set's amounts, (N of the set, P) each.
+        fit: The effects of all sets, set by set, with the derivatives by all their amounts, as if
+            no set shared any: shape (N, K P).
         predictive: How well it predicts each part of the data from the others.
     """
 
     courses: tuple[Course, ...]
-    amounts: Array
-    residuals: tuple[Array, ...]
-    columns: tuple[Array, ...]
+    fit: Fit
     predictive: Predictive
 
 
@@ -91,15 +91,15 @@ class Sets:
         """The effects, with the amounts of the last set."""
         return self.fits[-1].effects
 
-    @cached_property
-    def owner(self) -> Array:
-        """The effect to which each parameter belongs, shape (P,)."""
-        return np.array([i for i, _ in free_parameters(self.effects)], dtype=int)
-
     @property
     def joints(self) -> tuple[str, ...]:
         """The measured joints."""
         return self.problems[0].joints
+
+    @cached_property
+    def blocks(self) -> Blocks:
+        """How the residual of all sets is divided."""
+        return blocks_of(self)
 
     def layout(self) -> list[SegmentShape]:
         """Returns what each segment's numbers are.
@@ -115,39 +115,19 @@ class Sets:
                 shapes.append(shape._replace(recording=part * len(self.problems) + k))
         return shapes
 
-    @cached_property
-    def blocks(self) -> Blocks:
-        """How the residual of all sets is divided."""
-        return blocks_of(self)
-
     def limits(self) -> Array | None:
         """Returns beyond what numbers count less in a fit, shape (N,)."""
-        own = [problem.limits() for problem in self.problems]
-        rows = zip(own, self.fits, strict=True)
+        rows = zip((problem.limits() for problem in self.problems), self.fits, strict=True)
         return np.concatenate(
             [np.full_like(f.residual, np.inf) if x is None else x for x, f in rows]
         )
 
-    def slices(self) -> list[slice]:
-        """Returns where each segment's numbers lie in the residual of all sets."""
-        rows, start = [], 0
-        for problem in self.problems:
-            own = problem.slices()
-            rows += [slice(start + one.start, start + one.stop) for one in own]
-            start += own[-1].stop
-        return rows
-
     def apart(self) -> OverSets:
         """Returns the hypothesis that every set has amounts of its own."""
-        return self._told(
-            (Course.CHANGES,) * len(self.effects),
-            np.stack([amounts(one.effects) for one in self.fits]),
-            tuple(one.residual for one in self.fits),
-            tuple(
-                derivatives(problem, one.effects, one.residual)
-                for problem, one in zip(self.problems, self.fits, strict=True)
-            ),
-        )
+        effects = tuple(chain.from_iterable(one.effects for one in self.fits))
+        residual = np.concatenate([one.residual for one in self.fits])
+        courses = (Course.CHANGES,) * len(self.effects)
+        return self._told(courses, effects, residual, self._derivatives(effects, residual))
 
     def simplest(self, here: OverSets, report: Callable[[str], None]) -> OverSets:
         """Returns the simplest hypothesis that none predicts clearly better than.
@@ -156,155 +136,127 @@ class Sets:
         those that were fitted in earnest.
         """
         for steps in (1, FIT_STEPS):
-            here = here if steps == 1 else self.fitted(here, here.courses, steps)
+            here = here if steps == 1 else self._fitted(here, here.courses, steps)
             while (simpler := next(self._simpler(here, steps, report), None)) is not None:
                 here = simpler
         return here
-
-    def _simpler(
-        self, here: OverSets, steps: int, report: Callable[[str], None]
-    ) -> Iterator[OverSets]:
-        """Yields what predicts as well with one effect simpler, that first which says least."""
-        others = []
-        for i, course in enumerate(here.courses):
-            if course is not Course.REPEATS:
-                courses = (*here.courses[:i], self._simplified(course), *here.courses[i + 1 :])
-                _, _, linear = self._step(here, courses)
-                others.append((difference(self.blocks, here.predictive, linear).errors, i, courses))
-        for _, i, courses in sorted(others):
-            if steps > 1:
-                report(f"does {describe(self.effects[i])} differ between sets?")
-            other = self.fitted(here, courses, steps)
-            if not difference(self.blocks, here.predictive, other.predictive).clear:
-                yield other
-
-    def _simplified(self, course: Course) -> Course:
-        between = course is Course.CHANGES and len(self.problems) > 2
-        return Course.DRIFTS if between else Course.REPEATS
-
-    def fitted(self, here: OverSets, courses: tuple[Course, ...], steps: int) -> OverSets:
-        """Returns another hypothesis, fitted by so many Gauss-Newton steps at most."""
-        best = here if courses == here.courses else None
-        for step in range(steps):
-            values = self._step(best or here, courses)[0]
-            effects = [with_amounts(self.effects, row) for row in values]
-            rows = list(zip(self.problems, effects, strict=True))
-            residuals = tuple(problem.residuals([one])[0] for problem, one in rows)
-            before = np.inf if best is None else _cost(best.residuals)
-            if _cost(residuals) > (1.0 - FIT_TOLERANCE) * before:
-                break
-            columns = (best or here).columns
-            if step + 1 < steps:
-                columns = tuple(
-                    derivatives(*row, left) for row, left in zip(rows, residuals, strict=True)
-                )
-            best = self._told(courses, values, residuals, columns)
-        assert best is not None
-        return best
 
     def alone(self, here: OverSets, effect: int) -> tuple[Array, Array]:
         """Returns one effect's amounts in every set, and their standard errors, if only it differs.
 
         Both of shape (K, its parameters); errors are infinite where a set does not show it.
         """
-        changes = Course.CHANGES
-        courses = (*here.courses[:effect], changes, *here.courses[effect + 1 :])
-        values, numbers, _ = self._step(here, courses)
-        design, jacobian = self._design(courses), self._jacobian(here.columns, courses)
-        moved = np.concatenate(
-            [r + c @ (v - a) for r, c, v, a in zip(*_rows(here), values, here.amounts, strict=True)]
-        )
-        errors = standard_errors(numbers, jacobian, moved, self.slices())
-        own = np.flatnonzero(self.owner == effect)
-        places = [[int(np.flatnonzero(design[k, p])[0]) for p in own] for k in range(len(values))]
-        return values[:, own], errors[places]
+        courses = (*here.courses[:effect], Course.CHANGES, *here.courses[effect + 1 :])
+        other, design = self._nearby(here, courses).fit, self._design(courses)
+        values = amounts(other.effects)
+        numbers = np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], np.float64)
+        parts = chain.from_iterable(problem.slices() for problem in self.problems)
+        ends = np.cumsum([0, *(part.stop - part.start for part in parts)]).tolist()
+        segments = [slice(a, b) for a, b in pairwise(ends)]
+        errors = standard_errors(numbers, other.jacobian @ design, other.residual, segments)
+        own = self._places(effect)
+        return values[own], errors[design[own].argmax(axis=2)]
 
     def seen(self, here: OverSets, effect: int, none: float) -> tuple[bool, ...]:
         """Returns whether each set would show if an effect's first amount were `none` there.
 
         To first order, by the score.
         """
-        first = int(np.flatnonzero(self.owner == effect)[0])
+        fit, values = here.fit, amounts(here.fit.effects)
         told = []
-        for k, column in enumerate(here.columns):
-            residuals = list(here.residuals)
-            residuals[k] = residuals[k] + column[:, first] * (none - here.amounts[k, first])
-            other = self._predictive(np.concatenate(residuals), here.columns, here.courses)
-            apart = difference(self.blocks, here.predictive, other)
+        for place in self._places(effect)[:, 0]:
+            left = fit.residual + fit.jacobian[:, place] * (none - values[place])
+            other = self._told(here.courses, fit.effects, left, fit.jacobian)
+            apart = difference(self.blocks, here.predictive, other.predictive)
             told.append(apart._replace(nats=abs(apart.nats)).clear)
         return tuple(told)
+
+    def _simpler(
+        self, here: OverSets, steps: int, report: Callable[[str], None]
+    ) -> Iterator[OverSets]:
+        """Yields what predicts as well with one effect simpler, that first which says least."""
+        between = Course.DRIFTS if len(self.problems) > 2 else Course.REPEATS
+        others = []
+        for i, course in enumerate(here.courses):
+            if course is not Course.REPEATS:
+                less = between if course is Course.CHANGES else Course.REPEATS
+                courses = (*here.courses[:i], less, *here.courses[i + 1 :])
+                linear = self._nearby(here, courses).predictive
+                others.append((difference(self.blocks, here.predictive, linear).errors, i, courses))
+        for _, i, courses in sorted(others):
+            if steps > 1:
+                report(f"does {describe(self.effects[i])} differ between sets?")
+            other = self._fitted(here, courses, steps)
+            if not difference(self.blocks, here.predictive, other.predictive).clear:
+                yield other
+
+    def _fitted(self, here: OverSets, courses: tuple[Course, ...], steps: int) -> OverSets:
+        """Returns another hypothesis, fitted by so many Gauss-Newton steps at most."""
+        effects = self._nearby(here, courses).fit.effects
+        residual = self._residual(effects)
+        gain = 1.0 - mean_square(residual) / mean_square(here.fit.residual)
+        if courses == here.courses and gain < FIT_TOLERANCE:
+            return here
+        if steps == 1:
+            return self._told(courses, effects, residual, here.fit.jacobian)
+        jacobian = self._derivatives(effects, residual)
+        return self._fitted(self._told(courses, effects, residual, jacobian), courses, steps - 1)
+
+    def _nearby(self, here: OverSets, courses: tuple[Course, ...]) -> OverSets:
+        """Returns another hypothesis as it fits best, to first order around one."""
+        fit, values, design = here.fit, amounts(here.fit.effects), self._design(courses)
+        numbers = np.linalg.lstsq(design, values, rcond=None)[0]
+        left = fit.residual + fit.jacobian @ (design @ numbers - values)
+        columns = fit.jacobian @ design
+        size = np.linalg.norm(columns, axis=0) + 1e-9
+        numbers -= np.linalg.lstsq(columns / size, left, rcond=NEGLIGIBLE)[0] / size
+        moved = np.clip(design @ numbers, *bounds_of(fit.effects))
+        left = fit.residual + fit.jacobian @ (moved - values)
+        return self._told(courses, with_amounts(fit.effects, moved), left, fit.jacobian)
 
     def _told(
         self,
         courses: tuple[Course, ...],
-        values: Array,
-        residuals: tuple[Array, ...],
-        columns: tuple[Array, ...],
+        effects: tuple[EffectInstance, ...],
+        residual: Array,
+        jacobian: Array,
     ) -> OverSets:
-        return OverSets(
-            courses=courses,
-            amounts=values,
-            residuals=residuals,
-            columns=columns,
-            predictive=self._predictive(np.concatenate(residuals), columns, courses),
-        )
+        fit = Fit(effects=effects, cost=mean_square(residual), jacobian=jacobian, residual=residual)
+        shared = replace(fit, jacobian=jacobian @ self._design(courses))
+        return OverSets(courses=courses, fit=fit, predictive=predictive(self.blocks, shared))
 
-    def _predictive(
-        self, residual: Array, columns: Sequence[Array], courses: Sequence[Course]
-    ) -> Predictive:
-        jacobian = self._jacobian(columns, courses)
-        cost = mean_square(residual)
-        told = Fit(effects=self.effects, cost=cost, jacobian=jacobian, residual=residual)
-        return predictive(self.blocks, told)
+    def _of_sets(
+        self, effects: tuple[EffectInstance, ...]
+    ) -> list[tuple[Problem, tuple[EffectInstance, ...]]]:
+        """Returns each set's problem and its part of the effects of all sets."""
+        count = len(self.effects)
+        return [(p, effects[k * count : (k + 1) * count]) for k, p in enumerate(self.problems)]
 
-    def _step(self, here: OverSets, courses: Sequence[Course]) -> tuple[Array, Array, Predictive]:
-        """Returns amounts (K, P), free numbers (M,) and prediction of a simpler hypothesis.
+    def _residual(self, effects: tuple[EffectInstance, ...]) -> Array:
+        return np.concatenate([p.residuals([own])[0] for p, own in self._of_sets(effects)])
 
-        To first order around another one.
-        """
-        design = self._design(courses)
-        many = design.shape[2]
-        first = np.linalg.lstsq(design.reshape(-1, many), here.amounts.ravel(), rcond=None)[0]
-        jacobian = self._jacobian(here.columns, courses)
-        away = np.concatenate(
-            [
-                r + c @ (row - a)
-                for r, c, row, a in zip(*_rows(here), design @ first, here.amounts, strict=True)
-            ]
-        )
-        size = np.linalg.norm(jacobian, axis=0) + 1e-9
-        change = np.linalg.lstsq(jacobian / size, -away, rcond=NEGLIGIBLE)[0] / size
-        low, high = bounds_of(self.effects)
-        values = np.clip(design @ (first + change), low, high)
-        told = self._predictive(away + jacobian @ change, here.columns, courses)
-        return values, first + change, told
+    def _derivatives(self, effects: tuple[EffectInstance, ...], residual: Array) -> Array:
+        """Returns the derivatives of all residuals by all amounts, shape (N, K P)."""
+        parts = np.split(residual, np.cumsum([len(one.residual) for one in self.fits])[:-1])
+        rows = zip(self._of_sets(effects), parts, strict=True)
+        return np.asarray(block_diag(*(derivatives(*own, left) for own, left in rows)))
+
+    def _places(self, effect: int) -> NDArray[np.intp]:
+        """Returns where an effect's amounts are among all, shape (K, its parameters)."""
+        owners = np.array([i for i, _ in free_parameters(self.effects)])
+        sets = len(owners) * np.arange(len(self.problems))
+        return np.asarray(sets[:, None] + np.flatnonzero(owners == effect))
 
     def _design(self, courses: Sequence[Course]) -> Array:
-        """Returns how amounts follow from the free numbers, shape (K, P, M)."""
-        sets, own = len(self.problems), len(self.owner)
-        middle = np.linspace(-1.0, 1.0, sets)
+        """Returns how the amounts of all sets follow from the free numbers, shape (K P, M)."""
+        sets = len(self.problems)
         shapes = {
             Course.REPEATS: np.ones((sets, 1)),
-            Course.DRIFTS: np.stack([np.ones(sets), middle], axis=1),
+            Course.DRIFTS: np.stack([np.ones(sets), np.linspace(-1.0, 1.0, sets)], axis=1),
             Course.CHANGES: np.eye(sets),
         }
-        columns = []
-        for p, effect in enumerate(self.owner):
-            for shape in shapes[courses[effect]].T:
-                column = np.zeros((sets, own))
-                column[:, p] = shape
-                columns.append(column)
-        return np.stack(columns, axis=2)
-
-    def _jacobian(self, columns: Sequence[Array], courses: Sequence[Course]) -> Array:
-        """Returns the derivative of all residuals by the free numbers, shape (N, M)."""
-        rows = zip(columns, self._design(courses), strict=True)
-        return np.concatenate([own @ design for own, design in rows])
-
-
-def _rows(here: OverSets) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    return here.residuals, here.columns
-
-
-def _cost(residuals: Sequence[Array]) -> float:
-    return mean_square(np.concatenate(residuals))
+        owners = [i for i, _ in free_parameters(self.effects)]
+        each = np.eye(len(owners))[:, :, None]
+        return np.hstack(
+            [np.kron(shapes[courses[i]], e) for i, e in zip(owners, each, strict=True)]
+        )

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 from gfm.core import Trajectory
-from gfm.diagnosis.data.quality import channels, efforts, limits, stamps, units
-from gfm.diagnosis.data.quality.finding import Finding, Objection
-from gfm.diagnosis.data.quality.overlap import shared_share, shared_stamps
+from gfm.diagnosis.data.quality import channels, efforts, limits, stamps
+from gfm.diagnosis.data.quality.finding import Finding
 from gfm.diagnosis.data.quality.timing import (
     EVERYWHERE,
     as_recordings,
@@ -18,36 +16,6 @@ from gfm.diagnosis.data.quality.timing import (
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import EffectInstance
 from gfm.sim.plant import Plant, make_plant
-
-#: Torques are judged on so many measurements at most: enough to know a sign by.
-MOST_ROWS = 4000
-#: A recording is another one's copy when it shares so much of its motion ...
-COPY = 0.5
-#: ... or overlaps it when so many measurements are the same, stamp and all.
-OVERLAP = 10
-
-
-def objection_to(recording: Trajectory, plant: Plant) -> Objection | None:
-    """Returns why a recording cannot be used with a model, or None.
-
-    Stamps come first: with them wrong, all speeds are; efforts last: they need all else right.
-    """
-    objection = (
-        stamps.absurd_rate(recording)
-        or channels.stuck_position(recording)
-        or channels.stuck_effort(recording)
-        or units.velocity_ratio(recording)
-        or units.command_ratio(recording)
-        or units.beyond_range(recording, plant)
-        or units.wound_up(recording, plant)
-    )
-    if objection is not None:
-        return objection
-    head = _head(recording)
-    energy = units.surplus_energy(head, plant)
-    if energy is not None or recording.effort is None:
-        return energy
-    return efforts.wrong_effort(head, efforts.views_of(head, plant))
 
 
 def findings_of(recording: Trajectory, plant: Plant) -> tuple[Finding, ...]:
@@ -61,7 +29,7 @@ def findings_of(recording: Trajectory, plant: Plant) -> tuple[Finding, ...]:
         *channels.echoed(recording),
         *limits.cut_off_speeds(recording),
         *limits.at_range_limit(recording, plant),
-        *units.odd_velocities(recording),
+        *channels.odd_velocities(recording),
         *_of_efforts(recording, plant),
         *channels.rounded(recording),
     )
@@ -119,25 +87,3 @@ def _unrecorded(name: str, position: float) -> Finding:
 def doubts(findings: Iterable[Finding], recording: str = EVERYWHERE) -> tuple[str, ...]:
     """Returns what puts a recording in doubt, in words; by default what is said of all."""
     return tuple(f.words for f in findings if f.doubtful and f.recording == recording)
-
-
-def same_measurements(one: Trajectory, other: Trajectory) -> str:
-    """Returns in which way two recordings are the same, or an empty text."""
-    share = shared_share(one, other)
-    if share > COPY:
-        return f"{100 * share:.0f} % of the motion is the same to the last digit"
-    count = shared_stamps(one, other)
-    if count > OVERLAP:
-        return f"{count} measurements of the motion have the same stamps and values"
-    return ""
-
-
-def _head(recording: Trajectory) -> Trajectory:
-    rows = slice(MOST_ROWS)
-    return replace(
-        recording,
-        stamp_ns=recording.stamp_ns[rows],
-        position=recording.position[rows],
-        velocity=None if recording.velocity is None else recording.velocity[rows],
-        effort=None if recording.effort is None else recording.effort[rows],
-    )

@@ -1,14 +1,11 @@
-"""What is said of an input: findings, with which one goes on, and objections, with which not."""
+"""What is said of an input with which one goes on: findings."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-
-import numpy as np
+from typing import SupportsIndex
 
 from gfm.core import Trajectory
-from gfm.core.checks import Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,101 +41,23 @@ class Finding:
         return f"{where}{self.what} {amount} ({self.consequence})"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Objection:
-    """Why a recording cannot be used: what was found in it, where, and what to do."""
-
-    where: str
-    problem: str
-    expected: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class FindingRow:
-    """The same finding in several recordings or joints, as one row of a table.
-
-    Attributes:
-        what: The property.
-        recordings: Where it was found.
-        joints: Of which joints; empty where it is the whole recording's.
-        low: The least value.
-        high: The greatest one.
-        spread: Of a single value, where it is known.
-        unit: Of both.
-        consequence: What it means.
-        doubtful: Whether it puts results in doubt.
-    """
-
-    what: str
-    recordings: tuple[str, ...]
-    joints: tuple[str, ...]
-    low: float
-    high: float
-    spread: float | None
-    unit: str
-    consequence: str
-    doubtful: bool
-
-
-def gathered(findings: Iterable[Finding]) -> tuple[FindingRow, ...]:
-    """Returns findings that say the same as one row each, doubtful ones first."""
-    groups: dict[tuple[str, str, str, bool], list[Finding]] = {}
-    for one in findings:
-        groups.setdefault((one.what, one.unit, one.consequence, one.doubtful), []).append(one)
-    rows = [
-        FindingRow(
-            what=what,
-            recordings=tuple(dict.fromkeys(one.recording for one in group)),
-            joints=tuple(dict.fromkeys(one.joint for one in group if one.joint is not None)),
-            low=min(one.value for one in group),
-            high=max(one.value for one in group),
-            spread=group[0].spread if len(group) == 1 else None,
-            unit=unit,
-            consequence=consequence,
-            doubtful=doubtful,
-        )
-        for (what, unit, consequence, doubtful), group in groups.items()
-    ]
-    return tuple(sorted(rows, key=lambda row: not row.doubtful))
-
-
-def joint_finding(
+def finding(
     recording: Trajectory,
-    joint: int,
     what: str,
     value: float,
     unit: str,
     consequence: str,
     *,
+    joint: SupportsIndex | None = None,
     doubtful: bool = True,
 ) -> Finding:
-    """Returns a finding about one joint, by its number in the recording."""
+    """Returns a finding about a recording, or one of its joints by its number."""
     return Finding(
         recording=recording.name,
-        joint=recording.joint_names[joint],
+        joint=None if joint is None else recording.joint_names[joint],
         what=what,
         value=float(value),
         unit=unit,
         consequence=consequence,
         doubtful=doubtful,
     )
-
-
-def held_command(recording: Trajectory) -> Array:
-    """Returns the command in force at each measurement, the first one before it, shape (T, J)."""
-    place = np.searchsorted(recording.command_stamp_ns, recording.stamp_ns, side="right") - 1
-    return recording.command[np.maximum(place, 0)]
-
-
-def correlation(one: Array, other: Array) -> float:
-    """Returns Pearson's correlation of two signals of shape (T,); 0 where one is constant."""
-    a, b = one - one.mean(), other - other.mean()
-    size = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / size if size > 0.0 else 0.0
-
-
-def slope(of: Array, over: Array) -> float:
-    """Returns the slope of a line through `of` over `over`, each of shape (T,); 0 if constant."""
-    centred = over - over.mean()
-    power = float(centred @ centred)
-    return float(centred @ of) / power if power > 0.0 else 0.0

@@ -26,6 +26,7 @@ from functools import partial
 
 import numpy as np
 from scipy.signal import savgol_filter
+from scipy.stats import linregress, median_abs_deviation
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
@@ -41,8 +42,6 @@ LEAST_BLOCKS, ALIKE = 2, 0.8
 #: Torques are compared by their fast changes (slow ones differ by more than time: a controller of
 #: the current, friction in its estimate), which leave more noise. Smoothed over, s; correlation.
 SHARP_S, SHARP_ALIKE = 0.01, 0.5
-#: From a median absolute deviation to a standard deviation, for normal errors.
-MAD_TO_STD = 1.4826
 #: A line along the joints must have so many, explain so much of their differences, have a slope so
 #: many of its errors from zero, and be of a size that reading a joint takes, s.
 LEAST_JOINTS, EXPLAINS, ERRORS, PER_JOINT_S = 4, 0.8, 4.0, (2e-4, 8e-3)
@@ -88,14 +87,11 @@ class Delays:
         known = np.flatnonzero(np.isfinite(self.seconds))
         if self.reference != "prediction" or len(known) < LEAST_JOINTS:
             return None
-        along, late = known - known.mean(), self.seconds[known] - self.seconds[known].mean()
-        slope = float(along @ late / (along @ along))
-        rest = late - slope * along
-        error = np.sqrt((rest @ rest) / (len(known) - 2) / (along @ along))
-        error += float(np.median(self.error_s[known])) / np.sqrt(along @ along)
-        even = rest @ rest < (1.0 - EXPLAINS) * (late @ late) and abs(slope) > ERRORS * error
+        line = linregress(known, self.seconds[known])
+        own = float(np.median(self.error_s[known])) / (np.std(known) * np.sqrt(len(known)))
+        even = line.rvalue**2 > EXPLAINS and abs(line.slope) > ERRORS * (line.stderr + own)
         low, high = PER_JOINT_S
-        return slope if even and low < abs(slope) < high else None
+        return float(line.slope) if even and low < abs(line.slope) < high else None
 
 
 def delays(
@@ -108,49 +104,40 @@ def delays(
         predictions: For each recording the positions that a model predicts at its measurements,
             rad, shape (T, J), or None where there are none; without any, commands are taken.
     """
+    known: list[tuple[Trajectory, Array | None]] = [(one, None) for one in recordings]
+    if predictions is not None:
+        rows = zip(recordings, predictions, strict=True)
+        known = [(recording, told) for recording, told in rows if told is not None]
     joints = recordings[0].joint_names
-    found = [
-        [
-            late
-            for i, recording in enumerate(recordings)
-            for late in _of_joint(recording, j, None if predictions is None else predictions[i])
-        ]
-        if predictions is None or any(p is not None for p in predictions)
-        else []
-        for j in range(len(joints))
-    ]
-    enough = [np.array(late) if len(late) >= LEAST_BLOCKS else np.array([np.nan]) for late in found]
-    middles = np.array([np.median(late) for late in enough])
-    spreads = [MAD_TO_STD * np.median(np.abs(late - np.median(late))) for late in enough]
+    found = [[late for pair in known for late in _of_joint(*pair, j)] for j in range(len(joints))]
+    enough = [late if len(late) >= LEAST_BLOCKS else [np.nan] for late in found]
     return Delays(
         joints=joints,
         reference="command" if predictions is None else "prediction",
-        seconds=middles,
-        spread_s=np.array(spreads),
+        seconds=np.array([np.median(late) for late in enough]),
+        spread_s=np.array([median_abs_deviation(late, scale="normal") for late in enough]),
         blocks=np.array([len(late) for late in found]),
     )
 
 
-def _of_joint(recording: Trajectory, joint: int, prediction: Array | None) -> Iterator[float]:
+def _of_joint(recording: Trajectory, prediction: Array | None, joint: int) -> Iterator[float]:
     """Yields the lateness of one joint, block by block, s."""
-    if recording.servo_gain.get(recording.joint_names[joint], 1.0) == 0.0:
+    if recording.gains[joint] == 0.0:
         return
-    pair = _command_pair(recording, joint)
-    if prediction is not None:
+    if prediction is None:
+        pair = _command_pair(recording, joint)
+    else:
         pair = _prediction_pair(recording, joint, prediction)
     if pair is None:
         return
     period_s, reference, answer = pair
     torques = prediction is None and recording.command_kind is CommandKind.EFFORT
-    before, after = round(LATEST_S / period_s), round(-EARLIEST_S / period_s)
+    before, after = _margins(period_s)
     size = max(round(BLOCK_S / period_s), 1)
     for start in range(0, len(answer) - size // 2, size):
         block = answer[start : start + size]
-        late = _shift(
-            reference[start : start + len(block) + before + after],
-            block,
-            SHARP_ALIKE if torques else ALIKE,
-        )
+        around = reference[start : start + len(block) + before + after]
+        late = _shift(around, block, SHARP_ALIKE if torques else ALIKE)
         if late is not None:
             yield period_s * (before - late)
 
@@ -206,10 +193,15 @@ def _prediction_pair(
     return period_s, _smooth(predicted, period_s, 1), _smooth(even[:, 0], period_s, 1)
 
 
+def _margins(period_s: float) -> tuple[int, int]:
+    """Returns how many rows a shift may reach before and after a grid."""
+    return round(LATEST_S / period_s), round(-EARLIEST_S / period_s)
+
+
 def _with_margins(grid: Array) -> Array:
-    """Returns the times of a grid with those that a shift may reach before and after it."""
+    """Returns the times of a grid with those that a shift may reach."""
     period_s = grid[1] - grid[0]
-    before, after = round(LATEST_S / period_s), round(-EARLIEST_S / period_s)
+    before, after = _margins(period_s)
     return np.asarray(grid[0] + period_s * np.arange(-before, len(grid) + after))
 
 

@@ -5,13 +5,15 @@ Shape letters: T measurements, J joints.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
+from gfm.core.noise import noise_std
 from gfm.core.rounding import resolution
-from gfm.diagnosis.data.noise import noise_std
-from gfm.diagnosis.data.quality.finding import Finding, held_command, joint_finding
+from gfm.diagnosis.data.quality.finding import Finding, finding
 from gfm.diagnosis.data.signals import smooth_states
 from gfm.sim.plant import Plant
 
@@ -44,7 +46,8 @@ def cut_off_efforts(recording: Trajectory, effort: Array, drive: Array) -> list[
         effort: Measured, N m, shape (T, J).
         drive: What the model's actuators would do, N m, shape (T, J).
     """
-    return _flat_tops(recording, "effort has a flat top at", "N m", effort, drive)
+    tops = _flat_tops(recording, effort, drive)
+    return _told(recording, "effort has a flat top at", "N m", tops)
 
 
 def cut_off_speeds(recording: Trajectory) -> list[Finding]:
@@ -52,32 +55,30 @@ def cut_off_speeds(recording: Trajectory) -> list[Finding]:
     if recording.command_kind is CommandKind.EFFORT:
         return []
     _, speed, _ = smooth_states(recording.time_s, recording.position)
-    command, asked = held_command(recording), held_command(recording)
+    command = asked = recording.held_command
     if recording.command_kind is CommandKind.POSITION:
         _, asked, _ = smooth_states(recording.time_s, command)
         command = command - recording.position
-    tops = _flat_tops(recording, "speed has a flat top at", "rad/s", speed, command)
-    return [top for top in tops if _more_asked(asked, recording, top)]
+    # Where commands ask for no speeds beyond a flat top, they have it themselves.
+    tops = {
+        j: top
+        for j, top in _flat_tops(recording, speed, command).items()
+        if (np.abs(asked[:, j]) > MORE * abs(top)).mean() > PLATEAU
+    }
+    return _told(recording, "speed has a flat top at", "rad/s", tops)
 
 
-def _more_asked(asked: Array, recording: Trajectory, top: Finding) -> bool:
-    """Returns whether commands ask for speeds beyond a flat top: else they have it themselves."""
-    column = np.abs(asked[:, [name == top.joint for name in recording.joint_names]])
-    return bool((column > MORE * abs(top.value)).mean() > PLATEAU)
+def _told(recording: Trajectory, what: str, unit: str, tops: Mapping[int, float]) -> list[Finding]:
+    advice = "the drive is at a limit there: record with smaller commands as well"
+    return [finding(recording, what, top, unit, advice, joint=j) for j, top in tops.items()]
 
 
-def _flat_tops(
-    recording: Trajectory, what: str, unit: str, signal: Array, demand: Array
-) -> list[Finding]:
+def _flat_tops(recording: Trajectory, signal: Array, demand: Array) -> dict[int, float]:
+    """Returns the extremes at which signals are cut off, by joint."""
     noise, step = noise_std(recording.time_s, signal), resolution(signal)
     width = np.maximum(np.maximum(6.0 * noise, step), 0.02 * np.ptp(signal, axis=0))
-    advice = "the drive is at a limit there: record with smaller commands as well"
-    tops = [_plateau(signal[:, j], demand[:, j], width[j]) for j in range(signal.shape[1])]
-    return [
-        joint_finding(recording, j, what, top, unit, advice)
-        for j, top in enumerate(tops)
-        if top is not None
-    ]
+    tops = {j: _plateau(signal[:, j], demand[:, j], width[j]) for j in range(signal.shape[1])}
+    return {j: top for j, top in tops.items() if top is not None}
 
 
 def _plateau(signal: Array, demand: Array, width: float) -> float | None:
@@ -119,5 +120,5 @@ def at_range_limit(recording: Trajectory, plant: Plant) -> list[Finding]:
         share = float(((q < low + margin) | (q > high - margin)).mean())
         if share > PLATEAU:
             advice = "at a limit of its range in the model: an end stop acts, not the drive alone"
-            found.append(joint_finding(recording, j, "time spent", 100.0 * share, "%", advice))
+            found.append(finding(recording, "time spent", 100.0 * share, "%", advice, joint=j))
     return found

@@ -9,12 +9,11 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
+from gfm.core.noise import noise_std
 from gfm.core.rounding import resolution
-from gfm.diagnosis.data.noise import noise_std
-from gfm.diagnosis.data.quality.finding import Finding, Objection
+from gfm.diagnosis.data.quality.finding import Finding, finding
+from gfm.diagnosis.data.signals import slope
 
-#: Joint states come tens to thousands of times a second; what lies outside is another unit.
-LEAST_RATE_HZ, MOST_RATE_HZ = 1.0, 10_000.0
 #: Standard deviation of the period, as a share of it, from which accelerations suffer.
 JITTER = 0.10
 #: A gap is so many typical periods long: four messages in a row were lost.
@@ -29,28 +28,15 @@ MOST_HELD, LEAST_STEPS = 10, 30
 LEAST_CYCLE_S = 0.005
 
 
-def absurd_rate(recording: Trajectory) -> Objection | None:
-    """Objects to stamps in another unit than they claim."""
-    rate_hz = 1.0 / _period_s(recording)
-    if LEAST_RATE_HZ <= rate_hz <= MOST_RATE_HZ:
-        return None
-    return Objection(
-        where="stamps of the measurements",
-        problem=f"{rate_hz:.3g} measurements per second",
-        expected=f"{LEAST_RATE_HZ:.0f} to {MOST_RATE_HZ:.0f} (milliseconds or nanoseconds taken "
-        "for seconds? give the unit in the import mapping: time.scale)",
-    )
-
-
 def jitter(recording: Trajectory) -> list[Finding]:
     """Finds stamps that scatter; gaps are another matter."""
-    period_s = _period_s(recording)
+    period_s = recording.period_s
     periods = np.diff(recording.time_s)
     share = float(np.std(periods[periods < GAP_PERIODS * period_s])) / period_s
     if share < JITTER:
         return []
     advice = "velocities scatter as much: stamp at the measurement, not at the arrival"
-    return [_finding(recording, "stamps jitter by", 100.0 * share, "% of the period", advice)]
+    return [finding(recording, "stamps jitter by", 100.0 * share, "% of the period", advice)]
 
 
 def gaps(recording: Trajectory) -> list[Finding]:
@@ -59,7 +45,7 @@ def gaps(recording: Trajectory) -> list[Finding]:
     Where a joint moves, it covers a gap's time at its speed if messages were lost, and only the
     way of one period if the clock jumped.
     """
-    time_s, period_s = recording.time_s, _period_s(recording)
+    time_s, period_s = recording.time_s, recording.period_s
     places = np.flatnonzero(np.diff(time_s) > GAP_PERIODS * period_s)
     jumped = [i for i in places if _jumped(recording, int(i), period_s)]
     lost = np.setdiff1d(places, jumped)
@@ -67,10 +53,10 @@ def gaps(recording: Trajectory) -> list[Finding]:
     found = []
     if len(lost):
         advice = "what happens inside is not seen"
-        found.append(_finding(recording, "longest gap", lengths[lost].max(), "s", advice))
+        found.append(finding(recording, "longest gap", lengths[lost].max(), "s", advice))
     if jumped:
         advice = "the motion goes on as if no time had passed: a stamping clock was set"
-        found.append(_finding(recording, "clock jumps by", lengths[jumped].max(), "s", advice))
+        found.append(finding(recording, "clock jumps by", lengths[jumped].max(), "s", advice))
     return found
 
 
@@ -85,7 +71,7 @@ def _jumped(recording: Trajectory, i: int, period_s: float) -> bool:
     if start < 0 or start + ACROSS > len(q):
         return False
     before, after = slice(start, i + 1), slice(i + 1, start + ACROSS)
-    speed = np.abs(_slopes(t[before], q[before])) + np.abs(_slopes(t[after], q[after]))
+    speed = np.abs(slope(q[before], t[before])) + np.abs(slope(q[after], t[after]))
     noise = noise_std(t, q)
     fast = 0.5 * speed * (t[i + 1] - t[i] - period_s) > 20.0 * noise
     even = np.lib.stride_tricks.sliding_window_view(q, ACROSS, axis=0)
@@ -99,11 +85,6 @@ def _cubic_misfit(windows: Array) -> Array:
     basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, ACROSS), 4))
     rest = windows - windows @ basis @ basis.T
     return np.asarray(np.sqrt(np.mean(rest**2, axis=-1)))
-
-
-def _slopes(time_s: Array, values: Array) -> Array:
-    centred = time_s - time_s.mean()
-    return np.asarray(centred @ values / (centred @ centred))
 
 
 def repeated(recording: Trajectory) -> list[Finding]:
@@ -123,12 +104,12 @@ def repeated(recording: Trajectory) -> list[Finding]:
     if share < REPEATED:
         return []
     advice = "the sensor is read less often than it is logged: up to a period of delay more"
-    return [_finding(recording, "measurements told twice", 100.0 * share, "%", advice)]
+    return [finding(recording, "measurements told twice", 100.0 * share, "%", advice)]
 
 
 def one_stamp_a_cycle(recording: Trajectory) -> list[Finding]:
     """Finds stamps that measurements share with commands, where reading joints takes time."""
-    period_s, joints = _period_s(recording), len(recording.joint_names)
+    period_s, joints = recording.period_s, len(recording.joint_names)
     shared = float(np.isin(recording.stamp_ns, recording.command_stamp_ns).mean())
     if shared < 0.95 or joints < 3 or period_s < LEAST_CYCLE_S:
         return []
@@ -136,22 +117,5 @@ def one_stamp_a_cycle(recording: Trajectory) -> list[Finding]:
         "one stamp for commands and all joints: if they are read one after the other, this much "
         "may look like a delay that falls from joint to joint (read_offset_s of an import mapping)"
     )
-    found = _finding(recording, "one stamp for a cycle of", 1e3 * period_s, "ms", advice)
-    return [Finding(**{**vars(found), "doubtful": False})]
-
-
-def _period_s(recording: Trajectory) -> float:
-    return float(np.median(np.diff(recording.time_s)))
-
-
-def _finding(
-    recording: Trajectory, what: str, value: float, unit: str, consequence: str
-) -> Finding:
-    return Finding(
-        recording=recording.name,
-        joint=None,
-        what=what,
-        value=float(value),
-        unit=unit,
-        consequence=consequence,
-    )
+    what = "one stamp for a cycle of"
+    return [finding(recording, what, 1e3 * period_s, "ms", advice, doubtful=False)]

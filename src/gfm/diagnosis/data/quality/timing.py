@@ -105,7 +105,7 @@ def _after_commands(late: Delays, recordings: Sequence[Trajectory]) -> Iterator[
 
 def _half_period_s(recordings: Sequence[Trajectory]) -> float:
     """Returns by how much torques seem early where they are sampled just after their commands."""
-    return 0.5 * float(np.median([np.median(np.diff(one.time_s)) for one in recordings]))
+    return 0.5 * float(np.median([one.period_s for one in recordings]))
 
 
 def _in_common(late: Delays, model: str) -> Iterator[Finding]:

@@ -57,6 +57,12 @@ class Stage:
         """The integration step."""
         return float(self.model.opt.timestep)
 
+    @property
+    def inertia(self) -> tuple[float, float]:
+        """The object's mass, kg, and largest moment of inertia, kg m^2."""
+        body = int(self.model.dof_bodyid[self.object_dof.start])
+        return float(self.model.body_mass[body]), float(np.max(self.model.body_inertia[body]))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Setting:

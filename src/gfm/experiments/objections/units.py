@@ -12,13 +12,15 @@ import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.finding import Finding, Objection, correlation, held_command, slope
-from gfm.diagnosis.data.signals import smooth_states
+from gfm.diagnosis.data.quality.channels import FOLLOWS, velocity_ratios
+from gfm.diagnosis.data.signals import correlation, slope, smooth_states
+from gfm.experiments.objections.objection import Objection
+from gfm.sim.kinematics import along
 from gfm.sim.plant import Plant
 
+#: Joint states come tens to thousands of times a second; what lies outside is another unit.
+LEAST_RATE_HZ, MOST_RATE_HZ = 1.0, 10_000.0
 DEGREES = 180.0 / np.pi
-#: How closely two signals must follow each other for their ratio to mean a unit.
-FOLLOWS = 0.8
 #: How far a ratio may lie from a unit's factor. Commands are followed loosely: a servo may give
 #: way, or overshoot.
 NEAR, LOOSELY = 1.2, 2.5
@@ -33,6 +35,19 @@ BESIDE_M = 0.01
 MOST_ENERGY = 10.0
 #: Less kinetic energy than this is noise, J.
 LEAST_ENERGY_J = 1e-3
+
+
+def absurd_rate(recording: Trajectory) -> Objection | None:
+    """Objects to stamps in another unit than they claim."""
+    rate_hz = 1.0 / recording.period_s
+    if LEAST_RATE_HZ <= rate_hz <= MOST_RATE_HZ:
+        return None
+    return Objection(
+        where="stamps of the measurements",
+        problem=f"{rate_hz:.3g} measurements per second",
+        expected=f"{LEAST_RATE_HZ:.0f} to {MOST_RATE_HZ:.0f} (milliseconds or nanoseconds taken "
+        "for seconds? give the unit in the import mapping: time.scale)",
+    )
 
 
 def beyond_range(recording: Trajectory, plant: Plant) -> Objection | None:
@@ -96,11 +111,11 @@ def command_ratio(recording: Trajectory) -> Objection | None:
     signal = answer.get(recording.command_kind)
     if signal is None:
         return None
-    command = held_command(recording)
+    command = recording.held_command
     for j, name in enumerate(recording.joint_names):
         if correlation(signal[:, j], command[:, j]) < FOLLOWS:
             continue
-        ratio = slope(signal[:, j], command[:, j])
+        ratio = float(slope(signal[:, j], command[:, j]))
         if _is(ratio, DEGREES, LOOSELY) or _is(ratio, 1.0 / DEGREES, LOOSELY):
             degrees = "measurements" if ratio > 1.0 else "commands"
             return Objection(
@@ -113,7 +128,7 @@ def command_ratio(recording: Trajectory) -> Objection | None:
 
 def velocity_ratio(recording: Trajectory) -> Objection | None:
     """Objects to velocities that are no derivative of the positions."""
-    for name, ratio in _velocity_ratios(recording).items():
+    for name, ratio in velocity_ratios(recording).items():
         if _is(ratio, -1.0, NEAR):
             problem, expected = "has the opposite sign of the position's slope", "the same sign"
         elif _is(ratio, DEGREES, NEAR) or _is(ratio, 1.0 / DEGREES, NEAR):
@@ -129,35 +144,6 @@ def velocity_ratio(recording: Trajectory) -> Objection | None:
     return None
 
 
-def odd_velocities(recording: Trajectory) -> list[Finding]:
-    """Finds velocities that follow the position's slope at another scale."""
-    return [
-        Finding(
-            recording=recording.name,
-            joint=name,
-            what="velocity over the position's slope",
-            value=ratio,
-            unit="",
-            consequence="1 expected: another unit (rpm is 9.55)? velocities are not used",
-        )
-        for name, ratio in _velocity_ratios(recording).items()
-        if not 0.5 < ratio < 2.0
-    ]
-
-
-def _velocity_ratios(recording: Trajectory) -> dict[str, float]:
-    """Returns velocity over d position / dt, by joint, where they follow each other."""
-    if recording.velocity is None:
-        return {}
-    _, speed, _ = smooth_states(recording.time_s, recording.position)
-    pairs = zip(recording.joint_names, recording.velocity.T, speed.T, strict=True)
-    return {
-        name: slope(told, seen)
-        for name, told, seen in pairs
-        if abs(correlation(told, seen)) > FOLLOWS
-    }
-
-
 def surplus_energy(recording: Trajectory, plant: Plant) -> Objection | None:
     """Objects to a motion that gains far more energy than drive and weight can give it.
 
@@ -166,11 +152,11 @@ def surplus_energy(recording: Trajectory, plant: Plant) -> Objection | None:
     likewise.
     """
     commanded = recording.command_kind is CommandKind.EFFORT
-    effort = held_command(recording) if commanded else recording.effort
+    effort = recording.held_command if commanded else recording.effort
     if effort is None:
         return None
     q, v, _ = smooth_states(recording.time_s, recording.position)
-    kinetic, potential = _energies(plant, q, v)
+    potential, kinetic = np.array([data.energy.copy() for data in along(plant, q, v)]).T
     power = np.abs(effort * v).sum(axis=1)
     work = np.concatenate([[0.0], np.cumsum(power[:-1] * np.diff(recording.time_s))])
     top = int(np.argmax(kinetic - np.minimum.accumulate(kinetic)))
@@ -183,20 +169,6 @@ def surplus_energy(recording: Trajectory, plant: Plant) -> Objection | None:
         problem=f"motion gains {risen / given:.2g} times the energy that drives and weight give",
         expected="rad, seconds and N m (positions in degrees? scale them by 0.0174533)",
     )
-
-
-def _energies(plant: Plant, q: Array, v: Array) -> tuple[Array, Array]:
-    """Returns kinetic and potential energy of a motion, J, each of shape (T,)."""
-    model, data = plant.model, mujoco.MjData(plant.model)
-    kinetic, potential = np.empty(len(q)), np.empty(len(q))
-    for i in range(len(q)):
-        data.qpos[plant.qpos], data.qvel[plant.dof] = q[i], v[i]
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        mujoco.mj_energyPos(model, data)
-        mujoco.mj_energyVel(model, data)
-        potential[i], kinetic[i] = data.energy
-    return kinetic, potential
 
 
 def _is(ratio: float, factor: float, within: float) -> bool:

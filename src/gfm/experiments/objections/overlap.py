@@ -19,6 +19,21 @@ Number = TypeVar("Number", bound=np.generic)
 
 #: Positions are compared to so many rad: conversions leave less behind.
 DIGIT_RAD = 1e-9
+#: A recording is another one's copy when it shares so much of its motion ...
+COPY = 0.5
+#: ... or overlaps it when so many measurements are the same, stamp and all.
+OVERLAP = 10
+
+
+def same_measurements(one: Trajectory, other: Trajectory) -> str:
+    """Returns in which way two recordings are the same, or an empty text."""
+    share = shared_share(one, other)
+    if share > COPY:
+        return f"{100 * share:.0f} % of the motion is the same to the last digit"
+    count = shared_stamps(one, other)
+    if count > OVERLAP:
+        return f"{count} measurements of the motion have the same stamps and values"
+    return ""
 
 
 def shared_share(one: Trajectory, other: Trajectory) -> float:

@@ -1,0 +1,96 @@
+"""What one set of recordings says of a robot by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from gfm.core import CommandKind, Trajectory
+from gfm.diagnosis.data.segmentation import LONG, SHORT, all_segments, make_problem
+from gfm.diagnosis.inference.fitting import fit
+from gfm.diagnosis.output.claims import credible, named_effects
+from gfm.diagnosis.output.result import NamedEffect
+from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.search.loop import search
+from gfm.diagnosis.search.trace import SearchResult
+from gfm.effects import EffectInstance
+
+#: Less motion or time than this says nothing about dynamics.
+LEAST_MOTION_RAD, LEAST_TIME_S, LEAST_RATE_HZ = 0.01, 1.5, 10.0
+#: Recorded time in which effects are looked for, and on which amounts are settled, s.
+SEARCHED_S, SETTLED_S = 24.0, 36.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """What was found in a set of recordings.
+
+    Attributes:
+        recordings: The set.
+        short: What effects were looked for in.
+        long: What amounts were settled on.
+        result: The search; None where nothing can be said about dynamics.
+        lack: Why not; empty where something can.
+    """
+
+    recordings: Sequence[Trajectory]
+    short: Problem
+    long: Problem
+    result: SearchResult | None
+    lack: str
+
+    def named(self, *, keep_suspects: bool) -> tuple[NamedEffect, ...]:
+        """Returns the effects that are named, with amounts fitted without the others."""
+        if self.result is None:
+            return ()
+        result = self.result
+        effects = list(result.fit.effects) if keep_suspects else credible(result)
+        if len(effects) < len(result.fit.effects):
+            result = replace(result, fit=fit(self.long, effects))
+        return named_effects(self.long.slices(), result, result.fit.effects)
+
+
+def find_in(
+    recordings: Sequence[Trajectory],
+    specs: Mapping[CommandKind, mujoco.MjSpec],
+    given: Sequence[EffectInstance],
+    report: Callable[[str], None],
+    time_left: Callable[[], float],
+) -> Found:
+    """Returns which effects the model `specs` lacks, beside which `given` stands.
+
+    Args:
+        recordings: What effects are looked for in and fitted to.
+        specs: The model by the kind of command.
+        given: Effects of it that they cannot say.
+        report: Told what is happening, in words.
+        time_left: The share of the time for searching that is left.
+    """
+    report("measuring the nominal model")
+    short = make_problem(specs, recordings, given=given, most_s=SEARCHED_S)
+    long, result, lack = short, None, _lacking(recordings)
+    if any(LONG[kind] > SHORT[kind] for kind in specs):
+        long = make_problem(
+            specs, recordings, short.noise, given=given, windows_s=LONG, most_s=SETTLED_S
+        )
+    if not lack:
+        everything = all_segments(specs, recordings, short.noise, given=given)
+        result, long = search(short, long, everything, recordings, report, time_left)
+    return Found(recordings=recordings, short=short, long=long, result=result, lack=lack)
+
+
+def _lacking(recordings: Sequence[Trajectory]) -> str:
+    """Returns why nothing can be said about dynamics, or an empty text."""
+    moved = max(float(np.ptp(r.position, axis=0).max()) for r in recordings)
+    time_s = sum(r.duration_s for r in recordings)
+    rate_hz = min(1.0 / r.period_s for r in recordings)
+    if moved < LEAST_MOTION_RAD:
+        return f"no joint moves by more than {moved:.4f} rad"
+    if time_s < LEAST_TIME_S:
+        return f"only {time_s:.2f} s were recorded"
+    if rate_hz < LEAST_RATE_HZ:
+        return f"{rate_hz:.1f} measurements per second are too few"
+    return ""

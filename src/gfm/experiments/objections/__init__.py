@@ -1,0 +1,12 @@
+"""Why a recording cannot be used with a model, whatever a command would do with it.
+
+Short checks, one a property, each with its threshold explained beside it. What only puts results in
+doubt is a finding of the diagnosis (`gfm.diagnosis.data.quality`).
+"""
+
+from gfm.experiments.objections.channels import dead_positions
+from gfm.experiments.objections.examine import objection_to
+from gfm.experiments.objections.objection import Objection
+from gfm.experiments.objections.overlap import same_measurements
+
+__all__ = ["Objection", "dead_positions", "objection_to", "same_measurements"]

@@ -1,0 +1,49 @@
+"""Every objection to a recording, in the order in which they are asked for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from gfm.core import Trajectory
+from gfm.diagnosis.data.quality.efforts import views_of
+from gfm.experiments.objections import channels, units
+from gfm.experiments.objections.efforts import wrong_effort
+from gfm.experiments.objections.objection import Objection
+from gfm.sim.plant import Plant
+
+#: Torques are judged on so many measurements at most: enough to know a sign by.
+MOST_ROWS = 4000
+
+
+def objection_to(recording: Trajectory, plant: Plant) -> Objection | None:
+    """Returns why a recording cannot be used with a model, or None.
+
+    Stamps come first: with them wrong, all speeds are; efforts last: they need all else right.
+    """
+    objection = (
+        units.absurd_rate(recording)
+        or channels.stuck_position(recording)
+        or channels.stuck_effort(recording)
+        or units.velocity_ratio(recording)
+        or units.command_ratio(recording)
+        or units.beyond_range(recording, plant)
+        or units.wound_up(recording, plant)
+    )
+    if objection is not None:
+        return objection
+    head = _head(recording)
+    energy = units.surplus_energy(head, plant)
+    if energy is not None or recording.effort is None:
+        return energy
+    return wrong_effort(head, views_of(head, plant))
+
+
+def _head(recording: Trajectory) -> Trajectory:
+    rows = slice(MOST_ROWS)
+    return replace(
+        recording,
+        stamp_ns=recording.stamp_ns[rows],
+        position=recording.position[rows],
+        velocity=None if recording.velocity is None else recording.velocity[rows],
+        effort=None if recording.effort is None else recording.effort[rows],
+    )

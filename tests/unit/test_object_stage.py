@@ -1,0 +1,48 @@
+"""An object under contact, pushed by a robot that moves as it was measured."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from gfm.sim.object_stage import Setting, carrying_forces, make_stage, place, run
+
+MODEL = """
+<mujoco>
+  <compiler angle="radian"/>
+  <option cone="elliptic"/>
+  <worldbody>
+    <geom type="plane" size="5 5 0.1"/>
+    <body name="arm" pos="-0.35 0 0.03">
+      <joint name="j" axis="0 0 1" damping="1" armature="0.1"/>
+      <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="1"/>
+    </body>
+    <body name="object" pos="0 0 0.02">
+      <freejoint name="object"/>
+      <geom type="box" size="0.05 0.04 0.02" mass="0.2" friction="0.3" priority="1"/>
+    </body>
+  </worldbody>
+  <actuator><position name="j" joint="j" kp="20" kv="1"/></actuator>
+</mujoco>
+"""
+
+
+def test_the_robot_follows_its_motion_and_carries_the_object_along():
+    stage = make_stage(mujoco.MjSpec.from_string(MODEL))
+    steps = 250
+    swept = 0.3 - 0.8 * stage.timestep_s * np.arange(-1, steps + 1)  # rad, towards the object
+    begin = Setting(
+        pose=np.array([-0.1, 0.0, 0.02, 1.0, 0.0, 0.0, 0.0]),
+        velocity=np.zeros(6),
+        robot=swept[:, None],
+    )
+    poses = run(stage, [begin, replace(begin, robot=np.full((steps + 2, 1), 0.6))])
+    assert poses[0, -1, 1] < -0.02  # pushed aside
+    assert poses[1, -1] == pytest.approx(poses[1, 0], abs=1e-3)
+    data = mujoco.MjData(stage.model)
+    place(stage, data, begin)
+    for force in carrying_forces(stage, begin, steps):
+        data.qfrc_applied[:] = force
+        mujoco.mj_step(stage.model, data)
+    assert data.qpos[stage.qpos] == pytest.approx(swept[-1], abs=1e-6)  # whatever it pushes
