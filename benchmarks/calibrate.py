@@ -28,6 +28,8 @@ FEATURES = ("constant", "z_without", "z_rival", "left", "apart")
 #: wrong names can be parted without error. As much as a single name's.
 _RIDGE = 1.0
 _LEAST_LEFT = 1e-6
+#: Percentile, for `UNWEIGHED`, of the shares of what speaks for names against their best rivals.
+_LOWER_QUARTILE = 25.0
 #: Confidences of nought and one would cost infinitely much where they are wrong.
 _LEAST_CONFIDENCE = 1e-3
 
@@ -114,6 +116,19 @@ def constants(amounts: Array) -> str:
     return f"CONFIDENCE = ({', '.join(f'{a:.2f}' for a in amounts)})"
 
 
+def unweighed(told: Sequence[Told]) -> str:
+    """Returns the lower quartile of what speaks against a rival, as a line of Python."""
+    figures = [one.evidence or {} for one in told]
+    shares = [
+        f["z_rival"] / f["z_without"]
+        for f in figures
+        if "z_rival" in f and f.get("z_without", 0.0) > 1.0
+    ]
+    if not shares:
+        return "UNWEIGHED: no name has a rival"
+    return f"UNWEIGHED = {np.percentile(shares, _LOWER_QUARTILE):.2f}  # of {len(shares)} names"
+
+
 def summary(told: Sequence[Told]) -> str:
     """Returns what comes of a fit to all names that carry evidence."""
     pairs = [(one, row) for one in told if (row := features(one.evidence)) is not None]
@@ -137,6 +152,7 @@ def summary(told: Sequence[Told]) -> str:
         f"{len(right)} names of {len(set(cases))} cases, {right.sum():.0f} right",
         *(f"  {n:10s} {a:+.3f}" for n, a in zip(FEATURES, amounts, strict=True)),
         *(f"log loss, {n:24s}{log_loss(c, right, weights):.4f}" for n, c in rows.items()),
+        unweighed(told),
         constants(amounts),
     ]
     return "\n".join(lines)

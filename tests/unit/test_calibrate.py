@@ -105,6 +105,13 @@ def test_laws_that_the_library_lacks_count_as_often_as_in_a_whole_suite():
     assert calibrate.weights_of(["a", "b"]).tolist() == [1.0, 1.0]
 
 
+def test_an_unweighed_rival_is_taken_for_what_three_quarters_of_rivals_are_worse_than():
+    figures = [{"z_without": 10.0, "z_rival": z} for z in (1.0, 2.0, 3.0, 4.0, 5.0)]
+    names = [told("a", True, one) for one in (*figures, {"z_without": 0.5, "z_rival": 0.4}, None)]
+    assert calibrate.unweighed(names) == "UNWEIGHED = 0.20  # of 5 names"
+    assert "no name" in calibrate.unweighed([told("a", True, None)])
+
+
 def test_what_counts_twice_is_as_good_as_there_twice():
     X, right, _ = planted(40)
     twice = calibrate.fit(np.vstack([X, X[:9]]), np.concatenate([right, right[:9]]))
