@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gfm.core import Command, Observation
+from gfm.core.checks import Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,16 +141,29 @@ class RecordDone:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlaceObject:
+    """Asks for the free object to be put somewhere, at rest: what a person does at a real robot.
+
+    Attributes:
+        pose: Base frame, m and quaternion w x y z, shape (7,).
+    """
+
+    pose: Array
+
+
+@dataclass(frozen=True, kw_only=True)
 class RobotExchange:
     """Tells the simulated robot what to do, and for how long.
 
     Attributes:
         command: What to do from now on; None leaves the command in force.
         advance_ns: Robot time to pass before the answer, at least 0.
+        object_pose: Where to put the object before that, as in PlaceObject; None leaves it.
     """
 
     command: Command | None
     advance_ns: int
+    object_pose: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,6 +12,7 @@ from gfm_wire.control import (
     Ack,
     EnvironmentRequest,
     NotReady,
+    PlaceObject,
     RecordDone,
     RecordStart,
     RecordStop,
@@ -38,6 +39,7 @@ Message = (
     | RecordStart
     | RecordStop
     | Refusal
+    | PlaceObject
     | RobotExchange
     | RobotStates
     | RunEnvironment
@@ -107,9 +109,11 @@ COMMAND = Schema(
         "number": COUNT,
     },
 )
+#: Of a body: m and quaternion w x y z.
+POSE = Array("<f8", "7")
 OBSERVATION = Schema(
     Observation,
-    1,
+    2,
     {
         "joint_names": ListOf(TEXT),
         "position": JOINTS,
@@ -121,6 +125,7 @@ OBSERVATION = Schema(
         "reason": COUNT,
         "object_position": Optional(Array("<f8", "3")),
         "object_quaternion": Optional(Array("<f8", "4")),
+        "object_stamp_ns": STAMP,
     },
 )
 STATUS = Schema(
@@ -149,8 +154,13 @@ CONTROL = (
     Schema(RecordStart, 1, {"name": TEXT, "metadata": MapOf(TEXT)}),
     Schema(RecordStop, 1, {}),
     Schema(RecordDone, 1, {"path": TEXT, "ticks": COUNT}),
-    Schema(RobotExchange, 1, {"command": Optional(COMMAND), "advance_ns": COUNT}),
-    Schema(RobotStates, 1, {"states": ListOf(OBSERVATION)}),
+    Schema(PlaceObject, 1, {"pose": POSE}),
+    Schema(
+        RobotExchange,
+        2,
+        {"command": Optional(COMMAND), "advance_ns": COUNT, "object_pose": Optional(POSE)},
+    ),
+    Schema(RobotStates, 2, {"states": ListOf(OBSERVATION)}),
 )
 SCHEMAS: tuple[Schema[Any], ...] = (
     SEQUENCE,

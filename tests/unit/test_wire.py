@@ -27,6 +27,7 @@ from gfm_wire import (
     EnvironmentRequest,
     Message,
     NotReady,
+    PlaceObject,
     RecordDone,
     RecordStart,
     RecordStop,
@@ -82,6 +83,7 @@ OBSERVATION = Observation(
     reason=3,
     object_position=np.zeros(3),
     object_quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+    object_stamp_ns=7,
 )
 EXAMPLES: tuple[Message, ...] = (
     SEQUENCE,
@@ -124,7 +126,8 @@ EXAMPLES: tuple[Message, ...] = (
     RecordStart(name="training", metadata={"mode": "velocity"}),
     RecordStop(),
     RecordDone(path="a/b.mcap", ticks=100),
-    RobotExchange(command=COMMAND, advance_ns=10**7),
+    PlaceObject(pose=np.arange(7.0)),
+    RobotExchange(command=COMMAND, advance_ns=10**7, object_pose=np.arange(7.0)),
     RobotExchange(command=None, advance_ns=0),
     RobotStates(states=(OBSERVATION, OBSERVATION)),
 )

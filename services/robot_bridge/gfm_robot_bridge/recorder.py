@@ -25,6 +25,7 @@ class _Recording:
     kind: CommandKind | None = None
     reports: int = 0
     ended: bool = False
+    tracked_ns: int = -1
 
 
 @final
@@ -109,6 +110,15 @@ class Recorder:
                 report.stamp_ns, report.joint_names, report.position, report.velocity, report.effort
             )
             self._recording.reports += 1
+            self._object_pose(self._recording, report)
+
+    def _object_pose(self, recording: _Recording, report: Observation) -> None:
+        """Writes where the object was, once for each time that it was tracked."""
+        place, turn = report.object_position, report.object_quaternion
+        if place is None or turn is None or report.object_stamp_ns <= recording.tracked_ns:
+            return
+        recording.tracked_ns = report.object_stamp_ns
+        recording.writer.write_object_pose(report.object_stamp_ns, place, turn)
 
 
 def _write(writer: RecordingWriter, requested: Command, applied: Command) -> None:

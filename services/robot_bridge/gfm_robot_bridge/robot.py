@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-from gfm.core import Command, Observation
+from gfm.core import Command, Observation, RefusedError
+from gfm.core.checks import Array
 from gfm_robot_bridge.limits import Limits
 
 
@@ -33,6 +34,18 @@ class Robot(ABC):
             command: Stamped with the robot's time, in the order of the joints.
             advance_ns: How long to let a robot run whose time passes on demand; ignored by others.
         """
+
+    def place_object(self, pose: Array) -> None:
+        """Puts the free object somewhere, at rest, with the next exchange.
+
+        Args:
+            pose: Base frame, m and quaternion w x y z, shape (7,).
+
+        Raises:
+            RefusedError: a person has to do that.
+        """
+        del pose
+        raise RefusedError("this robot's object is put back by hand")
 
     @abstractmethod
     def poll(self) -> tuple[Observation, ...] | None:

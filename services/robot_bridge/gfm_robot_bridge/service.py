@@ -20,12 +20,13 @@ from gfm_robot_bridge.gate import CommandGate
 from gfm_robot_bridge.limits import Limiter, Reason
 from gfm_robot_bridge.recorder import Recorder
 from gfm_robot_bridge.robot import Robot
-from gfm_wire import Ack, RecordStart, RecordStop
+from gfm_wire import Ack, PlaceObject, RecordStart, RecordStop
 
 _log = logging.getLogger(__name__)
 
 COMMAND = "robot/command"
 RECORD = "robot/record"
+OBJECT = "robot/object"
 OBSERVATION = "robot/observation"
 _RETRY_NS = 1_000_000_000
 
@@ -47,7 +48,7 @@ class _Exchange:
 
 @final
 class BridgeService(Service):
-    """Serves `robot/command` and `robot/record`, publishes `robot/observation`.
+    """Serves `robot/command`, `robot/record`, `robot/object`; publishes `robot/observation`.
 
     A Command is answered, a control period later, by the newest Observation; it says what was
     applied and why that differs. On the lockstep clock the robot's time passes only in these
@@ -71,6 +72,7 @@ class BridgeService(Service):
         self._recorder = Recorder(Path(config.recordings), _about(config))
         self._commands = transport.serve(COMMAND)
         self._records = transport.serve(RECORD)
+        self._places = transport.serve(OBJECT)
         self._counters: Counter[str] = Counter(dict.fromkeys(_COUNTERS, 0))
         self._newest: Observation | None = None
         self._exchange: _Exchange | None = None
@@ -83,6 +85,9 @@ class BridgeService(Service):
             return self._continue_exchange(self._exchange)
         if (request := self._records.receive()) is not None:
             self._answer_record(request)
+            return True
+        if (request := self._places.receive()) is not None:
+            self._answer_place(request)
             return True
         if self._newest is None or self._config.clock == "wall":
             return self._tick_on_time()
@@ -229,6 +234,18 @@ class BridgeService(Service):
                 self._refuse(request, f"got {got}, expected RecordStart or RecordStop")
         except RefusedError as error:
             self._refuse(request, str(error))
+
+    def _answer_place(self, request: Request) -> None:
+        message = request.message
+        if not isinstance(message, PlaceObject):
+            self._refuse(request, f"got {type(message).__name__}, expected PlaceObject")
+            return
+        try:
+            self._robot.place_object(message.pose)
+        except RefusedError as error:
+            self._refuse(request, str(error))
+        else:
+            request.reply(Ack())
 
     def _refuse(self, request: Request, reason: str) -> None:
         self._counters["rejected_messages"] += 1

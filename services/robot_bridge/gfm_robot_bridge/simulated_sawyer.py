@@ -8,6 +8,7 @@ import numpy as np
 from typing_extensions import override
 
 from gfm.core import Clock, Command, Observation, RefusedError
+from gfm.core.checks import Array
 from gfm.sim.sawyer_numbers import JOINTS
 from gfm.transport import PendingReply, Transport
 from gfm_robot_bridge.limits import Limits
@@ -54,6 +55,7 @@ class SimulatedSawyer(Robot):
         self._lockstep = lockstep
         self._timeout_s = timeout_s
         self._pending: PendingReply | None = None
+        self._object_pose: Array | None = None
         self._robot_ns = 0
         self._heard_ns = clock.now_ns()
 
@@ -64,8 +66,15 @@ class SimulatedSawyer(Robot):
 
     @override
     def begin(self, command: Command | None, advance_ns: int) -> None:
-        exchange = RobotExchange(command=command, advance_ns=advance_ns)
+        exchange = RobotExchange(
+            command=command, advance_ns=advance_ns, object_pose=self._object_pose
+        )
+        self._object_pose = None
         self._pending = self._transport.request(EXCHANGE, exchange, timeout_s=self._timeout_s)
+
+    @override
+    def place_object(self, pose: Array) -> None:
+        self._object_pose = pose
 
     @override
     def poll(self) -> tuple[Observation, ...] | None:

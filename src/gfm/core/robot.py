@@ -56,6 +56,7 @@ class Observation:
         reason: Why the applied command differs from the requested one (bit mask, 0 = it does not).
         object_position: Of the tracked object in the base frame, m, shape (3,), or None.
         object_quaternion: w x y z, shape (4,), or None.
+        object_stamp_ns: When it was there, on the robot's clock: trackers are late.
     """
 
     joint_names: tuple[str, ...]
@@ -68,6 +69,7 @@ class Observation:
     reason: int = 0
     object_position: Array | None = None
     object_quaternion: Array | None = None
+    object_stamp_ns: int = 0
 
     def __post_init__(self) -> None:
         joints = (len(self.joint_names),)

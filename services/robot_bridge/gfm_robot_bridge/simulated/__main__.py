@@ -9,8 +9,9 @@ from gfm.core import Clock
 from gfm.service import Service, make_parser, service_main
 from gfm.sim.sawyer import READY
 from gfm.transport import Transport
+from gfm_robot_bridge.simulated.cell import Cell
 from gfm_robot_bridge.simulated.config import SimulatedConfig
-from gfm_robot_bridge.simulated.hidden import draw, names
+from gfm_robot_bridge.simulated.hidden import draw, names, object_names
 from gfm_robot_bridge.simulated.robot import Sensors, SimulatedRobot
 from gfm_robot_bridge.simulated.sealed import seal
 from gfm_robot_bridge.simulated.service import SimulatedService
@@ -22,7 +23,9 @@ def build(config: SimulatedConfig, transport: Transport, clock: Clock) -> Servic
     if config.sealed_path is not None:
         seal(config.sealed_path, effects, choice=config.hidden_effect, seed=config.seed)
     sensors = Sensors(period_ns=round(config.period_s * 1e9))
-    robot = SimulatedRobot(READY, effects=effects, seed=config.seed, sensors=sensors)
+    robot = SimulatedRobot(
+        READY, effects=effects, seed=config.seed, sensors=sensors, cell=Cell(config.task)
+    )
     return SimulatedService(config, robot, transport, clock)
 
 
@@ -38,7 +41,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     group.add_argument(
         "--hidden-effect",
         metavar="NAME",
-        help=f"random, none (the default), or one of {', '.join(names())}",
+        help="random, none (the default), or some of these joined by +: "
+        f"{', '.join((*names(), *object_names()))}",
+    )
+    group.add_argument(
+        "--task", choices=("none", "position", "pose"), help="for which the cell is furnished"
     )
     group.add_argument("--seed", type=int, help="of the hidden effect and of the noise")
     group.add_argument("--sealed", metavar="FILE", help="where to write what is hidden")

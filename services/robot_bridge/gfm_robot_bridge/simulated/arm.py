@@ -1,10 +1,12 @@
 """The mechanics of the simulated arm, integrated by a Runge-Kutta method of third order.
 
-The arm's geometry and inertias come from the published model; what acts on it is computed here.
-Where a joint has play or a spring, its motor is a mass of its own that drives the link through
-it: the motor side is then the last element of the state.
+Geometry and inertias of the arm, and of the cell around it, come from the published model; what
+acts on the arm is computed here. Where a joint has play or a spring, its motor is a mass of its own
+that drives the link through it: the motor side is then the last element of the state. An object
+that lies in the basket is moved by contact alone, and by the same method.
 
-Shape letters: J joints, S state (J, or J + 1 with a motor side).
+Shape letters: J joints, Q positions and S speeds of everything: those of the arm first, then an
+object's seven and six, then a motor side.
 """
 
 from __future__ import annotations
@@ -16,9 +18,10 @@ from typing import final
 import mujoco
 import numpy as np
 
-from gfm.core import CommandKind
+from gfm.core import RefusedError
 from gfm.core.checks import Array
-from gfm.sim.sawyer import JOINT_NAMES, sawyer_spec
+from gfm.sim.sawyer import JOINT_NAMES
+from gfm_robot_bridge.simulated.cell import Cell, add_hidden, cell_spec
 from gfm_robot_bridge.simulated.coupling import coupling_of
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
 from gfm_robot_bridge.simulated.laws import dry_frictions, smooth_laws
@@ -33,26 +36,34 @@ _COUNT = len(JOINT_NAMES)
 class Arm:
     """The arm with its drives and whatever it hides; at rest at first, holding its position.
 
+    Args:
+        position: Of the joints, rad, shape (J,).
+        effects: What it hides.
+        cell: What it has in its hand and in front of it.
+
     Attributes:
         servo: The drives.
     """
 
-    def __init__(self, position: Array, effects: Sequence[HiddenEffect] = ()) -> None:
-        self._model = _mechanics(effects)
+    def __init__(
+        self, position: Array, effects: Sequence[HiddenEffect] = (), cell: Cell = Cell.NONE
+    ) -> None:
+        self._model = _mechanics(effects, cell)
         self._data = mujoco.MjData(self._model)
-        self._compensation = _GravityCompensation()
+        self._object = _COUNT if self._model.nq > _COUNT else None
+        self._compensation = _GravityCompensation(cell)
         self._encoder_offset = _encoder_offset(effects)
         self._laws = smooth_laws(effects)
         self._frictions = dry_frictions(effects, position)
         self._coupling = coupling_of(effects)
-        if self._coupling is None:
-            self._q = position.copy()
-        else:
-            self._q = np.append(position, position[self._coupling.joint])
+        self._q, self._v = np.array(self._model.qpos0), np.zeros(self._model.nv)
+        self._q[:_COUNT] = position
+        if self._coupling is not None:
+            self._q = np.append(self._q, position[self._coupling.joint])
+            self._v = np.append(self._v, 0.0)
             self._motor_inertia, self._motor_damping = _split_motor(
                 self._model, self._coupling.joint
             )
-        self._v = np.zeros(len(self._q))
         self.servo = Servo(position + self._encoder_offset, effects)
 
     @property
@@ -64,6 +75,25 @@ class Arm:
     def velocity(self) -> Array:
         """Of the links, rad/s, shape (J,)."""
         return self._v[:_COUNT].copy()
+
+    @property
+    def object_pose(self) -> Array | None:
+        """Of the object, m and quaternion w x y z, shape (7,); None where there is none."""
+        return None if self._object is None else self._q[self._object : self._object + 7].copy()
+
+    def put_object(self, pose: Array) -> None:
+        """Puts the object somewhere, at rest.
+
+        Args:
+            pose: m and quaternion w x y z, shape (7,).
+
+        Raises:
+            RefusedError: there is no object.
+        """
+        if self._object is None:
+            raise RefusedError("there is no object to put anywhere")
+        self._q[self._object : self._object + 7] = pose
+        self._v[self._object : self._object + 6] = 0.0
 
     def drive(self) -> Array:
         """Returns the torque of the drives now, with gravity compensation, N m, shape (J,)."""
@@ -77,18 +107,29 @@ class Arm:
         q, v1 = self._q, self._v
         a1 = self._acceleration(q, v1, 0.0)
         v2 = v1 + h * a1
-        a2 = self._acceleration(q + h * v1, v2, h)
+        a2 = self._acceleration(self._moved(q, v1, h), v2, h)
         v3 = v1 + (h / 4) * (a1 + a2)
-        a3 = self._acceleration(q + (h / 4) * (v1 + v2), v3, h / 2)
-        self._q = q + (h / 6) * (v1 + v2 + 4 * v3)
+        a3 = self._acceleration(self._moved(q, v1 + v2, h / 4), v3, h / 2)
+        self._q = self._moved(q, v1 + v2 + 4 * v3, h / 6)
         self._v = v1 + (h / 6) * (a1 + a2 + 4 * a3)
         self.servo.pass_time(h)
         self._drag_frictions()
 
+    def _moved(self, q: Array, v: Array, h: float) -> Array:
+        """Returns positions after `h` seconds at speeds `v`; an object turns about its axes."""
+        moved = q + h * v if self._object is None else self._moved_with_object(q, v, h)
+        return np.asarray(moved)
+
+    def _moved_with_object(self, q: Array, v: Array, h: float) -> Array:
+        moved = q.copy()
+        mujoco.mj_integratePos(self._model, moved[: self._model.nq], v[: self._model.nv], h)
+        moved[self._model.nq :] += h * v[self._model.nv :]
+        return moved
+
     def _acceleration(self, q: Array, v: Array, after_s: float) -> Array:
-        """Returns rad/s^2, shape (S,), `after_s` after the beginning of the step."""
-        drive = self._drive(q, v, after_s)
-        torque = drive.copy()
+        """Returns rad/s^2 and m/s^2, shape (S,), `after_s` after the beginning of the step."""
+        drive, torque = self._drive(q, v, after_s), np.zeros(self._model.nv)
+        torque[:_COUNT] = drive
         for law in self._laws:
             law(q, v, torque)
         for friction in self._frictions:
@@ -131,10 +172,10 @@ class Arm:
 
 @final
 class _GravityCompensation:
-    """What the controller believes that gravity does: upright, and without a payload."""
+    """What the controller believes that gravity does: upright, with its tool, without a payload."""
 
-    def __init__(self) -> None:
-        self._model = _mechanics(())
+    def __init__(self, cell: Cell) -> None:
+        self._model = _mechanics((), cell.without_object)
         self._data = mujoco.MjData(self._model)
         self._torque = np.zeros(_COUNT)
 
@@ -147,16 +188,9 @@ class _GravityCompensation:
         return self._torque
 
 
-def _mechanics(effects: Sequence[HiddenEffect]) -> mujoco.MjModel:
+def _mechanics(effects: Sequence[HiddenEffect], cell: Cell) -> mujoco.MjModel:
     """Returns links and joints, without drives; with the effects that are inertia or gravity."""
-    spec = sawyer_spec(command=CommandKind.EFFORT)
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    for actuator in list(spec.actuators):
-        spec.delete(actuator)
-    for key in list(spec.keys):
-        spec.delete(key)
-    for body in spec.bodies:
-        body.gravcomp = 0.0
+    spec = cell_spec(cell)
     for effect in effects:
         values = effect.parameters
         match effect.effect:
@@ -169,7 +203,9 @@ def _mechanics(effects: Sequence[HiddenEffect]) -> mujoco.MjModel:
                 spec.option.gravity = _gravity(values["tilt_x"], values["tilt_y"])
             case "armature":
                 spec.joint(JOINT_NAMES[effect.joints[0]]).armature += values["inertia"]
-    return spec.compile()
+    model = spec.compile()
+    add_hidden(model, effects)
+    return model
 
 
 def _gravity(tilt_x: float, tilt_y: float) -> list[float]:

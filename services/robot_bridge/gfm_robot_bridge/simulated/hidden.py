@@ -66,11 +66,15 @@ UNITS = {
     "phase": "rad",
     "gap": "rad",
     "offset": "rad",
+    "x": "m",
+    "y": "m",
+    "z": "m",
 }
 _COEFFICIENT_UNITS = {
     "viscous_friction": "N m s/rad",
     "quadratic_drag": "N m s^2/rad^2",
     "load_dependent_friction": "1",
+    "object_friction": "1",
 }
 
 
@@ -107,12 +111,12 @@ def draw(name: str, seed: int, pose: Array) -> tuple[HiddenEffect, ...]:
     """Returns what a robot has hidden, the same for the same arguments.
 
     Args:
-        name: An effect, `random` for any one of them, or `none`.
+        name: An effect, several joined by `+`, `random` for any one of the arm, or `none`.
         seed: Of the draw.
         pose: About which the arm is driven, rad, shape (J,).
 
     Returns:
-        The effect, followed by those without which it does not occur (excess friction at low
+        Each effect, followed by those without which it does not occur (excess friction at low
         speed comes on top of a level).
     """
     check_choice(name)
@@ -121,18 +125,32 @@ def draw(name: str, seed: int, pose: Array) -> tuple[HiddenEffect, ...]:
     rng = np.random.default_rng([seed, 0x5EA1ED])
     # Drawn in any case, so that a name and `random` give the same amounts for a seed.
     drawn = str(rng.choice(sorted(_DRAWS)))
-    return _DRAWS[drawn if name == "random" else name](_Dice(rng, pose))
+    dice = _Dice(rng, pose)
+    chosen = [drawn if one == "random" else one for one in name.split("+")]
+    return tuple(effect for one in chosen for effect in (_DRAWS | _OBJECT_DRAWS)[one](dice))
 
 
 def check_choice(name: str) -> None:
     """Raises UnknownNameError for what cannot be hidden."""
-    if name not in (*_DRAWS, "random", "none"):
-        raise UnknownNameError("hidden effect", name, [*_DRAWS, "random", "none"])
+    known = [*_DRAWS, *_OBJECT_DRAWS, "random"]
+    for one in name.split("+"):
+        if one not in known and name != "none":
+            raise UnknownNameError("hidden effect", one, [*known, "none"])
+
+
+def needs_object(name: str) -> bool:
+    """Returns whether what is to be hidden is in the object or the tool that pushes it."""
+    return any(one in _OBJECT_DRAWS for one in name.split("+"))
 
 
 def names() -> tuple[str, ...]:
-    """Returns every effect that can be hidden."""
+    """Returns every effect that an arm can hide."""
     return tuple(_DRAWS)
+
+
+def object_names() -> tuple[str, ...]:
+    """Returns every effect that an object, or the tool that pushes it, can hide."""
+    return tuple(_OBJECT_DRAWS)
 
 
 def _one(effect: str, joint: int, **parameters: float) -> HiddenEffect:
@@ -256,6 +274,33 @@ def _encoder(dice: _Dice) -> tuple[HiddenEffect, ...]:
     return (_one("encoder_offset", dice.joint(_LOADED), offset=dice.either_sign(0.05, 0.12)),)
 
 
+def _object_friction(dice: _Dice) -> tuple[HiddenEffect, ...]:
+    return (_of_object("object_friction", coefficient=dice.between(0.15, 0.35)),)
+
+
+def _object_mass(dice: _Dice) -> tuple[HiddenEffect, ...]:
+    return (_of_object("object_mass", mass=dice.between(0.1, 0.3)),)
+
+
+def _object_com(dice: _Dice) -> tuple[HiddenEffect, ...]:
+    aside = {axis: dice.either_sign(0.008, 0.02) for axis in ("x", "y")}
+    return (_of_object("object_com", **aside, z=0.0),)
+
+
+def _tool_offset(dice: _Dice) -> tuple[HiddenEffect, ...]:
+    return (_of_object("tool_offset", **{a: dice.either_sign(0.005, 0.015) for a in ("x", "y")}),)
+
+
+def _of_object(effect: str, **parameters: float) -> HiddenEffect:
+    return HiddenEffect(effect=effect, joints=(), parameters=parameters)
+
+
+_OBJECT_DRAWS: dict[str, Callable[[_Dice], tuple[HiddenEffect, ...]]] = {
+    "object_friction": _object_friction,
+    "object_mass": _object_mass,
+    "object_com": _object_com,
+    "tool_offset": _tool_offset,
+}
 _DRAWS: dict[str, Callable[[_Dice], tuple[HiddenEffect, ...]]] = {
     "coulomb_friction": _coulomb,
     "viscous_friction": _viscous,

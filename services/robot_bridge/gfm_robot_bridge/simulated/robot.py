@@ -17,7 +17,9 @@ from gfm.core import Command, CommandKind, Observation
 from gfm.core.checks import Array
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm_robot_bridge.simulated.arm import Arm
+from gfm_robot_bridge.simulated.cell import Cell
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
+from gfm_robot_bridge.simulated.tracker import Tracker, Tracking
 
 #: From a command's stamp until it acts. The controller keeps commands until then, so that the
 #: network's jitter does not reach the arm; it is part of the robot's description.
@@ -55,6 +57,8 @@ class SimulatedRobot:
         effects: What it has beyond its nominal model.
         seed: Of the sensors' noise.
         sensors: How well it measures.
+        cell: What it has in its hand and in front of it.
+        tracking: How well cameras see the object.
 
     Attributes:
         time_ns: What its clock shows.
@@ -68,9 +72,15 @@ class SimulatedRobot:
         effects: Sequence[HiddenEffect] = (),
         seed: int = 0,
         sensors: Sensors | None = None,
+        cell: Cell = Cell.NONE,
+        tracking: Tracking | None = None,
     ) -> None:
         self.time_ns = 0
-        self._arm = Arm(position, effects)
+        self._arm = Arm(position, effects, cell)
+        self._tracker = None
+        if self._arm.object_pose is not None:
+            eyes = np.random.default_rng([seed, 0x0E7E5])
+            self._tracker = Tracker(tracking or Tracking(), eyes)
         self._sensors = sensors or Sensors()
         self._rng = np.random.default_rng([seed, 0x0153])
         self._hidden_delay_ns = _delay_ns(effects)
@@ -95,6 +105,7 @@ class SimulatedRobot:
         reports: list[Observation] = []
         while True:
             self._take_due()
+            self._look()
             if self._next_report_ns <= self.time_ns:
                 self.latest = self._report()
                 reports.append(self.latest)
@@ -123,15 +134,32 @@ class SimulatedRobot:
     def _step(self, until_ns: int) -> None:
         """Advances to the next thing that happens, at most by the time step."""
         next_ns = min(until_ns, self.time_ns + _STEP_NS, self._next_report_ns)
+        if self._tracker is not None:
+            next_ns = min(next_ns, self._tracker.next_ns)
         if self._waiting:
             next_ns = min(next_ns, self._waiting[0][0])
         self._arm.step((next_ns - self.time_ns) * 1e-9)
         self.time_ns = next_ns
 
+    def place_object(self, pose: Array) -> None:
+        """Puts the object somewhere, at rest: m and quaternion w x y z, shape (7,).
+
+        Raises:
+            RefusedError: there is none.
+        """
+        self._arm.put_object(pose)
+
+    def _look(self) -> None:
+        """Lets the cameras look where they are due."""
+        pose = self._arm.object_pose
+        if self._tracker is not None and pose is not None and self._tracker.next_ns <= self.time_ns:
+            self._tracker.look(pose)
+
     def _report(self) -> Observation:
         sensors, arm = self._sensors, self._arm
         noise = self._rng.standard_normal((3, len(JOINT_NAMES)))
         position = arm.position + sensors.position_noise * noise[0]
+        tracked = None if self._tracker is None else self._tracker.known(self.time_ns)
         return Observation(
             joint_names=JOINT_NAMES,
             position=np.rint(position / sensors.encoder_step) * sensors.encoder_step,
@@ -139,6 +167,9 @@ class SimulatedRobot:
             effort=arm.drive() + sensors.effort_noise * noise[2],
             stamp_ns=self.time_ns,
             applied=self._in_force,
+            object_position=None if tracked is None else tracked.pose[:3],
+            object_quaternion=None if tracked is None else tracked.pose[3:],
+            object_stamp_ns=0 if tracked is None else tracked.stamp_ns,
         )
 
 

@@ -7,7 +7,7 @@ from typing import final
 
 from typing_extensions import override
 
-from gfm.core import Clock, Command, Observation, Status
+from gfm.core import Clock, Command, Observation, RefusedError, Status
 from gfm.service import Service, make_status
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import Request, Transport
@@ -74,6 +74,12 @@ class SimulatedService(Service):
             self._counters["rejected_messages"] += 1
             request.refuse(problem)
             return
+        if message.object_pose is not None:
+            try:
+                self._robot.place_object(message.object_pose)
+            except RefusedError as error:
+                request.refuse(str(error))
+                return
         self._counters["exchanges"] += 1
         advance_ns = 0 if self._config.clock == "wall" else message.advance_ns
         self._reports.extend(self._robot.advance(message.command, advance_ns))

@@ -1,0 +1,113 @@
+"""What the simulated robot has in its hand and in front of it: tool, basket, free object.
+
+Sizes and masses are those of the published cell. How things touch is not: contacts are stiffer,
+their friction is a cone, and the object's own friction, mass and centre may be others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+
+import mujoco
+import numpy as np
+
+from gfm.core import CommandKind
+from gfm.sim.cell import OBJECT_BODY, EndEffector, FreeObject
+from gfm.sim.sawyer import sawyer_spec
+from gfm_robot_bridge.simulated.hidden import HiddenEffect
+
+#: How contacts give way: time constant, s, and damping ratio; impedance, from first touch to a
+#: depth in m; and how much harder friction holds than the surfaces are pressed together.
+_SOLREF, _SOLIMP, _IMPRATIO = (0.006, 1.0), (0.95, 0.99, 0.0005, 0.5, 2.0), 20.0
+#: Against which the contacts' time constant is checked; the robot's own steps are no longer.
+_STEP_S = 5e-4
+#: What is left of a mass or a friction from which more was taken off than there is.
+_LEAST = 1e-3
+
+
+class Cell(StrEnum):
+    """For which task the cell is furnished."""
+
+    NONE = "none"
+    POSITION = "position"
+    POSE = "pose"
+    #: The tools alone.
+    PLATE = "plate"
+    BALL = "ball"
+
+    @property
+    def tool(self) -> EndEffector:
+        """What is mounted."""
+        return _TOOLS[self]
+
+    @property
+    def free_object(self) -> FreeObject | None:
+        """What lies in the basket."""
+        return _OBJECTS.get(self)
+
+    @property
+    def without_object(self) -> Cell:
+        """The same tool with nothing to push."""
+        return {"plate": Cell.PLATE, "ball": Cell.BALL}.get(self.tool, Cell.NONE)
+
+
+_TOOLS: dict[Cell, EndEffector] = {
+    Cell.NONE: "none",
+    Cell.POSITION: "plate",
+    Cell.POSE: "ball",
+    Cell.PLATE: "plate",
+    Cell.BALL: "ball",
+}
+_TOOL_BODIES = ("plate", "ball")
+_OBJECTS: dict[Cell, FreeObject] = {Cell.POSITION: "brick", Cell.POSE: "tee"}
+
+
+def cell_spec(cell: Cell) -> mujoco.MjSpec:
+    """Returns arm and cell without drives, gravity compensation or keyframes."""
+    thing = cell.free_object
+    spec = sawyer_spec(command=CommandKind.EFFORT, end_effector=cell.tool, free_object=thing)
+    for actuator in list(spec.actuators):
+        spec.delete(actuator)
+    for key in list(spec.keys):
+        spec.delete(key)
+    for body in spec.bodies:
+        body.gravcomp = 0.0
+    if thing is None:
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        return spec
+    spec.body(OBJECT_BODY).simple = 0  # its centre of mass may be moved later
+    spec.option.timestep = _STEP_S
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = _IMPRATIO
+    for geom in spec.geoms:
+        geom.solref, geom.solimp = _SOLREF, _SOLIMP
+    return spec
+
+
+def add_hidden(model: mujoco.MjModel, effects: Sequence[HiddenEffect]) -> None:
+    """Changes a compiled cell by what the object and the tool's mounting hide; in place."""
+    for effect in effects:
+        values = effect.parameters
+        match effect.effect:
+            case "object_friction":
+                own = _object_geoms(model)
+                changed = model.geom_friction[own, 0] + values["coefficient"]
+                model.geom_friction[own, 0] = np.maximum(changed, _LEAST)
+            case "object_mass":
+                body = model.body(OBJECT_BODY).id
+                heavier = max(model.body_mass[body] + values["mass"], _LEAST)
+                model.body_inertia[body] *= heavier / model.body_mass[body]
+                model.body_mass[body] = heavier
+            case "object_com":
+                place = [values["x"], values["y"], values["z"]]
+                model.body_ipos[model.body(OBJECT_BODY).id] += place
+            case "tool_offset":
+                bodies = [model.body(i) for i in range(model.nbody)]
+                tool = next(body.id for body in bodies if body.name in _TOOL_BODIES)
+                model.body_pos[tool] += [values["x"], values["y"], 0.0]
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def _object_geoms(model: mujoco.MjModel) -> np.ndarray:
+    return np.flatnonzero(model.geom_bodyid == model.body(OBJECT_BODY).id)
