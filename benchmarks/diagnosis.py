@@ -47,9 +47,9 @@ PEER_SETUPS = ("pendulum_position", "planar_effort", "planar_position")
 
 
 def diagnose(name: str, folder: Path) -> None:
-    """Diagnoses a case, unless its report is there, in a process of its own."""
+    """Diagnoses a case, unless its report is there or it was left out, in a process of its own."""
     case, out = folder / "cases" / name, folder / "diagnoses" / name
-    if (out / "report.json").exists():
+    if (out / "report.json").exists() or not case.exists():
         return
     recordings = [str(path) for path in sorted(case.glob("train_*.mcap"))]
     held_out = [str(path) for path in sorted(case.glob("held_*.mcap"))]

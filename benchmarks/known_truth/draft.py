@@ -49,6 +49,7 @@ class Draft:
         attempt: How often sizes were tried for the next effect.
         strength: Of the next effect's size.
         softer: How often the gains of its loop were halved.
+        given_up: Whether no size of an effect can be seen in these motions: there is no such case.
     """
 
     plan: Plan
@@ -63,11 +64,12 @@ class Draft:
     attempt: int = 0
     strength: float = 1.0
     softer: int = 0
+    given_up: bool = False
 
     @property
     def complete(self) -> bool:
-        """Whether all sizes are found."""
-        return len(self.found) == len(self.plan.effects)
+        """Whether all sizes are found, or looked for no longer."""
+        return self.given_up or len(self.found) == len(self.plan.effects)
 
     def candidate(self) -> Hidden:
         """Returns the next effect as it is to be tried."""
@@ -121,7 +123,8 @@ class Draft:
             return
         self.attempt += 1
         if self.attempt > _TRIES * len(self.joints):
-            raise RuntimeError(f"{self.plan.name}: no size of {candidate.effect} can be seen")
+            print(f"{self.plan.name}: left out, no size of {candidate.effect} can be seen")
+            self.given_up = True
         aim = 3.0 * LEAST_SIGNAL if signal < LEAST_SIGNAL else 0.3 * MOST_SIGNAL
         self.strength *= float(np.clip(aim / signal, 1.0 / _FACTOR, _FACTOR)) if signal else _FACTOR
         if self.attempt % _TRIES == 0:

@@ -57,3 +57,15 @@ def test_a_signal_that_is_seen_and_no_more_is_taken():
     one.judge(viscous(2.0), 50.0)
     assert one.found == [viscous(2.0)]
     assert one.complete
+
+
+def test_what_can_never_be_seen_is_left_out_and_the_suite_goes_on(capsys):
+    one = drafted("planar_effort-viscous_friction")
+    tries = 0
+    while not one.complete:
+        one.judge(viscous(), 1e-9)
+        tries += 1
+    assert one.given_up
+    assert not one.found
+    assert 1 < tries < 100
+    assert "no size of viscous_friction can be seen" in capsys.readouterr().out
