@@ -89,6 +89,12 @@ SUBCOMMANDS = (
         summary="test a policy at ten goals",
     ),
     Subcommand(
+        name="drive",
+        module="gfm.experiments.drive_command",
+        adder="add_parser",
+        summary="run a policy on the robot",
+    ),
+    Subcommand(
         name="up",
         module="gfm.launch.commands",
         adder="add_up_parser",

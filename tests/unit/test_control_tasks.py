@@ -14,13 +14,14 @@ from gfm.envs.arm import CONTROL_PERIOD_S, Arm, ArmProblem
 from gfm.envs.control_settings import ControlSettings, Curriculum
 from gfm.envs.history import History
 from gfm.envs.joint_tracking import JointTracking, minimum_jerk
-from gfm.envs.matching import STATES, Matching
+from gfm.envs.matching import Matching
 from gfm.envs.matching_task import (
     FAILURE_REWARD,
     POSE_MATCHING,
     POSITION_MATCHING,
     check_goals,
 )
+from gfm.envs.matching_view import STATES
 from gfm.envs.outcomes import Outcome, Outcomes
 from gfm.envs.registry import (
     EnvironmentAssets,

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from gfm.core import BadInputError
 from gfm.core.checks import Array, Array32
 from gfm.envs.arm import CONTROL_PERIOD_S, ArmProblem
-from gfm.envs.matching import Matching, Scene
+from gfm.envs.matching import Matching
 from gfm.envs.matching_task import MatchingTask
+from gfm.envs.matching_view import Scene
 from gfm.envs.outcomes import Outcome
 
 #: From observations (M, O) to actions (M, A).

@@ -6,7 +6,6 @@ Shape letters: N instances, n of them, O observation size, X state size, J joint
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -18,7 +17,6 @@ from gfm.core.checks import Array, Array32
 from gfm.envs.arm import Arm, ArmProblem
 from gfm.envs.batched import BatchedEnvironment, Transition
 from gfm.envs.episodes import Episodes
-from gfm.envs.history import History
 from gfm.envs.matching_task import (
     MatchingTask,
     check_goals,
@@ -26,47 +24,21 @@ from gfm.envs.matching_task import (
     reward,
     tip_outside,
 )
+from gfm.envs.matching_view import MatchingView, Scene
 from gfm.envs.outcomes import Outcome, Outcomes
 from gfm.sim.cell import END_EFFECTOR_SITE
-from gfm.sim.kinematics import SiteKinematics, body_axes, wrapped, yaw_of
+from gfm.sim.kinematics import SiteKinematics, body_axes
 from gfm.sim.sawyer import READY
 
-#: States in the observation, the current one among them (the paper).
-STATES = 10
-
 _START_RAD, _START_M, _START_YAW_RAD = 0.02, 0.005, 0.1
-# What numbers are divided by on their way into the observation: m, rad, speed limits. What the
-# reward is about is made larger than one, the many steps of the history smaller: a policy finds out
-# first what moves its inputs most.
-_PLACE_M, _JOINT_RAD, _SPEED_LIMITS = 0.1, 0.5, 3.0
-_GOAL_M, _STEP = 0.04, 0.5
-
-
-@dataclass(frozen=True, kw_only=True)
-class Scene:
-    """Where tool and object are.
-
-    Attributes:
-        tip: Of the tool, base frame, m, shape (N, 3).
-        position: Of the object, base frame, m, shape (N, 3).
-        axes: Of the object, as `body_axes` gives them, shape (N, 6).
-    """
-
-    tip: Array
-    position: Array
-    axes: Array
 
 
 @final
 class Matching(BatchedEnvironment):
     """N instances of a matching task.
 
-    The observation is the state now and the nine before (joint positions and velocities, tool tip,
-    object position and axes) and where the goal is, seen from the basket and from the object, and
-    where the object and the place to push it from are, seen from the tool. All but the goal follows
-    from the measurements; it is there because a policy of two layers would have to learn kinematics
-    and geometry first. Actions are joint velocities in units of 5 % of what is allowed, times the
-    curriculum's gain.
+    `MatchingView` says what is observed. Actions are joint velocities in units of 5 % of what is
+    allowed, times the curriculum's gain.
 
     An episode begins with the object at the basket's centre, within millimetres, and the arm above
     it. It terminates when the tool leaves its workspace or the object the basket.
@@ -106,7 +78,7 @@ class Matching(BatchedEnvironment):
         self._rng = np.random.default_rng(seed)
         self._arm = Arm(arm, num_envs, self._rng, nthread)
         self._tip = SiteKinematics(arm.nominal, END_EFFECTOR_SITE)
-        self._history = History(num_envs, STATES, 2 * len(READY) + 12)
+        self._view = MatchingView(task, arm.velocity_limit, num_envs)
         self._episodes = Episodes(num_envs, horizon or task.steps)
         self._outcomes = Outcomes(num_envs)
         self._fixed_goals = goals
@@ -114,7 +86,7 @@ class Matching(BatchedEnvironment):
         self._potential: Array = np.zeros(num_envs)
         self.spec = EnvironmentSpec(
             name=task.name,
-            observation_size=self._history.size + self._goal_features(self.scene()).shape[1],
+            observation_size=self._view.observation(self.scene(), self._goal).shape[1],
             action_size=len(READY),
         )
 
@@ -153,86 +125,63 @@ class Matching(BatchedEnvironment):
     @override
     def reset(self, ids: NDArray[np.intp] | None = None) -> Array32:
         chosen = self._episodes.start(ids)
-        self._arm.reset(chosen, self._start_positions(len(chosen)))
+        starts = random_starts(self._task, len(chosen), self._rng)
+        self._arm.reset(chosen, self._problem.model.layout.as_qpos(*starts))
         self._goal[chosen] = self._next_goals(chosen)
         self._outcomes.start(chosen)
         scene = self.scene()
-        self._history.fill(chosen, self._state(scene)[chosen])
+        self._view.begin(chosen, *self._joints(), scene)
         self._potential[chosen] = self._potentials(scene)[chosen]
-        return self._observation(scene)
+        return self._view.observation(scene, self._goal)
 
     @override
     def step(self, action: Array32) -> Transition:
         diverged = self._arm.step(self._episodes.checked(action, self.spec.action_size))
         scene, task, goal = self.scene(), self._task, self._goal
-        self._history.push(self._state(scene))
-        failure = _failures(scene, diverged)
+        self._view.see(*self._joints(), scene)
+        failure = failures(scene, diverged)
         failed = failure != Outcome.RUNNING
         ended = self._episodes.tick(failed)
         reached = task.reached(scene.position, scene.axes, goal)
         self._outcomes.judge(reached, failure, ended)
         before, self._potential = self._potential, self._potentials(scene)
         return Transition(
-            observation=self._observation(scene),
+            observation=self._view.observation(scene, goal),
             reward=reward(self._potential - before, reached, failed).astype(np.float32),
             discount=np.where(failed, 0.0, 1.0).astype(np.float32),
             ended=ended,
         )
-
-    def _start_positions(self, count: int) -> Array:
-        rng = self._rng
-        joints = READY + rng.uniform(-_START_RAD, _START_RAD, size=(count, len(READY)))
-        pose = np.zeros((count, 7))
-        pose[:, :3] = self._task.rest_position
-        pose[:, :2] += rng.uniform(-_START_M, _START_M, size=(count, 2))
-        yaw = rng.uniform(-_START_YAW_RAD, _START_YAW_RAD, size=count)
-        pose[:, 3], pose[:, 6] = np.cos(yaw / 2.0), np.sin(yaw / 2.0)
-        return self._problem.model.layout.as_qpos(joints, pose)
 
     def _next_goals(self, chosen: NDArray[np.intp]) -> Array:
         if self._fixed_goals is not None:
             return np.asarray(self._fixed_goals[chosen])
         return self._task.random_goals(len(chosen), self._rng)
 
-    def _state(self, scene: Scene) -> Array:
-        """Returns scaled states, shape (N, X)."""
-        layout, centre = self._problem.model.layout, self._task.rest_position
-        parts = (
-            (self._arm.qpos[:, layout.qpos] - READY) / _JOINT_RAD,
-            self._arm.qvel[:, layout.dof] / (_SPEED_LIMITS * self._problem.velocity_limit),
-            (scene.tip - centre) / _PLACE_M,
-            (scene.position - centre) / _PLACE_M,
-            scene.axes,
-        )
-        return np.concatenate(parts, axis=1)
+    def _joints(self) -> tuple[Array, Array]:
+        """Returns joint positions and velocities, shape (N, J) each."""
+        layout = self._problem.model.layout
+        return self._arm.qpos[:, layout.qpos], self._arm.qvel[:, layout.dof]
 
     def _potentials(self, scene: Scene) -> Array:
         return self._task.potential(scene.tip, scene.position, scene.axes, self._goal)
 
-    def _goal_features(self, scene: Scene) -> Array:
-        """Returns scaled differences between goal, basket, object and tool, angles, (N, G)."""
-        task, goal, centre = self._task, self._goal, self._task.rest_position
-        parts = [
-            (goal[:, :2] - centre[:2]) / _PLACE_M,
-            (goal[:, :2] - scene.position[:, :2]) / _GOAL_M,
-            (scene.position - scene.tip) / _GOAL_M,
-            (self._tool_place(scene) - scene.tip) / _GOAL_M,
-        ]
-        if task.tolerance_rad is not None:
-            left = wrapped(goal[:, 2] - yaw_of(scene.axes))
-            angles = (np.cos(goal[:, 2]), np.sin(goal[:, 2]), np.cos(left), np.sin(left))
-            parts.append(np.stack(angles, axis=1))
-        return np.concatenate(parts, axis=1)
 
-    def _tool_place(self, scene: Scene) -> Array:
-        return self._task.tool_place(scene.tip, scene.position, scene.axes, self._goal)
+def random_starts(task: MatchingTask, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Returns where attempts begin: the arm above the basket, the object about its centre.
 
-    def _observation(self, scene: Scene) -> Array32:
-        parts = (self._history.observed(_STEP), self._goal_features(scene))
-        return np.concatenate(parts, axis=1, dtype=np.float32)
+    Returns:
+        Joint positions, rad, shape (n, J); poses of the object, m and quaternion w x y z, (n, 7).
+    """
+    joints = READY + rng.uniform(-_START_RAD, _START_RAD, size=(count, len(READY)))
+    pose = np.zeros((count, 7))
+    pose[:, :3] = task.rest_position
+    pose[:, :2] += rng.uniform(-_START_M, _START_M, size=(count, 2))
+    yaw = rng.uniform(-_START_YAW_RAD, _START_YAW_RAD, size=count)
+    pose[:, 3], pose[:, 6] = np.cos(yaw / 2.0), np.sin(yaw / 2.0)
+    return joints, pose
 
 
-def _failures(scene: Scene, diverged: NDArray[np.bool_]) -> NDArray[np.int64]:
+def failures(scene: Scene, diverged: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Returns what ended an episode, RUNNING where nothing did, shape (N,)."""
     failure = np.full(len(diverged), int(Outcome.RUNNING), np.int64)
     failure[tip_outside(scene.tip)] = Outcome.TOOL_LEFT_WORKSPACE

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
@@ -22,7 +23,7 @@ from gfm.core.checks import Array
 from gfm.excitation.motion import JointRanges, Motion, Purpose, minimum_jerk
 from gfm.sim.sawyer import JOINT_NAMES, READY
 from gfm.transport import Transport
-from gfm_wire import Ack, Message, RecordDone, RecordStart, RecordStop
+from gfm_wire import Ack, Message, PlaceObject, RecordDone, RecordStart, RecordStop
 
 #: Velocity commands follow the reference with this gain on the position error, 1/s: enough to stay
 #: on it, too little to hide what the drives do.
@@ -160,35 +161,63 @@ class Driver:
 
     def approach(self, motion: Motion) -> None:
         """Goes to where a motion begins and comes to rest there, in the motion's mode."""
-        way = motion.position[0] - self.newest.position
-        duration_s = max(1.875 * float(np.abs(way).max()) / _APPROACH_SPEED, _SHORTEST_APPROACH_S)
-        start = self.newest.position
-        for time_s in np.arange(0.0, duration_s + _SETTLE_S, motion.period_s):
-            target = start + minimum_jerk(np.array((time_s + motion.period_s) / duration_s)) * way
-            self.command(CommandKind.POSITION, motion.joint_names, target)
+        self.go_to(motion.joint_names, motion.position[0], motion.period_s)
         if motion.kind is not CommandKind.POSITION:
-            self._follow(motion, 0, np.zeros_like(way))
+            self._follow(motion, 0, np.zeros(len(motion.joint_names)))
+
+    def go_to(self, joint_names: tuple[str, ...], position: Array, period_s: float) -> None:
+        """Goes somewhere and comes to rest there.
+
+        Args:
+            joint_names: J of them.
+            position: rad, shape (J,).
+            period_s: Of the bridge.
+        """
+        start, way = self.newest.position, position - self.newest.position
+        duration_s = max(1.875 * float(np.abs(way).max()) / _APPROACH_SPEED, _SHORTEST_APPROACH_S)
+        for time_s in np.arange(0.0, duration_s + _SETTLE_S, period_s):
+            target = start + minimum_jerk(np.array((time_s + period_s) / duration_s)) * way
+            self.command(CommandKind.POSITION, joint_names, target)
+
+    def place_object(self, pose: Array) -> None:
+        """Has the object put somewhere, at rest: m and quaternion w x y z, shape (7,).
+
+        Raises:
+            RefusedError: there is none, or a person has to do that.
+        """
+        answer = self._ask("robot/object", PlaceObject(pose=pose))
+        if not isinstance(answer, Ack):
+            raise RefusedError(f"the bridge answered {type(answer).__name__}, not Ack")
+
+    @contextmanager
+    def recording(self, name: str, about: Mapping[str, str]) -> Iterator[list[RecordDone]]:
+        """Has the bridge record what is done meanwhile; what it says in the end is in the list."""
+        if not isinstance(self._ask("robot/record", RecordStart(name=name, metadata=about)), Ack):
+            raise RefusedError(f"the bridge does not record {name}")
+        told: list[RecordDone] = []
+        try:
+            yield told
+        finally:
+            done = self._ask("robot/record", RecordStop())
+            if isinstance(done, RecordDone):
+                told.append(done)
 
     def record(self, motion: Motion) -> Driven:
         """Drives one motion while the bridge records it."""
         about = {"purpose": str(motion.purpose), "motion": motion.name}
-        if not isinstance(self._ask_record(RecordStart(name=motion.name, metadata=about)), Ack):
-            raise RefusedError(f"the bridge does not record {motion.name}")
         began_ns = self.newest.stamp_ns
-        try:
+        with self.recording(motion.name, about) as told:
             for step, speed in enumerate(motion.velocity):
                 self._follow(motion, step, speed)
-        finally:
-            done = self._ask_record(RecordStop())
         self._check_period(motion, (self.newest.stamp_ns - began_ns) * 1e-9)
-        if not isinstance(done, RecordDone):
-            raise RefusedError(f"the bridge answered {type(done).__name__}, not RecordDone")
+        if not told:
+            raise RefusedError(f"the bridge says nothing of the recording of {motion.name}")
         return Driven(
             name=motion.name,
             purpose=motion.purpose,
             kind=motion.kind,
-            path=Path(done.path),
-            reports=done.ticks,
+            path=Path(told[0].path),
+            reports=told[0].ticks,
         )
 
     def _follow(self, motion: Motion, step: int, speed: Array) -> None:
@@ -210,9 +239,6 @@ class Driver:
                 f"{motion.name} took {passed_s:.2f} s of robot time; expected {expected_s:.2f} s: "
                 f"the bridge's control rate is not {1 / motion.period_s:g} Hz"
             )
-
-    def _ask_record(self, message: Message) -> Message:
-        return self._ask("robot/record", message)
 
     def _ask(self, key: str, message: Message) -> Message:
         pending = self._transport.request(key, message, timeout_s=20.0)

@@ -1,0 +1,70 @@
+"""The command `gfm drive`: a policy on the robot."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+
+_DESCRIPTION = """\
+Runs a policy on the robot, through its bridge, as the paper tests it: ten goals, several attempts
+at each, the object put back between them, every attempt recorded. What was done is kept after every
+attempt: the same command goes on where it was broken off. The robot is a simulated one that this
+command starts; it can hide effects in its arm and in the object.
+"""
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Adds `gfm drive`."""
+    parser = subparsers.add_parser(
+        "drive", help="run a policy on the robot", description=_DESCRIPTION
+    )
+    parser.add_argument("--task", choices=("position", "pose"), required=True, help="what to do")
+    parser.add_argument(
+        "--policy",
+        type=Path,
+        metavar="CHECKPOINT",
+        help="policy.npz, or the folder of a training run (default: the one that comes with gfm)",
+    )
+    parser.add_argument(
+        "--robot", choices=("sim",), default="sim", help="which (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--hidden-effect",
+        default="none",
+        metavar="NAME",
+        help="of the simulated robot: an effect's name, several joined by +, random, or none "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--goals", type=int, default=10, metavar="N", help="only the first of them (default: 10)"
+    )
+    parser.add_argument(
+        "--trials", type=int, default=5, metavar="N", help="attempts per goal (default: 5)"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of robot and starts (default: %(default)s)"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where it is kept")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Drives."""
+    from gfm.experiments.drive_policy import DriveRequest, drive_policy
+
+    drive_policy(
+        DriveRequest(
+            task=f"{arguments.task}_matching",
+            policy=arguments.policy,
+            hidden_effect=arguments.hidden_effect,
+            goals=arguments.goals,
+            trials=arguments.trials,
+            seed=arguments.seed,
+            out=arguments.out,
+        )
+    )
+    return 0

@@ -1,0 +1,194 @@
+"""What `gfm drive` does: starts robot and bridge, makes attempts, keeps what came of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from scipy.stats import binomtest
+
+from gfm.core import BadInputError, ConfigError, MonotonicClock
+from gfm.envs.arm import CONTROL_PERIOD_S
+from gfm.envs.matching import Matching
+from gfm.envs.matching_task import RADIAL_GOALS, TASKS
+from gfm.experiments.attempts import Attempt, Attempts, planned
+from gfm.experiments.drive import Driver
+from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for, policy_path
+from gfm.experiments.folders import check_folder
+from gfm.experiments.inputs import sha256
+from gfm.launch import Supervisor, SystemSpec, free_endpoint, replay_process, robot_processes
+from gfm.policies import shipped_policy
+from gfm.recording.weights_file import read_weights
+from gfm.sim.sawyer import JOINT_NAMES
+
+RESULT = "result.json"
+SCHEMA = "gfm.drive/1"
+_WAIT_S = 30.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveRequest:
+    """What is asked for.
+
+    Attributes:
+        task: Name of the environment.
+        policy: Of a file, or of a folder that holds one; by default the one that comes with gfm.
+        hidden_effect: Of the simulated robot.
+        goals: The first so many are tried.
+        trials: Attempts per goal.
+        seed: Of robot and starts.
+        out: Folder for results and recordings.
+    """
+
+    task: str
+    out: Path
+    policy: Path | None = None
+    hidden_effect: str = "none"
+    goals: int = RADIAL_GOALS
+    trials: int = 5
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.goals <= RADIAL_GOALS:
+            raise ConfigError(f"--goals is {self.goals}, expected 1 to {RADIAL_GOALS}")
+        if self.trials < 1:
+            raise ConfigError(f"--trials is {self.trials}, expected at least 1")
+
+
+def drive_policy(request: DriveRequest) -> list[Attempt]:
+    """Makes the attempts that are not there yet, and prints what came of all.
+
+    Raises:
+        BadInputError: policy and task do not go together, or the folder holds something else.
+        UnreachableError: the robot does not answer.
+    """
+    check_folder(request.out)
+    path = policy_path(request.policy or shipped_policy(request.task))
+    task, arm = TASKS[request.task], load_arm(EvaluationRequest(task=request.task))
+    policy = policy_for(path, read_weights(path), Matching(task, arm, 1).spec)
+    kept = Kept(request.out, _about(request, sha256(path)))
+    left = [one for one in planned(request.goals, request.trials) if one not in kept.done]
+    clock, console = MonotonicClock(), Console()
+    if left:
+        with Supervisor(_system(request), request.out / "logs", clock=clock) as supervisor:
+            supervisor.start()
+            driver = Driver(supervisor.transport, clock)
+            driver.begin(JOINT_NAMES, _WAIT_S)
+            attempts = Attempts(task, arm, policy.mean_action, driver, seed=request.seed)
+            for goal, trial in left:
+                kept.add(attempts.make(goal, trial, _free_name(request, goal, trial)))
+                console.print(_line(kept.attempts[-1], len(kept.attempts), request))
+    _print(console, kept.attempts)
+    return kept.attempts
+
+
+class Kept:
+    """What came of attempts, in a file that is whole after every one of them.
+
+    Args:
+        folder: Where it lies.
+        about: Settings under which they were made.
+
+    Attributes:
+        attempts: So far.
+
+    Raises:
+        BadInputError: the folder holds attempts under other settings, or no such file.
+    """
+
+    def __init__(self, folder: Path, about: dict[str, object]) -> None:
+        self.attempts: list[Attempt] = []
+        self._path, self._about = folder / RESULT, about
+        if not self._path.exists():
+            return
+        try:
+            told = json.loads(self._path.read_text())
+            there, rows = told["about"], told["attempts"]
+            self.attempts = [Attempt(**row) for row in rows]
+        except (ValueError, KeyError, TypeError) as error:
+            raise BadInputError(f"{self._path}: is no result of gfm drive: {error}") from error
+        differing = [name for name, value in about.items() if there.get(name) != value]
+        if differing:
+            name = differing[0]
+            raise BadInputError(
+                f"{self._path}: made with {name} {there.get(name)}, asked for {about[name]}; "
+                "expected the same settings, or another folder"
+            )
+
+    @property
+    def done(self) -> set[tuple[int, int]]:
+        """Goal and trial of each attempt that was made."""
+        return {(one.goal, one.trial) for one in self.attempts}
+
+    def add(self, attempt: Attempt) -> None:
+        """Keeps one more."""
+        self.attempts.append(attempt)
+        rows = [asdict(one) for one in self.attempts]
+        told = {"schema": SCHEMA, "about": self._about, "attempts": rows}
+        part = self._path.with_name(self._path.name + ".part")
+        part.parent.mkdir(parents=True, exist_ok=True)
+        part.write_text(json.dumps(told, indent=2) + "\n")
+        part.replace(self._path)
+
+
+def _about(request: DriveRequest, policy: str) -> dict[str, object]:
+    return {
+        "task": request.task,
+        "policy": policy,
+        "hidden_effect": request.hidden_effect,
+        "seed": request.seed,
+    }
+
+
+def _system(request: DriveRequest) -> SystemSpec:
+    folder = request.out.absolute()
+    robot = (
+        *("--task", request.task.removesuffix("_matching")),
+        *("--hidden-effect", request.hidden_effect),
+        *("--seed", str(request.seed), "--sealed", str(folder / "sealed.json")),
+    )
+    bridge = (
+        *("--recordings", str(folder / "recordings")),
+        *("--control-hz", f"{1.0 / CONTROL_PERIOD_S:g}"),
+    )
+    return SystemSpec(
+        run="drive",  # a router of its own: nobody else is there
+        endpoint=free_endpoint(),
+        processes=(replay_process(), *robot_processes(bridge, robot)),
+    )
+
+
+def _free_name(request: DriveRequest, goal: int, trial: int) -> str:
+    """Returns a name that no recording has: of one that was broken off, what there is stays."""
+    name = f"{request.task}_{goal}_{trial}"
+    while any((request.out / "recordings").glob(f"{name}.mcap*")):
+        name += "_again"
+    return name
+
+
+def _line(attempt: Attempt, number: int, request: DriveRequest) -> str:
+    words = attempt.outcome.replace("_", " ")
+    return (
+        f"{number} of {request.goals * request.trials}: goal {attempt.goal}: {words} "
+        f"after {attempt.steps * CONTROL_PERIOD_S:.1f} s, {attempt.place_m * 100.0:.1f} cm away"
+    )
+
+
+def _print(console: Console, attempts: Sequence[Attempt]) -> None:
+    table = Table(title="Attempts that succeeded")
+    for heading in ("goal", "reached", "of"):
+        table.add_column(heading, justify="right")
+    for goal in sorted({one.goal for one in attempts}):
+        here = [one for one in attempts if one.goal == goal]
+        table.add_row(str(goal), str(sum(one.reached for one in here)), str(len(here)))
+    console.print(table)
+    reached = sum(one.reached for one in attempts)
+    interval = binomtest(reached, len(attempts)).proportion_ci(0.95, method="wilson")
+    console.print(
+        f"{reached} of {len(attempts)} succeeded: {reached / len(attempts):.0%} "
+        f"(95 %: {interval.low:.0%} to {interval.high:.0%}); simulated robot"
+    )
