@@ -127,7 +127,7 @@ class Search(Generic[P]):
             here, exchanged, compared = exchange(
                 here, self.held, rivals, self.report, self._bounded
             )
-            here, removed = remove(here, self.held, self.report)
+            here, removed = remove(here, self.held, self.report, self._bounded)
             self.steps.extend([*exchanged, *removed])
             if not exchanged or not self.in_time():
                 return here, compared

@@ -25,7 +25,10 @@ RIVALS_S, RIVALS = 12.0, 2
 
 
 def remove(
-    here: Hypothesis[P], kept: Collection[Key], report: Callable[[str], None]
+    here: Hypothesis[P],
+    kept: Collection[Key],
+    report: Callable[[str], None],
+    bounded: Callable[[], AbstractContextManager[None]] = nullcontext,
 ) -> tuple[Hypothesis[P], list[Step]]:
     """Returns a hypothesis without what it predicts as well without, that first which says least.
 
@@ -36,10 +39,15 @@ def remove(
         here: With all effects.
         kept: Keys of those that are judged by a few segments only.
         report: Told what is happening, in words.
+        bounded: Within which there is time; what is not removed in time has little to speak for it.
     """
     whole, steps = here, list[Step]()
     while len(here.effects) > 1:
-        step = next(_removals(here, whole, kept), None)
+        try:
+            with bounded():
+                step = next(_removals(here, whole, kept), None)
+        except OutOfTimeError:
+            break
         if step is None or step.chosen is None or step.replaced is None:
             break
         report(f"going on without {describe(step.replaced)}")
