@@ -166,7 +166,9 @@ def search(
     if longer:
         report("settling amounts")
         long = reduce(Problem.joined, moves.segments, replace(long, clock=problem.clock))
-        settled = settled_hypothesis(long, here.effects, here.nominal)
+        settled = under_way.in_its_time(
+            lambda: settled_hypothesis(long, here.effects, here.nominal), here
+        )
         # What keeps a rollout off slowly, initial states of short segments make up for.
         slowly = settled.fit.cost - 1.0 > MORE_IN_LONG * max(here.fit.cost - 1.0, 1.0)
         here = under_way.run(settled, (moves.add, moves.add_costly)) if slowly else settled

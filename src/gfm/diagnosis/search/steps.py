@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Generic, TypeAlias
 
 from gfm.diagnosis.inference.fitting import acting, along_valley, measured
@@ -107,14 +107,21 @@ class Search(Generic[P]):
         if len(some) < len(here.effects):
             here = hypothesis(here.problem, measured(here.problem, some), here.nominal)
         else:
-            here = self._along_valley(here)
+            whole = here
+            here = self.in_its_time(
+                lambda: replace(whole, fit=along_valley(whole.problem, whole.fit)), whole
+            )
         return here, support(here, compared, self.held)
 
-    def _along_valley(self, here: Hypothesis[P]) -> Hypothesis[P]:
+    def in_its_time(
+        self, better: Callable[[], Hypothesis[P]], here: Hypothesis[P]
+    ) -> Hypothesis[P]:
+        """Returns a better hypothesis, or where finding it takes too long the one that there is."""
         try:
             with self._bounded():
-                return hypothesis(here.problem, along_valley(here.problem, here.fit), here.nominal)
+                return better()
         except OutOfTimeError:
+            self.report("the time is over")
             return here
 
     def _bounded(self) -> AbstractContextManager[None]:
