@@ -22,9 +22,10 @@ from gfm.core.checks import Array32
 from gfm.envs.matching import Matching
 from gfm.envs.matching_task import POSE_MATCHING, POSITION_MATCHING
 from gfm.envs.matching_view import MatchingView
+from gfm.experiments.attempt_files import Kept
 from gfm.experiments.attempts import Attempt, Attempts, planned
 from gfm.experiments.drive import Driver
-from gfm.experiments.drive_policy import DriveRequest, Kept, drive_policy
+from gfm.experiments.drive_policy import DriveRequest, drive_policy
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for
 from gfm.experiments.person import Person
 from gfm.launch import free_endpoint
@@ -114,7 +115,7 @@ def attempts(
 def test_the_shipped_policy_pushes_the_object_to_its_goal_on_the_robot(tmp_path: Path) -> None:
     made = attempts(connected(tmp_path)).make(0, 0, "first")
     assert made is not None
-    assert made.reached
+    assert made.outcome == "reached"
     assert made.place_m < POSITION_MATCHING.tolerance_m
     recording = read_recording(Path(made.recording))
     assert recording.object_track is not None
@@ -159,7 +160,7 @@ def test_the_robot_can_be_driven_on_either_clock(tmp_path: Path, clock: str) -> 
     made = attempts(Rig(tmp_path, clock=clock).driver)
     made.begin()
     assert (attempt := made.make(2, 0, "either")) is not None
-    assert attempt.reached
+    assert attempt.outcome == "reached"
 
 
 def test_an_attempt_that_is_paused_begins_anew(tmp_path: Path) -> None:
@@ -174,7 +175,7 @@ def test_an_attempt_that_is_paused_begins_anew(tmp_path: Path) -> None:
     assert rig.driver.newest.stamp_ns - before_ns[0] == 20 * 50_000_000
     assert rig.time.now_ns() - before_ns[1] >= 20 * 50_000_000  # not faster than a person
     assert (attempt := made.make(0, 0, "anew")) is not None
-    assert attempt.reached
+    assert attempt.outcome == "reached"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["anew.mcap", "paused.mcap"]
 
 
@@ -271,9 +272,16 @@ def test_what_is_seen_of_a_robot_is_what_is_seen_of_the_simulation() -> None:
     np.testing.assert_array_equal(view.observation(env.scene(), env.goal), seen)
 
 
-def attempt(goal: int, trial: int) -> Attempt:
+def attempt(goal: int, trial: int, outcome: str = "reached") -> Attempt:
+    path = [[0.6, 0.0], [0.61 + 0.01 * goal, 0.0]][: 1 + goal]
     return Attempt(
-        goal=goal, trial=trial, outcome="reached", steps=9, place_m=0.01, turn_rad=0.0, recording=""
+        goal=goal,
+        trial=trial,
+        outcome=outcome,
+        steps=len(path) - 1,
+        place_m=0.01,
+        turn_rad=0.0,
+        path=path,
     )
 
 
@@ -287,6 +295,17 @@ def test_what_was_done_is_not_done_again(tmp_path: Path) -> None:
     left = [one for one in planned(2, 2) if one not in again.done]
     assert left == [(0, 1), (1, 1)]
     assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_attempts_are_told_as_those_of_the_simulation(tmp_path: Path) -> None:
+    kept = Kept(tmp_path, {})
+    for one in (attempt(4, 0), attempt(2, 1, "out_of_time"), attempt(2, 0)):
+        kept.add(one)
+    told = kept.together(POSITION)
+    np.testing.assert_array_equal(told.goals, POSITION_MATCHING.radial_goals()[[2, 4]])
+    assert told.goal.tolist() == [0, 0, 1]
+    assert told.reached.tolist() == [True, False, True]
+    np.testing.assert_allclose(told.path[2], [[0.6, 0.0], [0.65, 0.0]])
 
 
 def test_attempts_under_other_settings_are_refused(tmp_path: Path) -> None:
@@ -356,7 +375,15 @@ def test_a_robot_that_is_not_there_is_one_line(
 def test_robot_and_bridge_as_processes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     request = DriveRequest(task=POSITION, out=tmp_path, goals=1, trials=1)
     assert [one.goal for one in drive_policy(request)] == [0]
-    assert "1 of 1: goal 0" in capsys.readouterr().out
+    said = " ".join(capsys.readouterr().out.split())
+    assert "1 of 1: goal 1: goal reached and held" in said
+    assert (
+        "1 of 1 attempts succeeded, 100% (95 % interval 21% to 100%), on a simulated robot" in said
+    )
+    document = json.loads((tmp_path / "report.json").read_text())
+    assert document["success"]["reached"] == 1
+    assert document["provenance"]["clock"] == "lockstep"
+    assert "on a simulated robot" in (tmp_path / "report.html").read_text()
     assert (tmp_path / "sealed.json").exists()
     assert drive_policy(request) == Kept(tmp_path, {}).attempts  # nothing is left to do
 
@@ -377,7 +404,7 @@ def test_an_interrupted_drive_keeps_what_there_is_and_goes_on(tmp_path: Path) ->
     assert process.returncode == 130
     assert error.endswith("interrupted\n")
     kept = Kept(tmp_path, {}).attempts
-    assert f"of {len(kept)} succeeded" in said
+    assert f"of {len(kept)} attempts succeeded" in said
     assert all("stopped" in log.read_text() for log in (tmp_path / "logs").iterdir())
     again = subprocess.run(
         [*command, "--trials", str(kept[-1].trial + 1)],

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from gfm.core import BadInputError, CommandKind, GfmError, Observation, RefusedError
 from gfm.core.checks import Array
 from gfm.envs.arm import CONTROL_PERIOD_S, ArmProblem
-from gfm.envs.evaluation import ControlPolicy
+from gfm.envs.evaluation import ControlPolicy, finite
 from gfm.envs.matching import failures, random_starts
 from gfm.envs.matching_task import MatchingTask
 from gfm.envs.matching_view import MatchingView, Scene
@@ -43,26 +43,23 @@ class Attempt:
 
     Attributes:
         goal: Number of the goal.
-        trial: Number of the attempt at it.
-        outcome: How it ended, in words.
+        outcome: How it ended, a member of `Outcome` in small letters.
         steps: Control periods until that was decided.
         place_m: Distance of the object from the goal at that moment, as tracked, m.
         turn_rad: Difference in yaw at that moment, rad.
+        path: Of the object, as tracked: x and y in m at the start and after every period.
+        trial: Number of the attempt at the goal.
         recording: File of the recording.
     """
 
     goal: int
-    trial: int
     outcome: str
     steps: int
     place_m: float
     turn_rad: float
-    recording: str
-
-    @property
-    def reached(self) -> bool:
-        """Whether it succeeded."""
-        return self.outcome == Outcome.REACHED.name.lower()
+    path: list[list[float]]
+    trial: int = 0
+    recording: str = ""
 
 
 @final
@@ -131,16 +128,7 @@ class Attempts:
                 self._stand(_STOPS_S)
         if tried is None:
             return None
-        outcome, steps, place, turn = tried
-        return Attempt(
-            goal=goal,
-            trial=trial,
-            outcome=outcome.name.lower(),
-            steps=steps,
-            place_m=place,
-            turn_rad=turn,
-            recording=told[0].path if told else "",
-        )
+        return replace(tried, trial=trial, recording=told[0].path if told else "")
 
     def resumes(self) -> bool:
         """Returns whether to go on after an attempt was broken off; the robot stands meanwhile."""
@@ -187,29 +175,34 @@ class Attempts:
         for _ in range(round(seconds / CONTROL_PERIOD_S)):
             self._driver.command(CommandKind.VELOCITY, JOINT_NAMES, np.zeros(len(JOINT_NAMES)))
 
-    def _tried(self, goal: int) -> tuple[Outcome, int, float, float] | None:
-        """Returns outcome, steps, and how far from the goal it ended, m and rad."""
+    def _tried(self, goal: int) -> Attempt | None:
+        """Returns an attempt, without what only its maker knows; None where it was broken off."""
         task, goals = self._task, self._task.radial_goals()[[goal]]
         view, outcomes = MatchingView(task, self._arm.velocity_limit, 1), Outcomes(1)
         scene = self._scene(self._driver.newest)
         view.begin(_ONE, *_measured(self._driver.newest), scene)
-        step = 0
+        path = [scene.position[0, :2]]
         while outcomes.now[0] == Outcome.RUNNING:
-            step += 1
-            action = self._policy(view.observation(scene, goals))[0]
-            if not np.isfinite(action).all():
-                raise BadInputError("the policy's actions are not finite: its file is damaged")
+            action = finite(self._policy(view.observation(scene, goals)))[0]
             if self._person.interrupts():
                 return None
             speed = np.clip(action, -1.0, 1.0) * self._arm.velocity_limit
             told = self._driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed)
             scene = self._scene(told)
             view.see(*_measured(told), scene)
+            path.append(scene.position[0, :2])
             reached = task.reached(scene.position, scene.axes, goals)
             failure = failures(scene, np.zeros(1, dtype=bool))
-            outcomes.judge(reached, failure, np.array([step == task.steps]))
+            outcomes.judge(reached, failure, np.array([len(path) > task.steps]))
         place, turn = task.errors(scene.position, scene.axes, goals)
-        return Outcome(outcomes.now[0]), step, float(place[0]), float(turn[0])
+        return Attempt(
+            goal=goal,
+            outcome=Outcome(outcomes.now[0]).name.lower(),
+            steps=len(path) - 1,
+            place_m=float(place[0]),
+            turn_rad=float(turn[0]),
+            path=np.round(path, 5).tolist(),
+        )
 
     def _scene(self, report: Observation) -> Scene:
         if report.object_position is None or report.object_quaternion is None:

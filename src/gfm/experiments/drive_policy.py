@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
-from scipy.stats import binomtest
 
 from gfm.core import BadInputError, Clock, ConfigError, MonotonicClock
 from gfm.envs.arm import CONTROL_PERIOD_S
 from gfm.envs.matching import Matching
 from gfm.envs.matching_task import RADIAL_GOALS, TASKS
+from gfm.envs.outcomes import Outcome
+from gfm.experiments.attempt_files import RESULT, Kept
 from gfm.experiments.attempts import Attempt, Attempts, planned
 from gfm.experiments.drive import Driver
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for, policy_path
 from gfm.experiments.folders import check_folder
-from gfm.experiments.inputs import sha256
+from gfm.experiments.inputs import command_line, provenance, sha256
 from gfm.experiments.person import Keyboard, Person
 from gfm.launch import (
     Supervisor,
@@ -35,14 +34,14 @@ from gfm.launch import (
 )
 from gfm.policies import shipped_policy
 from gfm.recording.weights_file import read_weights
+from gfm.report.evaluation import REASONS, Evaluation, evaluation_texts, print_evaluation
 from gfm.report.files import write_texts
 from gfm.service import StopSignal
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import Transport, ZenohTransport
 
-RESULT = "result.json"
-SCHEMA = "gfm.drive/1"
 _WAIT_S = 30.0
+_SIMULATED = "on a simulated robot"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,10 +120,26 @@ def drive_policy(request: DriveRequest) -> list[Attempt]:
             console.print(_line(made, len(kept.attempts), request))
 
     interrupted = _driven(request, clock, all_made) if left else False
-    _print(console, kept.attempts, "" if request.connect else "; simulated robot")
+    if kept.attempts:
+        report = _report(request, path, kept)
+        write_texts(request.out, evaluation_texts(report))
+        print_evaluation(console, report)
     if interrupted:
         raise KeyboardInterrupt
     return kept.attempts
+
+
+def _report(request: DriveRequest, policy: Path, kept: Kept) -> Evaluation:
+    config = request.robot_config
+    files = {"policy": (policy,), "robot's settings": () if config is None else (config,)}
+    return Evaluation(
+        task=TASKS[request.task],
+        attempts=kept.together(request.task),
+        trials=request.trials,
+        provenance=provenance(files, request.seed, command_line())
+        | _about(request, sha256(policy)),
+        where=f"on the robot of run {request.run_name}" if request.connect else _SIMULATED,
+    )
 
 
 def _driven(request: DriveRequest, clock: Clock, drives: Callable[[Driver, Person], None]) -> bool:
@@ -185,52 +200,6 @@ def _say(words: str) -> None:
     sys.stdout.flush()
 
 
-class Kept:
-    """What came of attempts, in a file that is whole after every one of them.
-
-    Args:
-        folder: Where it lies.
-        about: Settings under which they were made.
-
-    Attributes:
-        attempts: So far.
-
-    Raises:
-        BadInputError: the folder holds attempts under other settings, or no such file.
-    """
-
-    def __init__(self, folder: Path, about: dict[str, object]) -> None:
-        self.attempts: list[Attempt] = []
-        self._path, self._about = folder / RESULT, about
-        if not self._path.exists():
-            return
-        try:
-            told = json.loads(self._path.read_text())
-            there, rows = told["about"], told["attempts"]
-            self.attempts = [Attempt(**row) for row in rows]
-        except (ValueError, KeyError, TypeError) as error:
-            raise BadInputError(f"{self._path}: is no result of gfm drive: {error}") from error
-        differing = [name for name, value in about.items() if there.get(name) != value]
-        if differing:
-            name = differing[0]
-            raise BadInputError(
-                f"{self._path}: made with {name} {there.get(name)}, asked for {about[name]}; "
-                "expected the same settings, or another folder"
-            )
-
-    @property
-    def done(self) -> set[tuple[int, int]]:
-        """Goal and trial of each attempt that was made."""
-        return {(one.goal, one.trial) for one in self.attempts}
-
-    def add(self, attempt: Attempt) -> None:
-        """Keeps one more."""
-        self.attempts.append(attempt)
-        rows = [asdict(one) for one in self.attempts]
-        told = {"schema": SCHEMA, "about": self._about, "attempts": rows}
-        write_texts(self._path.parent, {RESULT: json.dumps(told, indent=2) + "\n"})
-
-
 def _about(request: DriveRequest, policy: str) -> dict[str, object]:
     return {
         "task": request.task,
@@ -281,27 +250,8 @@ def _free_name(request: DriveRequest, clock: Clock, goal: int, trial: int) -> st
 
 
 def _line(attempt: Attempt, number: int, request: DriveRequest) -> str:
-    words = attempt.outcome.replace("_", " ")
     return (
-        f"{number} of {request.goals * request.trials}: goal {attempt.goal}: {words} "
-        f"after {attempt.steps * CONTROL_PERIOD_S:.1f} s, {attempt.place_m * 100.0:.1f} cm away"
-    )
-
-
-def _print(console: Console, attempts: Sequence[Attempt], where: str) -> None:
-    if not attempts:
-        console.print("no attempt was made")
-        return
-    table = Table(title="Attempts that succeeded")
-    for heading in ("goal", "reached", "of"):
-        table.add_column(heading, justify="right")
-    for goal in sorted({one.goal for one in attempts}):
-        here = [one for one in attempts if one.goal == goal]
-        table.add_row(str(goal), str(sum(one.reached for one in here)), str(len(here)))
-    console.print(table)
-    reached = sum(one.reached for one in attempts)
-    interval = binomtest(reached, len(attempts)).proportion_ci(0.95, method="wilson")
-    console.print(
-        f"{reached} of {len(attempts)} succeeded: {reached / len(attempts):.0%} "
-        f"(95 %: {interval.low:.0%} to {interval.high:.0%}){where}"
+        f"{number} of {request.goals * request.trials}: goal {attempt.goal + 1}: "
+        f"{REASONS[Outcome[attempt.outcome.upper()]]} after "
+        f"{attempt.steps * CONTROL_PERIOD_S:.1f} s, {attempt.place_m * 100.0:.1f} cm away"
     )
