@@ -3,6 +3,7 @@
 from gfm_wire.codec import MAX_BYTES, Stamp, decode, decode_stamped, encode
 from gfm_wire.control import (
     Ack,
+    ByHand,
     EnvironmentRequest,
     NotReady,
     PlaceObject,
@@ -25,6 +26,7 @@ __all__ = [
     "MAX_BYTES",
     "SCHEMAS",
     "Ack",
+    "ByHand",
     "EnvironmentRequest",
     "Message",
     "NotReady",

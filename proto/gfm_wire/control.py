@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gfm.core import Command, Observation
-from gfm.core.checks import Array
+from gfm.core.checks import Array, check_shapes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,6 +150,14 @@ class PlaceObject:
 
     pose: Array
 
+    def __post_init__(self) -> None:
+        check_shapes({"pose": self.pose}, {"pose": (7,)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class ByHand:
+    """The robot cannot do that: a person has to."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class RobotExchange:
@@ -164,6 +172,9 @@ class RobotExchange:
     command: Command | None
     advance_ns: int
     object_pose: Array | None = None
+
+    def __post_init__(self) -> None:
+        check_shapes({"object_pose": self.object_pose}, {"object_pose": (7,)})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,7 @@ _KEYS = (
     ("robot/observation", "broadcast", "Observation", "", "the robot bridge, each tick"),
     ("robot/record", "question", "RecordStart", "Ack", "whoever records asks the bridge"),
     ("robot/record", "question", "RecordStop", "RecordDone", "whoever records asks the bridge"),
-    ("robot/object", "question", "PlaceObject", "Ack", "driver to robot bridge"),
+    ("robot/object", "question", "PlaceObject", "Ack or ByHand", "driver to robot bridge"),
     ("sawyer/exchange", "question", "RobotExchange", "RobotStates", "bridge to simulated robot"),
     ("status/ROLE/NAME", "question", "StatusRequest", "Status", "every service answers"),
 )

@@ -10,6 +10,7 @@ from typing import Any
 from gfm.core import Batch, Command, CommandKind, Observation, Sequence, Status, Weights
 from gfm_wire.control import (
     Ack,
+    ByHand,
     EnvironmentRequest,
     NotReady,
     PlaceObject,
@@ -31,6 +32,7 @@ from gfm_wire.schema import Schema
 Message = (
     Ack
     | Batch
+    | ByHand
     | Command
     | EnvironmentRequest
     | NotReady
@@ -155,6 +157,7 @@ CONTROL = (
     Schema(RecordStop, 1, {}),
     Schema(RecordDone, 1, {"path": TEXT, "ticks": COUNT}),
     Schema(PlaceObject, 1, {"pose": POSE}),
+    Schema(ByHand, 1, {}),
     Schema(
         RobotExchange,
         2,

@@ -3,70 +3,119 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from gfm.cli import main
 from gfm.core import BadInputError, ConfigError, ManualClock, RefusedError
 from gfm.core.checks import Array32
 from gfm.envs.matching import Matching
 from gfm.envs.matching_task import POSE_MATCHING, POSITION_MATCHING
 from gfm.envs.matching_view import MatchingView
+from gfm.experiments.attempt_files import Kept
 from gfm.experiments.attempts import Attempt, Attempts, planned
 from gfm.experiments.drive import Driver
-from gfm.experiments.drive_policy import DriveRequest, Kept, drive_policy
+from gfm.experiments.drive_policy import DriveRequest, drive_policy
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for
+from gfm.experiments.person import Person
+from gfm.launch import free_endpoint
 from gfm.policies import shipped_policy
 from gfm.recording import read_recording
 from gfm.recording.weights_file import read_weights
-from gfm.sim.sawyer import JOINT_NAMES
-from gfm.transport import MemoryHub, MemoryTransport
+from gfm.sim.sawyer import JOINT_NAMES, READY
+from gfm.transport import MemoryHub, MemoryTransport, ZenohTransport
 from gfm_robot_bridge.__main__ import build as build_bridge
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.simulated.__main__ import build as build_robot
 from gfm_robot_bridge.simulated.config import SimulatedConfig
+from gfm_robot_bridge.simulated.tracker import Tracker
+from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
 
 POSITION = POSITION_MATCHING.name
 
 
+class Rig:
+    """A driver, a bridge and a robot that live in this process."""
+
+    def __init__(
+        self,
+        folder: Path,
+        task: str = "position",
+        clock: str = "lockstep",
+        control_hz: float = 20.0,
+    ) -> None:
+        self.time = ManualClock()
+        self.robot_answers = True
+        self.hub = MemoryHub()
+        self._bridge = build_bridge(
+            BridgeConfig(name="bridge", recordings=str(folder), control_hz=control_hz, clock=clock),
+            MemoryTransport(self.hub, name="bridge", clock=self.time),
+            self.time,
+        )
+        self._robot = build_robot(
+            SimulatedConfig(name="robot", task=task, seed=4, clock=clock),
+            MemoryTransport(self.hub, name="robot", clock=self.time),
+            self.time,
+        )
+        self.driver = Driver(MemoryTransport(self.hub, clock=self.time), self.time, self._idle)
+        self.driver.begin(JOINT_NAMES, 1.0)
+
+    def _idle(self) -> None:
+        self.time.advance_s(5e-4)
+        self._bridge.step()
+        if self.robot_answers:
+            self._robot.step()
+
+
+class Typing:
+    """Somebody at the keyboard, who types a key the n-th time that one is asked for."""
+
+    def __init__(self, keys: Mapping[int, str], *, is_there: bool = True) -> None:
+        self.heard: list[str] = []
+        self.asked = 0
+        self._keys = keys
+        self.person = Person(key=self._key, say=self.heard.append, is_there=is_there)
+
+    def _key(self) -> str:
+        self.asked += 1
+        return self._keys.get(self.asked, "")
+
+
 def connected(folder: Path, task: str = "position") -> Driver:
-    """A driver of a bridge and a robot that live in this process."""
-    hub, time = MemoryHub(), ManualClock()
-    bridge = build_bridge(
-        BridgeConfig(name="bridge", recordings=str(folder), control_hz=20.0),
-        MemoryTransport(hub, name="bridge", clock=time),
-        time,
-    )
-    robot = build_robot(
-        SimulatedConfig(name="robot", task=task, seed=4),
-        MemoryTransport(hub, name="robot", clock=time),
-        time,
-    )
-
-    def idle() -> None:
-        time.advance_s(5e-4)
-        bridge.step()
-        robot.step()
-
-    driver = Driver(MemoryTransport(hub, clock=time), time, idle)
-    driver.begin(JOINT_NAMES, 1.0)
-    return driver
+    return Rig(folder, task).driver
 
 
-def attempts(driver: Driver, policy: Callable[[Array32], Array32] | None = None) -> Attempts:
+def standing(seen: Array32) -> Array32:
+    return np.zeros((len(seen), 7), np.float32)
+
+
+def attempts(
+    driver: Driver,
+    policy: Callable[[Array32], Array32] | None = None,
+    person: Person | None = None,
+) -> Attempts:
     arm = load_arm(EvaluationRequest(task=POSITION))
     if policy is None:
         path = shipped_policy(POSITION)
         spec = Matching(POSITION_MATCHING, arm, 1).spec
         policy = policy_for(path, read_weights(path), spec).mean_action
-    return Attempts(POSITION_MATCHING, arm, policy, driver, seed=0)
+    return Attempts(POSITION_MATCHING, arm, policy, driver, seed=0, person=person)
 
 
 def test_the_shipped_policy_pushes_the_object_to_its_goal_on_the_robot(tmp_path: Path) -> None:
     made = attempts(connected(tmp_path)).make(0, 0, "first")
-    assert made.reached
+    assert made is not None
+    assert made.outcome == "reached"
     assert made.place_m < POSITION_MATCHING.tolerance_m
     recording = read_recording(Path(made.recording))
     assert recording.object_track is not None
@@ -79,8 +128,8 @@ def test_the_shipped_policy_pushes_the_object_to_its_goal_on_the_robot(tmp_path:
 
 
 def test_a_policy_that_stands_still_reaches_nothing(tmp_path: Path) -> None:
-    standing = attempts(connected(tmp_path), lambda seen: np.zeros((len(seen), 7), np.float32))
-    made = standing.make(3, 0, "still")
+    made = attempts(connected(tmp_path), standing).make(3, 0, "still")
+    assert made is not None
     assert made.outcome == "out_of_time"
     assert made.steps == POSITION_MATCHING.steps
     assert made.place_m == pytest.approx(POSITION_MATCHING.goal_radius_m, abs=0.012)
@@ -93,9 +142,119 @@ def test_a_damaged_policy_ends_an_attempt_and_its_recording_is_whole(tmp_path: P
     assert [path.name for path in tmp_path.iterdir()] == ["broken.mcap"]
 
 
-def test_a_robot_without_an_object_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RefusedError, match="no object"):
-        attempts(connected(tmp_path, "none")).make(0, 0, "none")
+def test_a_robot_without_an_object_is_refused_before_it_moves(tmp_path: Path) -> None:
+    driver = connected(tmp_path, "none")
+    before = driver.newest.position
+    with pytest.raises(BadInputError, match="reports no object, expected one that is tracked"):
+        attempts(driver).begin()
+    np.testing.assert_allclose(driver.newest.position, before, atol=1e-3)
+
+
+def test_a_bridge_of_another_rate_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="control rate is not 20 Hz"):
+        attempts(Rig(tmp_path, control_hz=50.0).driver).begin()
+
+
+@pytest.mark.parametrize("clock", ["lockstep", "wall"])
+def test_the_robot_can_be_driven_on_either_clock(tmp_path: Path, clock: str) -> None:
+    made = attempts(Rig(tmp_path, clock=clock).driver)
+    made.begin()
+    assert (attempt := made.make(2, 0, "either")) is not None
+    assert attempt.outcome == "reached"
+
+
+def test_an_attempt_that_is_paused_begins_anew(tmp_path: Path) -> None:
+    rig, typing = Rig(tmp_path), Typing({40: " ", 60: " "})
+    made = attempts(rig.driver, person=typing.person)
+    assert made.make(0, 0, "paused") is None
+    assert abs(rig.driver.newest.velocity).max() < 0.02
+    assert typing.asked == 40
+    before_ns = rig.driver.newest.stamp_ns, rig.time.now_ns()
+    assert made.resumes()
+    assert typing.asked == 60
+    assert rig.driver.newest.stamp_ns - before_ns[0] == 20 * 50_000_000
+    assert rig.time.now_ns() - before_ns[1] >= 20 * 50_000_000  # not faster than a person
+    assert (attempt := made.make(0, 0, "anew")) is not None
+    assert attempt.outcome == "reached"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["anew.mcap", "paused.mcap"]
+
+
+@pytest.mark.parametrize("when", [1, 40])
+def test_q_ends_an_attempt_wherever_it_is(tmp_path: Path, when: int) -> None:
+    rig, typing = Rig(tmp_path), Typing({when: "q"})
+    made = attempts(rig.driver, person=typing.person)
+    assert made.make(0, 0, "ended") is None
+    assert not made.resumes()
+    assert typing.asked == when
+    assert abs(rig.driver.newest.velocity).max() < 0.02
+
+
+def by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets the bridge's robot leave it to a person to put the object back."""
+    monkeypatch.setattr(SimulatedSawyer, "place_object", lambda _robot, _pose: False)
+
+
+def test_a_person_puts_the_object_back_and_confirms(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    by_hand(monkeypatch)
+    rig = Rig(tmp_path)
+    began = Typing({})
+    attempts(rig.driver, person=began.person)._above_basket(READY)
+    typing = Typing({began.asked + 10: "\n"})
+    assert attempts(rig.driver, person=typing.person).make(0, 0, "by_hand") is not None
+    assert typing.heard == [
+        "put the object at the basket's centre, unturned, then press Enter (q ends)"
+    ]
+
+
+def test_an_object_that_is_elsewhere_is_asked_for_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = Rig(tmp_path)
+    rig.driver.place_object(np.array([0.65, 0.05, 0.08, 1.0, 0.0, 0.0, 0.0]))
+    by_hand(monkeypatch)
+    typing = Typing({50: "\n", 60: "q"})
+    assert attempts(rig.driver, standing, typing.person).make(0, 0, "elsewhere") is None
+    assert len(typing.heard) == 2
+    assert re.match(r"the object is seen 7\.\d cm and \d degrees from its place", typing.heard[1])
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_a_person_nobody_puts_the_object_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    by_hand(monkeypatch)
+    with pytest.raises(BadInputError, match="a person has to do that, expected a terminal"):
+        attempts(connected(tmp_path), standing).make(0, 0, "nobody")
+
+
+def test_a_robot_that_stops_answering_ends_an_attempt(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+
+    def falls_silent(seen: Array32) -> Array32:
+        rig.robot_answers = False
+        return standing(seen)
+
+    with pytest.raises(RefusedError, match="robot: no answer from sawyer/exchange within 10"):
+        attempts(rig.driver, falls_silent).make(0, 0, "silent")
+    assert [path.name for path in tmp_path.iterdir()] == ["silent.mcap"]
+
+
+def test_an_object_that_is_lost_ends_an_attempt(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = Rig(tmp_path)
+
+    def goes_blind(seen: Array32) -> Array32:
+        monkeypatch.setattr(Tracker, "look", lambda tracker, _pose: skipped(tracker))
+        return standing(seen)
+
+    def skipped(tracker: Tracker) -> None:
+        tracker.next_ns += 33_333_333
+
+    with pytest.raises(RefusedError, match=r"the object was last seen 1\.0 s ago"):
+        attempts(rig.driver, goes_blind).make(0, 0, "blind")
 
 
 def test_what_is_seen_of_a_robot_is_what_is_seen_of_the_simulation() -> None:
@@ -113,9 +272,16 @@ def test_what_is_seen_of_a_robot_is_what_is_seen_of_the_simulation() -> None:
     np.testing.assert_array_equal(view.observation(env.scene(), env.goal), seen)
 
 
-def attempt(goal: int, trial: int) -> Attempt:
+def attempt(goal: int, trial: int, outcome: str = "reached") -> Attempt:
+    path = [[0.6, 0.0], [0.61 + 0.01 * goal, 0.0]][: 1 + goal]
     return Attempt(
-        goal=goal, trial=trial, outcome="reached", steps=9, place_m=0.01, turn_rad=0.0, recording=""
+        goal=goal,
+        trial=trial,
+        outcome=outcome,
+        steps=len(path) - 1,
+        place_m=0.01,
+        turn_rad=0.0,
+        path=path,
     )
 
 
@@ -131,6 +297,17 @@ def test_what_was_done_is_not_done_again(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
 
 
+def test_attempts_are_told_as_those_of_the_simulation(tmp_path: Path) -> None:
+    kept = Kept(tmp_path, {})
+    for one in (attempt(4, 0), attempt(2, 1, "out_of_time"), attempt(2, 0)):
+        kept.add(one)
+    told = kept.together(POSITION)
+    np.testing.assert_array_equal(told.goals, POSITION_MATCHING.radial_goals()[[2, 4]])
+    assert told.goal.tolist() == [0, 0, 1]
+    assert told.reached.tolist() == [True, False, True]
+    np.testing.assert_allclose(told.path[2], [[0.6, 0.0], [0.65, 0.0]])
+
+
 def test_attempts_under_other_settings_are_refused(tmp_path: Path) -> None:
     Kept(tmp_path, {"seed": 3, "task": POSITION}).add(attempt(0, 0))
     with pytest.raises(BadInputError, match=r"seed 3, asked for 4"):
@@ -141,10 +318,23 @@ def test_attempts_under_other_settings_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changed", "words"), [({"goals": 11}, "goals"), ({"trials": 0}, "trials")]
+    ("changed", "words"),
+    [
+        ({"goals": 11}, "--goals is"),
+        ({"trials": 0}, "--trials is"),
+        ({"connect": "tcp/127.0.0.1:1", "real_time": True}, "--real-time and --connect"),
+        (
+            {"connect": "tcp/127.0.0.1:1", "hidden_effect": "random"},
+            "--hidden-effect and --connect",
+        ),
+        (
+            {"connect": "tcp/127.0.0.1:1", "robot_config": Path("r.toml")},
+            "--robot-config and --con",
+        ),
+    ],
 )
 def test_settings_out_of_range_are_refused(tmp_path: Path, changed: dict, words: str) -> None:
-    with pytest.raises(ConfigError, match=f"--{words} is"):
+    with pytest.raises(ConfigError, match=words):
         DriveRequest(task=POSITION, out=tmp_path, **changed)
 
 
@@ -157,9 +347,76 @@ def test_a_policy_of_another_task_is_refused_before_anything_starts(tmp_path: Pa
     assert not (tmp_path / "out").exists()
 
 
+def test_what_the_robot_cannot_hide_is_one_line_and_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "robot.toml"
+    config.write_text('[[hidden]]\neffect = "gremlins"\nparameters = {}\n')
+    words = ["drive", "--task", "position", "--robot-config", str(config)]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 2
+    line = capsys.readouterr().err.strip()
+    assert re.match("error: robot: .*unknown hidden effect 'gremlins'", line)
+    assert "\n" not in line
+    assert [path.name for path in tmp_path.iterdir()] == ["robot.toml"]
+
+
+def test_a_robot_that_is_not_there_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    impatient = partial(ZenohTransport.open, timeout_s=0.5)
+    monkeypatch.setattr(ZenohTransport, "open", impatient)
+    endpoint = free_endpoint()
+    words = ["drive", "--task", "position", "--connect", endpoint, "--out", str(tmp_path / "out")]
+    assert main(words) == 1
+    assert capsys.readouterr().err.startswith(f"error: no answer from a router at {endpoint}")
+    assert not (tmp_path / "out").exists()
+
+
 def test_robot_and_bridge_as_processes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     request = DriveRequest(task=POSITION, out=tmp_path, goals=1, trials=1)
     assert [one.goal for one in drive_policy(request)] == [0]
-    assert "1 of 1: goal 0" in capsys.readouterr().out
+    said = " ".join(capsys.readouterr().out.split())
+    assert "1 of 1: goal 1: goal reached and held" in said
+    assert (
+        "1 of 1 attempts succeeded, 100% (95 % interval 21% to 100%), on a simulated robot" in said
+    )
+    document = json.loads((tmp_path / "report.json").read_text())
+    assert document["success"]["reached"] == 1
+    assert document["provenance"]["clock"] == "lockstep"
+    assert "on a simulated robot" in (tmp_path / "report.html").read_text()
     assert (tmp_path / "sealed.json").exists()
     assert drive_policy(request) == Kept(tmp_path, {}).attempts  # nothing is left to do
+
+
+def test_an_interrupted_drive_keeps_what_there_is_and_goes_on(tmp_path: Path) -> None:
+    words = ["drive", "--task", "position", "--goals", "2", "--out", str(tmp_path)]
+    command = [sys.executable, "-m", "gfm.cli", *words]
+    with subprocess.Popen(
+        [*command, "--trials", "50"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        deadline_s = time.monotonic() + 60.0
+        while not (tmp_path / "result.json").exists():
+            assert time.monotonic() < deadline_s
+            assert process.poll() is None
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        said, error = process.communicate(timeout=60.0)
+    assert process.returncode == 130
+    assert error.endswith("interrupted\n")
+    kept = Kept(tmp_path, {}).attempts
+    assert f"of {len(kept)} attempts succeeded" in said
+    assert all("stopped" in log.read_text() for log in (tmp_path / "logs").iterdir())
+    again = subprocess.run(
+        [*command, "--trials", str(kept[-1].trial + 1)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env=os.environ | {"COLUMNS": "100"},
+    )
+    assert again.returncode == 0
+    whole = Kept(tmp_path, {}).attempts
+    assert whole[: len(kept)] == kept
+    assert len(whole) == 2 * (kept[-1].trial + 1)
+    assert len({one.recording for one in whole}) == len(whole)
+    assert all(Path(one.recording).exists() for one in whole)

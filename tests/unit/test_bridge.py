@@ -24,7 +24,7 @@ from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.limits import Limiter, Limits, Reason
 from gfm_robot_bridge.mirror import MirrorRobot
 from gfm_robot_bridge.service import BridgeService
-from gfm_wire import Ack, Message, RecordDone, RecordStart, RecordStop
+from gfm_wire import Ack, ByHand, Message, PlaceObject, RecordDone, RecordStart, RecordStop
 
 JOINTS = ("a", "b")
 LIMITS = Limits(
@@ -373,3 +373,24 @@ def test_a_lost_robot_ends_the_session_and_is_tried_again(rig: Rig) -> None:
 def test_settings_out_of_range_are_refused(name: str, value: float) -> None:
     with pytest.raises(ConfigError, match=f"{name} is {value}, expected"):
         BridgeConfig(**{name: value})
+
+
+# The object
+
+
+def test_where_the_robot_cannot_put_the_object_back_a_person_has_to(rig: Rig) -> None:
+    pose = np.array([0.6, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0])
+    assert rig.ask("robot/object", PlaceObject(pose=pose)) == ByHand()
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        (PlaceObject(pose=np.zeros(7)), "quaternion of length 0, expected 1"),
+        (RecordStop(), "got RecordStop, expected PlaceObject"),
+    ],
+)
+def test_what_is_no_place_is_refused(rig: Rig, message: Message, words: str) -> None:
+    with pytest.raises(RefusedError, match=words):
+        rig.ask("robot/object", message)
+    assert rig.counter("rejected_messages") == 1

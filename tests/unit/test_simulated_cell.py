@@ -87,6 +87,28 @@ def test_an_object_turns_about_its_own_centre_of_mass():
     np.testing.assert_allclose(after[:2] + centre - pose[:2], [0.02, 0.1 * rate * 0.02], atol=1e-5)
 
 
+def test_in_free_flight_momentum_stays():
+    """Linear momentum but for gravity, and angular momentum, of a body that tumbles."""
+    arm = Arm(READY, (), Cell.POSE)
+    pose = arm.object_pose
+    pose[:3] = FAR_FROM_EVERYTHING
+    arm.put_object(pose)
+    arm._v[7:13] = [0.3, -0.2, 0.1, 6.0, -4.0, 9.0]
+    data = mujoco.MjData(arm._model)
+    subtree = arm._model.body("object").id
+
+    def momenta():
+        data.qpos[:], data.qvel[:] = arm._q, arm._v
+        mujoco.mj_forward(arm._model, data)
+        mujoco.mj_subtreeVel(arm._model, data)
+        return data.subtree_linvel[subtree].copy(), data.subtree_angmom[subtree].copy()
+
+    (linear, angular), _ = momenta(), passed(arm, 0.2)
+    after_linear, after_angular = momenta()
+    np.testing.assert_allclose(after_linear, linear - [0.0, 0.0, 0.2 * GRAVITY], atol=1e-6)
+    np.testing.assert_allclose(after_angular, angular, rtol=1e-4)
+
+
 def test_the_tool_pushes_the_object():
     """Wherever the plate's mounting is, the object goes where it is driven to."""
     arm = Arm(READY, (), Cell.POSITION)

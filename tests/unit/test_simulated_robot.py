@@ -20,11 +20,12 @@ from gfm.core import (
     RefusedError,
     UnknownNameError,
 )
+from gfm.service import read_config
 from gfm.sim.sawyer import JOINT_NAMES, READY, sawyer_spec
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.simulated.__main__ import build
 from gfm_robot_bridge.simulated.config import SimulatedConfig
-from gfm_robot_bridge.simulated.hidden import UNITS, draw, names, unit
+from gfm_robot_bridge.simulated.hidden import UNITS, GivenEffect, draw, names, unit
 from gfm_robot_bridge.simulated.robot import (
     COMMAND_LATENCY_NS,
     COMMAND_TIMEOUT_NS,
@@ -184,6 +185,72 @@ def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(BadInputError, match="sealed file cannot be written"):
         seal(tmp_path / "file" / "sealed.json", (), choice="none", seed=0)
+
+
+def hidden(effect: str, *joints: str, **parameters: float) -> GivenEffect:
+    return GivenEffect(effect=effect, joints=joints, parameters=parameters)
+
+
+def test_effects_can_be_hidden_in_given_amounts(tmp_path: Path) -> None:
+    config = tmp_path / "robot.toml"
+    config.write_text(
+        """
+        task = "position"
+        [[hidden]]
+        effect = "payload"
+        parameters = { mass = 1, com_x = 0.0, com_y = 0.01, com_z = 0.1 }
+        [[hidden]]
+        effect = "coupled_friction"
+        joints = ["right_j2", "right_j3"]
+        parameters = { viscous = 4.0 }
+        [[hidden]]
+        effect = "object_friction"
+        parameters = { coefficient = 0.2 }
+        """
+    )
+    sealed = str(tmp_path / "sealed.json")
+    settings = read_config(SimulatedConfig, config, {"name": "robot", "sealed": sealed})
+    clock = ManualClock()
+    build(settings, MemoryTransport(MemoryHub(), clock=clock), clock)
+    document = json.loads(Path(sealed).read_text())
+    assert document["choice"] == "payload+coupled_friction+object_friction"
+    told = [(one["effect"], one["joints"]) for one in document["effects"]]
+    assert told == [
+        ("payload", ["right_j6"]),
+        ("coupled_friction", ["right_j2", "right_j3"]),
+        ("object_friction", []),
+    ]
+    assert document["effects"][0]["parameters"]["mass"] == {"value": 1.0, "unit": "kg"}
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"hidden": (hidden("magic", torque=1.0),)}, "unknown hidden effect 'magic'"),
+        ({"hidden": (hidden("torque_offset", "elbow", torque=1.0),)}, "unknown joint 'elbow'"),
+        ({"hidden": (hidden("torque_offset", torque=1.0),)}, "on joints none, expected 1 of right"),
+        (
+            {"hidden": (hidden("coupled_friction", "right_j1", viscous=1.0),)},
+            "on joints right_j1, expected 2 of",
+        ),
+        (
+            {"hidden": (hidden("torque_offset", "right_j1", force=1.0),)},
+            "torque_offset has force, expected torque",
+        ),
+        (
+            {"hidden": (hidden("torque_offset", "right_j1", torque=np.nan),)},
+            "torque nan, expected a finite number",
+        ),
+        ({"hidden": (hidden("object_mass", mass=0.1),)}, "task none, expected task position or"),
+        (
+            {"hidden_effect": "payload", "hidden": (hidden("gravity_direction"),)},
+            "hidden_effect is payload and hidden has 1 effects, expected one of them",
+        ),
+    ],
+)
+def test_what_cannot_be_hidden_is_refused(settings: dict[str, object], words: str) -> None:
+    with pytest.raises(BadInputError, match=words):
+        SimulatedConfig(**settings)
 
 
 # As a service

@@ -24,6 +24,7 @@ from gfm.core import (
 from gfm_wire import (
     SCHEMAS,
     Ack,
+    ByHand,
     EnvironmentRequest,
     Message,
     NotReady,
@@ -127,6 +128,7 @@ EXAMPLES: tuple[Message, ...] = (
     RecordStop(),
     RecordDone(path="a/b.mcap", ticks=100),
     PlaceObject(pose=np.arange(7.0)),
+    ByHand(),
     RobotExchange(command=COMMAND, advance_ns=10**7, object_pose=np.arange(7.0)),
     RobotExchange(command=None, advance_ns=0),
     RobotStates(states=(OBSERVATION, OBSERVATION)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-from gfm.core import Command, Observation, RefusedError
+from gfm.core import Command, Observation
 from gfm.core.checks import Array
 from gfm_robot_bridge.limits import Limits
 
@@ -35,17 +35,17 @@ class Robot(ABC):
             advance_ns: How long to let a robot run whose time passes on demand; ignored by others.
         """
 
-    def place_object(self, pose: Array) -> None:
+    def place_object(self, pose: Array) -> bool:
         """Puts the free object somewhere, at rest, with the next exchange.
 
         Args:
             pose: Base frame, m and quaternion w x y z, shape (7,).
 
-        Raises:
-            RefusedError: a person has to do that.
+        Returns:
+            Whether it can; at a robot that cannot, a person does it.
         """
         del pose
-        raise RefusedError("this robot's object is put back by hand")
+        return False
 
     @abstractmethod
     def poll(self) -> tuple[Observation, ...] | None:

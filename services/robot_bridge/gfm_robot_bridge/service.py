@@ -20,7 +20,7 @@ from gfm_robot_bridge.gate import CommandGate
 from gfm_robot_bridge.limits import Limiter, Reason
 from gfm_robot_bridge.recorder import Recorder
 from gfm_robot_bridge.robot import Robot
-from gfm_wire import Ack, PlaceObject, RecordStart, RecordStop
+from gfm_wire import Ack, ByHand, PlaceObject, RecordStart, RecordStop
 
 _log = logging.getLogger(__name__)
 
@@ -29,6 +29,7 @@ RECORD = "robot/record"
 OBJECT = "robot/object"
 OBSERVATION = "robot/observation"
 _RETRY_NS = 1_000_000_000
+_QUATERNION_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,12 +241,11 @@ class BridgeService(Service):
         if not isinstance(message, PlaceObject):
             self._refuse(request, f"got {type(message).__name__}, expected PlaceObject")
             return
-        try:
-            self._robot.place_object(message.pose)
-        except RefusedError as error:
-            self._refuse(request, str(error))
-        else:
-            request.reply(Ack())
+        length = float(np.linalg.norm(message.pose[3:]))
+        if abs(length - 1.0) > _QUATERNION_TOLERANCE:
+            self._refuse(request, f"pose has a quaternion of length {length:.3g}, expected 1")
+            return
+        request.reply(Ack() if self._robot.place_object(message.pose) else ByHand())
 
     def _refuse(self, request: Request, reason: str) -> None:
         self._counters["rejected_messages"] += 1

@@ -73,8 +73,9 @@ class SimulatedSawyer(Robot):
         self._pending = self._transport.request(EXCHANGE, exchange, timeout_s=self._timeout_s)
 
     @override
-    def place_object(self, pose: Array) -> None:
+    def place_object(self, pose: Array) -> bool:
         self._object_pose = pose
+        return True
 
     @override
     def poll(self) -> tuple[Observation, ...] | None:

@@ -35,7 +35,6 @@ class Attempts:
         place: Distance from the goal at that moment, m, shape (M,).
         turn: Difference in yaw at that moment, rad, shape (M,).
         path: Of the object, x and y in m, NaN after the decision, shape (M, S, 2).
-        qpos: Positions at every moment, shape (S, M, nq).
     """
 
     goals: Array
@@ -45,7 +44,6 @@ class Attempts:
     place: Array
     turn: Array
     path: Array
-    qpos: Array
 
     @property
     def reached(self) -> NDArray[np.bool_]:
@@ -71,6 +69,17 @@ class Attempts:
         return int(order[0])
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SimulatedAttempts(Attempts):
+    """Attempts of which all is known.
+
+    Attributes:
+        qpos: Positions at every moment, shape (S, M, nq).
+    """
+
+    qpos: Array
+
+
 def evaluate(
     task: MatchingTask,
     arm: ArmProblem,
@@ -79,7 +88,7 @@ def evaluate(
     trials: int,
     seed: int,
     nthread: int = 1,
-) -> Attempts:
+) -> SimulatedAttempts:
     """Returns `trials` attempts at each radial goal, all of them simulated together.
 
     An attempt ends with its first decision: the goal held for 0.5 s, a failure, or the time limit.
@@ -94,7 +103,7 @@ def evaluate(
     observation = env.reset()
     record.begin()
     for _ in range(task.steps):
-        transition = env.step(_finite(policy(observation)))
+        transition = env.step(finite(policy(observation)))
         record.add()
         observation = transition.observation
         if not record.running.any():
@@ -104,7 +113,12 @@ def evaluate(
     return record.attempts(goals, goal)
 
 
-def _finite(action: Array32) -> Array32:
+def finite(action: Array32) -> Array32:
+    """Returns actions as they are.
+
+    Raises:
+        BadInputError: they are not finite.
+    """
     if not np.isfinite(action).all():
         raise BadInputError("the policy's actions are not finite: its file is damaged")
     return action
@@ -147,9 +161,9 @@ class _Record:
         self._steps[running] += 1
         self._outcome[running] = self._env.outcome[running]
 
-    def attempts(self, goals: Array, goal: NDArray[np.intp]) -> Attempts:
+    def attempts(self, goals: Array, goal: NDArray[np.intp]) -> SimulatedAttempts:
         """Returns everything."""
-        return Attempts(
+        return SimulatedAttempts(
             goals=goals,
             goal=goal,
             outcome=self._outcome,

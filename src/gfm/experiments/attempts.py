@@ -5,27 +5,35 @@ What a policy sees is made of what the bridge reports: joints as measured, the o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 
-from gfm.core import BadInputError, CommandKind, Observation
+from gfm.core import BadInputError, CommandKind, GfmError, Observation, RefusedError
 from gfm.core.checks import Array
 from gfm.envs.arm import CONTROL_PERIOD_S, ArmProblem
-from gfm.envs.evaluation import ControlPolicy
+from gfm.envs.evaluation import ControlPolicy, finite
 from gfm.envs.matching import failures, random_starts
 from gfm.envs.matching_task import MatchingTask
 from gfm.envs.matching_view import MatchingView, Scene
 from gfm.envs.outcomes import Outcome, Outcomes
 from gfm.experiments.drive import Driver
+from gfm.experiments.person import Person
 from gfm.sim.cell import END_EFFECTOR_SITE
-from gfm.sim.kinematics import SiteKinematics, body_axes
+from gfm.sim.kinematics import SiteKinematics, body_axes, yaw_of
 from gfm.sim.sawyer import JOINT_NAMES
 
 #: How long the object lies before an attempt, s: until it is at rest, and is seen there.
 _LIES_S = 0.3
+#: How long the arm takes to stop, s.
+_STOPS_S = 0.3
+#: How old a pose may become, s of the robot's time.
+_LONGEST_UNSEEN_S = 1.0
+#: How far from its place the object may have been put: m, and rad where its yaw matters.
+_ASIDE_M, _TURNED_RAD = 0.02, 0.35
 _ONE = np.arange(1)
 
 
@@ -35,26 +43,23 @@ class Attempt:
 
     Attributes:
         goal: Number of the goal.
-        trial: Number of the attempt at it.
-        outcome: How it ended, in words.
+        outcome: How it ended, a member of `Outcome` in small letters.
         steps: Control periods until that was decided.
         place_m: Distance of the object from the goal at that moment, as tracked, m.
         turn_rad: Difference in yaw at that moment, rad.
+        path: Of the object, as tracked: x and y in m at the start and after every period.
+        trial: Number of the attempt at the goal.
         recording: File of the recording.
     """
 
     goal: int
-    trial: int
     outcome: str
     steps: int
     place_m: float
     turn_rad: float
-    recording: str
-
-    @property
-    def reached(self) -> bool:
-        """Whether it succeeded."""
-        return self.outcome == Outcome.REACHED.name.lower()
+    path: list[list[float]]
+    trial: int = 0
+    recording: str = ""
 
 
 @final
@@ -67,7 +72,7 @@ class Attempts:
         policy: From observations to actions.
         driver: Of a bridge that takes a command every control period.
         seed: Of the starts.
-        paused: Called before every command; returns when to go on.
+        person: Who may pause or end it, and puts the object back where the robot cannot.
     """
 
     def __init__(
@@ -78,14 +83,26 @@ class Attempts:
         driver: Driver,
         *,
         seed: int,
-        paused: Callable[[], None] = lambda: None,
+        person: Person | None = None,
     ) -> None:
         self._task, self._arm, self._policy, self._driver = task, arm, policy, driver
-        self._seed, self._paused = seed, paused
+        self._seed, self._person = seed, person or Person()
         self._tip = SiteKinematics(arm.nominal, END_EFFECTOR_SITE)
 
-    def make(self, goal: int, trial: int, recording: str) -> Attempt:
-        """Puts arm and object where they begin, and tries once.
+    def begin(self) -> None:
+        """Makes sure that this robot can be driven: at the right rate, with an object in sight.
+
+        Raises:
+            BadInputError: it cannot.
+        """
+        self._driver.check_rate(JOINT_NAMES, CONTROL_PERIOD_S)
+        if self._driver.newest.object_position is None:
+            raise BadInputError(
+                f"the robot reports no object, expected one that is tracked for {self._task.name}"
+            )
+
+    def make(self, goal: int, trial: int, recording: str) -> Attempt | None:
+        """Puts arm and object where they begin, and tries once; None where that was broken off.
 
         Args:
             goal: Number of the goal.
@@ -93,64 +110,106 @@ class Attempts:
             recording: Name under which it is recorded.
 
         Raises:
-            BadInputError: the robot tracks no object, or the policy's actions are not finite.
-            RefusedError: the robot cannot put the object back.
+            BadInputError: nobody can put the object back, or the policy's actions are not finite.
+            RefusedError: the bridge says no, or the object is not seen where it was put.
             UnreachableError: the robot or its bridge does not answer.
         """
         rng = np.random.default_rng([self._seed, goal, trial])
         joints, pose = random_starts(self._task, 1, rng)
-        self._driver.go_to(JOINT_NAMES, joints[0], CONTROL_PERIOD_S)
-        self._driver.place_object(pose[0])
-        self._stand(_LIES_S)
-        about = {"purpose": "attempt", "task": self._task.name, "goal": str(goal)}
+        if not (self._above_basket(joints[0]) and self._object_put_back(pose[0])):
+            return None
+        about = {"purpose": "attempt", "task": self._task.name}
+        about |= {"goal": str(goal), "trial": str(trial)}
         try:
             with self._driver.recording(recording, about) as told:
-                outcome, steps, place, turn = self._tried(goal)
+                tried = self._tried(goal)
         finally:
-            self._stand(CONTROL_PERIOD_S)
-        return Attempt(
-            goal=goal,
-            trial=trial,
-            outcome=outcome.name.lower(),
-            steps=steps,
-            place_m=place,
-            turn_rad=turn,
-            recording=told[0].path if told else "",
+            with suppress(GfmError):  # where the robot is gone, that was said already
+                self._stand(_STOPS_S)
+        if tried is None:
+            return None
+        return replace(tried, trial=trial, recording=told[0].path if told else "")
+
+    def resumes(self) -> bool:
+        """Returns whether to go on after an attempt was broken off; the robot stands meanwhile."""
+        return self._person.resumes(self._rest)
+
+    def _above_basket(self, joints: Array) -> bool:
+        """Returns whether the arm is where it shall begin; False where that was broken off."""
+        interrupts = self._person.interrupts
+        return self._driver.go_to(JOINT_NAMES, joints, CONTROL_PERIOD_S, interrupts)
+
+    def _object_put_back(self, pose: Array) -> bool:
+        """Returns whether the object lies where it shall begin; False where that was broken off."""
+        if self._driver.place_object(pose):
+            self._stand(_LIES_S)
+            if problem := self._not_in_place(pose):
+                raise RefusedError(f"the object was put back and is {problem}")
+            return True
+        middle = np.array([*self._task.rest_position, 1.0, 0.0, 0.0, 0.0])
+        request = "put the object at the basket's centre, unturned"
+        while self._person.confirms(request, self._rest):
+            self._stand(_LIES_S)
+            problem = self._not_in_place(middle)
+            if not problem:
+                return True
+            request = f"the object is {problem}: put it there"
+        return False
+
+    def _not_in_place(self, pose: Array) -> str:
+        """Returns how far from a pose (7,) the object is seen, nothing where it is near enough."""
+        scene = self._scene(self._driver.newest)
+        goal = np.array([[*pose[:2], yaw_of(body_axes(pose[None, 3:]))[0]]])
+        place, turn = (
+            float(error[0]) for error in self._task.errors(scene.position, scene.axes, goal)
         )
+        turned = self._task.tolerance_rad is not None and turn > _TURNED_RAD
+        if place <= _ASIDE_M and not turned:
+            return ""
+        return f"seen {place * 100.0:.1f} cm and {np.degrees(turn):.0f} degrees from its place"
+
+    def _rest(self) -> None:
+        self._driver.rest(JOINT_NAMES, CONTROL_PERIOD_S)
 
     def _stand(self, seconds: float) -> None:
-        for _ in range(max(round(seconds / CONTROL_PERIOD_S), 1)):
+        for _ in range(round(seconds / CONTROL_PERIOD_S)):
             self._driver.command(CommandKind.VELOCITY, JOINT_NAMES, np.zeros(len(JOINT_NAMES)))
 
-    def _tried(self, goal: int) -> tuple[Outcome, int, float, float]:
-        """Returns outcome, steps, and how far from the goal it ended, m and rad."""
+    def _tried(self, goal: int) -> Attempt | None:
+        """Returns an attempt, without what only its maker knows; None where it was broken off."""
         task, goals = self._task, self._task.radial_goals()[[goal]]
         view, outcomes = MatchingView(task, self._arm.velocity_limit, 1), Outcomes(1)
         scene = self._scene(self._driver.newest)
         view.begin(_ONE, *_measured(self._driver.newest), scene)
-        step = 0
-        for step in range(1, task.steps + 1):
-            action = self._policy(view.observation(scene, goals))[0]
-            if not np.isfinite(action).all():
-                raise BadInputError("the policy's actions are not finite: its file is damaged")
-            self._paused()
+        path = [scene.position[0, :2]]
+        while outcomes.now[0] == Outcome.RUNNING:
+            action = finite(self._policy(view.observation(scene, goals)))[0]
+            if self._person.interrupts():
+                return None
             speed = np.clip(action, -1.0, 1.0) * self._arm.velocity_limit
             told = self._driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed)
             scene = self._scene(told)
             view.see(*_measured(told), scene)
+            path.append(scene.position[0, :2])
             reached = task.reached(scene.position, scene.axes, goals)
             failure = failures(scene, np.zeros(1, dtype=bool))
-            outcomes.judge(reached, failure, np.array([step == task.steps]))
-            if outcomes.now[0] != Outcome.RUNNING:
-                break
+            outcomes.judge(reached, failure, np.array([len(path) > task.steps]))
         place, turn = task.errors(scene.position, scene.axes, goals)
-        return Outcome(outcomes.now[0]), step, float(place[0]), float(turn[0])
+        return Attempt(
+            goal=goal,
+            outcome=Outcome(outcomes.now[0]).name.lower(),
+            steps=len(path) - 1,
+            place_m=float(place[0]),
+            turn_rad=float(turn[0]),
+            path=np.round(path, 5).tolist(),
+        )
 
     def _scene(self, report: Observation) -> Scene:
         if report.object_position is None or report.object_quaternion is None:
-            raise BadInputError(
-                f"the robot reports no object, expected one that is tracked for {self._task.name}"
-            )
+            raise RefusedError("the robot reports no object")
+        unseen_s = (report.stamp_ns - report.object_stamp_ns) * 1e-9
+        if unseen_s > _LONGEST_UNSEEN_S:
+            raise RefusedError(f"the object was last seen {unseen_s:.1f} s ago")
         pose = np.concatenate([report.object_position, report.object_quaternion])[None]
         qpos = self._arm.model.layout.as_qpos(report.position[None], pose)
         return Scene(

@@ -23,7 +23,7 @@ from gfm.core.checks import Array
 from gfm.excitation.motion import JointRanges, Motion, Purpose, minimum_jerk
 from gfm.sim.sawyer import JOINT_NAMES, READY
 from gfm.transport import Transport
-from gfm_wire import Ack, Message, PlaceObject, RecordDone, RecordStart, RecordStop
+from gfm_wire import Ack, ByHand, Message, PlaceObject, RecordDone, RecordStart, RecordStop
 
 #: Velocity commands follow the reference with this gain on the position error, 1/s: enough to stay
 #: on it, too little to hide what the drives do.
@@ -36,6 +36,8 @@ _POLL_NS = 100_000
 _RETRY_NS = 500_000_000
 #: By how much the bridge's period may differ from the motion's.
 _PERIOD_TOLERANCE = 0.2
+#: Over so many periods it is measured before anything moves.
+_RATE_PERIODS = 20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,29 +167,60 @@ class Driver:
         if motion.kind is not CommandKind.POSITION:
             self._follow(motion, 0, np.zeros(len(motion.joint_names)))
 
-    def go_to(self, joint_names: tuple[str, ...], position: Array, period_s: float) -> None:
-        """Goes somewhere and comes to rest there.
+    def go_to(
+        self,
+        joint_names: tuple[str, ...],
+        position: Array,
+        period_s: float,
+        interrupts: Callable[[], bool] = lambda: False,
+    ) -> bool:
+        """Goes somewhere and comes to rest there; returns False where that was broken off.
 
         Args:
             joint_names: J of them.
             position: rad, shape (J,).
             period_s: Of the bridge.
+            interrupts: Asked before every command whether to break off.
         """
         start, way = self.newest.position, position - self.newest.position
         duration_s = max(1.875 * float(np.abs(way).max()) / _APPROACH_SPEED, _SHORTEST_APPROACH_S)
         for time_s in np.arange(0.0, duration_s + _SETTLE_S, period_s):
+            if interrupts():
+                return False
             target = start + minimum_jerk(np.array((time_s + period_s) / duration_s)) * way
             self.command(CommandKind.POSITION, joint_names, target)
+        return True
 
-    def place_object(self, pose: Array) -> None:
-        """Has the object put somewhere, at rest: m and quaternion w x y z, shape (7,).
+    def check_rate(self, joint_names: tuple[str, ...], period_s: float) -> None:
+        """Stands still for a moment, by which the bridge's control period is measured.
 
         Raises:
-            RefusedError: there is none, or a person has to do that.
+            BadInputError: it is another one.
+        """
+        began_ns = self.newest.stamp_ns
+        for _ in range(_RATE_PERIODS):
+            self.command(CommandKind.VELOCITY, joint_names, np.zeros(len(joint_names)))
+        self._check_period("standing still", period_s, _RATE_PERIODS, began_ns)
+
+    def rest(self, joint_names: tuple[str, ...], period_s: float) -> None:
+        """Stands still for one period, which passes here, too, where the robot is faster."""
+        began_ns = self._clock.now_ns()
+        self.command(CommandKind.VELOCITY, joint_names, np.zeros(len(joint_names)))
+        self._wait_ns(began_ns + round(period_s * 1e9) - self._clock.now_ns())
+
+    def place_object(self, pose: Array) -> bool:
+        """Has the object put somewhere, at rest; returns whether the robot can do that.
+
+        Args:
+            pose: m and quaternion w x y z, shape (7,).
+
+        Raises:
+            RefusedError: the bridge says no.
         """
         answer = self._ask("robot/object", PlaceObject(pose=pose))
-        if not isinstance(answer, Ack):
-            raise RefusedError(f"the bridge answered {type(answer).__name__}, not Ack")
+        if not isinstance(answer, Ack | ByHand):
+            raise RefusedError(f"the bridge answered {type(answer).__name__}, not Ack or ByHand")
+        return isinstance(answer, Ack)
 
     @contextmanager
     def recording(self, name: str, about: Mapping[str, str]) -> Iterator[list[RecordDone]]:
@@ -209,7 +242,7 @@ class Driver:
         with self.recording(motion.name, about) as told:
             for step, speed in enumerate(motion.velocity):
                 self._follow(motion, step, speed)
-        self._check_period(motion, (self.newest.stamp_ns - began_ns) * 1e-9)
+        self._check_period(motion.name, motion.period_s, len(motion.position), began_ns)
         if not told:
             raise RefusedError(f"the bridge says nothing of the recording of {motion.name}")
         return Driven(
@@ -232,12 +265,12 @@ class Driver:
             values = speed + _FEEDBACK * behind
         self.command(motion.kind, motion.joint_names, values)
 
-    def _check_period(self, motion: Motion, passed_s: float) -> None:
-        expected_s = motion.period_s * len(motion.position)
+    def _check_period(self, what: str, period_s: float, count: int, began_ns: int) -> None:
+        passed_s, expected_s = (self.newest.stamp_ns - began_ns) * 1e-9, period_s * count
         if abs(passed_s - expected_s) > _PERIOD_TOLERANCE * expected_s:
             raise BadInputError(
-                f"{motion.name} took {passed_s:.2f} s of robot time; expected {expected_s:.2f} s: "
-                f"the bridge's control rate is not {1 / motion.period_s:g} Hz"
+                f"{what} took {passed_s:.2f} s of robot time; expected {expected_s:.2f} s: "
+                f"the bridge's control rate is not {1 / period_s:g} Hz"
             )
 
     def _ask(self, key: str, message: Message) -> Message:

@@ -12,8 +12,9 @@ if TYPE_CHECKING:
 _DESCRIPTION = """\
 Runs a policy on the robot, through its bridge, as the paper tests it: ten goals, several attempts
 at each, the object put back between them, every attempt recorded. What was done is kept after every
-attempt: the same command goes on where it was broken off. The robot is a simulated one that this
-command starts; it can hide effects in its arm and in the object.
+attempt: the same command goes on where it was broken off. The space bar stops the arm until it is
+pressed again, q or Ctrl-C ends. The robot is a simulated one that this command starts and that can
+hide effects in its arm and in the object, or with --connect one that is there.
 """
 
 
@@ -40,6 +41,27 @@ def add_parser(subparsers: Subparsers) -> None:
         "(default: %(default)s)",
     )
     parser.add_argument(
+        "--robot-config",
+        type=Path,
+        metavar="FILE",
+        help="TOML file of settings of the simulated robot: what it hides, with amounts",
+    )
+    parser.add_argument(
+        "--real-time",
+        action="store_true",
+        help="let the simulated robot's time pass by itself (default: with every command, as fast "
+        "as the machine can)",
+    )
+    parser.add_argument(
+        "--connect",
+        default="",
+        metavar="ENDPOINT",
+        help="router of a run with a bridge at 20 Hz, whose robot to drive (default: start one)",
+    )
+    parser.add_argument(
+        "--run", dest="run_name", default="default", help="name of that run (default: %(default)s)"
+    )
+    parser.add_argument(
         "--goals", type=int, default=10, metavar="N", help="only the first of them (default: 10)"
     )
     parser.add_argument(
@@ -61,6 +83,10 @@ def run(arguments: argparse.Namespace) -> int:
             task=f"{arguments.task}_matching",
             policy=arguments.policy,
             hidden_effect=arguments.hidden_effect,
+            robot_config=arguments.robot_config,
+            real_time=arguments.real_time,
+            connect=arguments.connect,
+            run_name=arguments.run_name,
             goals=arguments.goals,
             trials=arguments.trials,
             seed=arguments.seed,

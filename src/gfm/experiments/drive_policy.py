@@ -2,32 +2,46 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+import shutil
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
-from scipy.stats import binomtest
 
-from gfm.core import BadInputError, ConfigError, MonotonicClock
+from gfm.core import BadInputError, Clock, ConfigError, MonotonicClock
 from gfm.envs.arm import CONTROL_PERIOD_S
 from gfm.envs.matching import Matching
 from gfm.envs.matching_task import RADIAL_GOALS, TASKS
+from gfm.envs.outcomes import Outcome
+from gfm.experiments.attempt_files import RESULT, Kept
 from gfm.experiments.attempts import Attempt, Attempts, planned
 from gfm.experiments.drive import Driver
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for, policy_path
 from gfm.experiments.folders import check_folder
-from gfm.experiments.inputs import sha256
-from gfm.launch import Supervisor, SystemSpec, free_endpoint, replay_process, robot_processes
+from gfm.experiments.inputs import command_line, provenance, sha256
+from gfm.experiments.person import Keyboard, Person
+from gfm.launch import (
+    Supervisor,
+    SystemSpec,
+    free_endpoint,
+    replay_process,
+    robot_processes,
+    watching,
+)
 from gfm.policies import shipped_policy
 from gfm.recording.weights_file import read_weights
+from gfm.report.evaluation import REASONS, Evaluation, evaluation_texts, print_evaluation
+from gfm.report.files import write_texts
+from gfm.service import StopSignal
 from gfm.sim.sawyer import JOINT_NAMES
+from gfm.transport import Transport, ZenohTransport
 
-RESULT = "result.json"
-SCHEMA = "gfm.drive/1"
 _WAIT_S = 30.0
+_SIMULATED = "on a simulated robot"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +52,10 @@ class DriveRequest:
         task: Name of the environment.
         policy: Of a file, or of a folder that holds one; by default the one that comes with gfm.
         hidden_effect: Of the simulated robot.
+        robot_config: Its settings as a TOML file; None for the default ones.
+        real_time: Whether its time passes by itself.
+        connect: Router of a run whose robot to drive; empty to start a simulated one.
+        run_name: Name of that run.
         goals: The first so many are tried.
         trials: Attempts per goal.
         seed: Of robot and starts.
@@ -48,6 +66,10 @@ class DriveRequest:
     out: Path
     policy: Path | None = None
     hidden_effect: str = "none"
+    robot_config: Path | None = None
+    real_time: bool = False
+    connect: str = ""
+    run_name: str = "default"
     goals: int = RADIAL_GOALS
     trials: int = 5
     seed: int = 0
@@ -57,6 +79,16 @@ class DriveRequest:
             raise ConfigError(f"--goals is {self.goals}, expected 1 to {RADIAL_GOALS}")
         if self.trials < 1:
             raise ConfigError(f"--trials is {self.trials}, expected at least 1")
+        started = {
+            "--hidden-effect": self.hidden_effect != "none",
+            "--robot-config": self.robot_config is not None,
+            "--real-time": self.real_time,
+        }
+        for flag, given in started.items():
+            if self.connect and given:
+                raise ConfigError(
+                    f"{flag} and --connect: expected one of them, what runs has its settings"
+                )
 
 
 def drive_policy(request: DriveRequest) -> list[Attempt]:
@@ -65,6 +97,7 @@ def drive_policy(request: DriveRequest) -> list[Attempt]:
     Raises:
         BadInputError: policy and task do not go together, or the folder holds something else.
         UnreachableError: the robot does not answer.
+        KeyboardInterrupt: a signal ended it; what there is is kept.
     """
     check_folder(request.out)
     path = policy_path(request.policy or shipped_policy(request.task))
@@ -73,80 +106,123 @@ def drive_policy(request: DriveRequest) -> list[Attempt]:
     kept = Kept(request.out, _about(request, sha256(path)))
     left = [one for one in planned(request.goals, request.trials) if one not in kept.done]
     clock, console = MonotonicClock(), Console()
-    if left:
-        with Supervisor(_system(request), request.out / "logs", clock=clock) as supervisor:
-            supervisor.start()
-            driver = Driver(supervisor.transport, clock)
-            driver.begin(JOINT_NAMES, _WAIT_S)
-            attempts = Attempts(task, arm, policy.mean_action, driver, seed=request.seed)
-            for goal, trial in left:
-                kept.add(attempts.make(goal, trial, _free_name(request, goal, trial)))
-                console.print(_line(kept.attempts[-1], len(kept.attempts), request))
-    _print(console, kept.attempts)
+
+    def all_made(driver: Driver, person: Person) -> None:
+        attempts = Attempts(task, arm, policy.mean_action, driver, seed=request.seed, person=person)
+        attempts.begin()
+        for goal, trial in left:
+            made = None
+            while made is None:
+                made = attempts.make(goal, trial, _free_name(request, clock, goal, trial))
+                if made is None and not attempts.resumes():
+                    return
+            kept.add(made)
+            console.print(_line(made, len(kept.attempts), request))
+
+    interrupted = _driven(request, clock, all_made) if left else False
+    if kept.attempts:
+        report = _report(request, path, kept)
+        write_texts(request.out, evaluation_texts(report))
+        print_evaluation(console, report)
+    if interrupted:
+        raise KeyboardInterrupt
     return kept.attempts
 
 
-class Kept:
-    """What came of attempts, in a file that is whole after every one of them.
+def _report(request: DriveRequest, policy: Path, kept: Kept) -> Evaluation:
+    config = request.robot_config
+    files = {"policy": (policy,), "robot's settings": () if config is None else (config,)}
+    return Evaluation(
+        task=TASKS[request.task],
+        attempts=kept.together(request.task),
+        trials=request.trials,
+        provenance=provenance(files, request.seed, command_line())
+        | _about(request, sha256(policy)),
+        where=f"on the robot of run {request.run_name}" if request.connect else _SIMULATED,
+    )
 
-    Args:
-        folder: Where it lies.
-        about: Settings under which they were made.
 
-    Attributes:
-        attempts: So far.
+def _driven(request: DriveRequest, clock: Clock, drives: Callable[[Driver, Person], None]) -> bool:
+    """Gets hold of a robot and has it driven; returns whether a signal ended that.
 
-    Raises:
-        BadInputError: the folder holds attempts under other settings, or no such file.
+    A folder that was new, and in which nothing came of it, goes again.
     """
-
-    def __init__(self, folder: Path, about: dict[str, object]) -> None:
-        self.attempts: list[Attempt] = []
-        self._path, self._about = folder / RESULT, about
-        if not self._path.exists():
-            return
-        try:
-            told = json.loads(self._path.read_text())
-            there, rows = told["about"], told["attempts"]
-            self.attempts = [Attempt(**row) for row in rows]
-        except (ValueError, KeyError, TypeError) as error:
-            raise BadInputError(f"{self._path}: is no result of gfm drive: {error}") from error
-        differing = [name for name, value in about.items() if there.get(name) != value]
-        if differing:
-            name = differing[0]
-            raise BadInputError(
-                f"{self._path}: made with {name} {there.get(name)}, asked for {about[name]}; "
-                "expected the same settings, or another folder"
+    fresh = not request.out.exists()
+    try:
+        with (
+            _robot(request, clock) as (transport, idle),
+            Keyboard() as keyboard,
+            _signals() as stop,
+        ):
+            driver = Driver(transport, clock, idle)
+            driver.begin(JOINT_NAMES, _WAIT_S)
+            drives(
+                driver, Person(key=keyboard.key, stopped=stop, say=_say, is_there=keyboard.is_there)
             )
+            return stop()
+    except BadInputError:
+        if fresh and not (request.out / RESULT).exists():
+            shutil.rmtree(request.out, ignore_errors=True)
+        raise
 
-    @property
-    def done(self) -> set[tuple[int, int]]:
-        """Goal and trial of each attempt that was made."""
-        return {(one.goal, one.trial) for one in self.attempts}
 
-    def add(self, attempt: Attempt) -> None:
-        """Keeps one more."""
-        self.attempts.append(attempt)
-        rows = [asdict(one) for one in self.attempts]
-        told = {"schema": SCHEMA, "about": self._about, "attempts": rows}
-        part = self._path.with_name(self._path.name + ".part")
-        part.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(json.dumps(told, indent=2) + "\n")
-        part.replace(self._path)
+@contextmanager
+def _robot(
+    request: DriveRequest, clock: Clock
+) -> Iterator[tuple[Transport, Callable[[], None] | None]]:
+    """Yields a connection to a robot's run, and what to do while waiting for it."""
+    if request.connect:
+        with ZenohTransport.open(
+            run=request.run_name, name="drive", connect=(request.connect,)
+        ) as transport:
+            yield transport, None
+        return
+    with Supervisor(_system(request), request.out / "logs", clock=clock) as supervisor:
+        supervisor.start()
+        yield supervisor.transport, watching(supervisor, clock)
+
+
+@contextmanager
+def _signals() -> Iterator[StopSignal]:
+    """Turns SIGINT and SIGTERM into a flag meanwhile: the arm is stopped before anything else."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    stop = StopSignal()
+    stop.install()
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _say(words: str) -> None:
+    sys.stdout.write(f"{words}\n")
+    sys.stdout.flush()
 
 
 def _about(request: DriveRequest, policy: str) -> dict[str, object]:
     return {
         "task": request.task,
         "policy": policy,
+        "robot": f"{request.run_name} at {request.connect}" if request.connect else "sim",
         "hidden_effect": request.hidden_effect,
+        "robot_config": sha256(request.robot_config) if request.robot_config else "",
+        "clock": _clock(request),
         "seed": request.seed,
     }
 
 
+def _clock(request: DriveRequest) -> str:
+    return "wall" if request.real_time else "lockstep"
+
+
 def _system(request: DriveRequest) -> SystemSpec:
     folder = request.out.absolute()
+    config = request.robot_config
+    clock = ("--clock", _clock(request))
     robot = (
+        *(("--config", str(config.absolute())) if config else ()),
+        *clock,
         *("--task", request.task.removesuffix("_matching")),
         *("--hidden-effect", request.hidden_effect),
         *("--seed", str(request.seed), "--sealed", str(folder / "sealed.json")),
@@ -154,6 +230,7 @@ def _system(request: DriveRequest) -> SystemSpec:
     bridge = (
         *("--recordings", str(folder / "recordings")),
         *("--control-hz", f"{1.0 / CONTROL_PERIOD_S:g}"),
+        *clock,
     )
     return SystemSpec(
         run="drive",  # a router of its own: nobody else is there
@@ -162,33 +239,19 @@ def _system(request: DriveRequest) -> SystemSpec:
     )
 
 
-def _free_name(request: DriveRequest, goal: int, trial: int) -> str:
+def _free_name(request: DriveRequest, clock: Clock, goal: int, trial: int) -> str:
     """Returns a name that no recording has: of one that was broken off, what there is stays."""
     name = f"{request.task}_{goal}_{trial}"
+    if request.connect:  # the folder is the bridge's
+        return f"{name}_{clock.utc_ns() // 1_000_000}"
     while any((request.out / "recordings").glob(f"{name}.mcap*")):
         name += "_again"
     return name
 
 
 def _line(attempt: Attempt, number: int, request: DriveRequest) -> str:
-    words = attempt.outcome.replace("_", " ")
     return (
-        f"{number} of {request.goals * request.trials}: goal {attempt.goal}: {words} "
-        f"after {attempt.steps * CONTROL_PERIOD_S:.1f} s, {attempt.place_m * 100.0:.1f} cm away"
-    )
-
-
-def _print(console: Console, attempts: Sequence[Attempt]) -> None:
-    table = Table(title="Attempts that succeeded")
-    for heading in ("goal", "reached", "of"):
-        table.add_column(heading, justify="right")
-    for goal in sorted({one.goal for one in attempts}):
-        here = [one for one in attempts if one.goal == goal]
-        table.add_row(str(goal), str(sum(one.reached for one in here)), str(len(here)))
-    console.print(table)
-    reached = sum(one.reached for one in attempts)
-    interval = binomtest(reached, len(attempts)).proportion_ci(0.95, method="wilson")
-    console.print(
-        f"{reached} of {len(attempts)} succeeded: {reached / len(attempts):.0%} "
-        f"(95 %: {interval.low:.0%} to {interval.high:.0%}); simulated robot"
+        f"{number} of {request.goals * request.trials}: goal {attempt.goal + 1}: "
+        f"{REASONS[Outcome[attempt.outcome.upper()]]} after "
+        f"{attempt.steps * CONTROL_PERIOD_S:.1f} s, {attempt.place_m * 100.0:.1f} cm away"
     )

@@ -13,7 +13,7 @@ from rich.console import Console
 from gfm.core import BadInputError, CommandKind, ConfigError, EnvironmentSpec, Weights
 from gfm.envs.arm import ArmProblem
 from gfm.envs.control_settings import ControlSettings
-from gfm.envs.evaluation import evaluate
+from gfm.envs.evaluation import SimulatedAttempts, evaluate
 from gfm.envs.matching import Matching
 from gfm.envs.matching_task import TASKS
 from gfm.envs.registry import EnvironmentSettings, arm_problem, furnished
@@ -89,7 +89,7 @@ def evaluate_policy(request: EvaluationRequest) -> Evaluation:
         },
     )
     if request.out is not None:
-        evaluation = _with_films(evaluation, arm, request.out)
+        evaluation = _with_films(evaluation, attempts, arm, request.out)
         write_texts(request.out, evaluation_texts(evaluation))
     if request.as_json:
         sys.stdout.write(json.dumps(evaluation_json(evaluation), indent=2, allow_nan=False) + "\n")
@@ -135,9 +135,11 @@ def policy_for(path: Path, weights: Weights, spec: EnvironmentSpec) -> GaussianP
     return policy
 
 
-def _with_films(evaluation: Evaluation, arm: ArmProblem, out: Path) -> Evaluation:
+def _with_films(
+    evaluation: Evaluation, attempts: SimulatedAttempts, arm: ArmProblem, out: Path
+) -> Evaluation:
     """Films the best and the worst attempt; where that cannot be done, notes it once."""
-    attempts, films = evaluation.attempts, []
+    films = []
     for label, index in (("best", attempts.best), ("worst", attempts.worst)):
         path = out / f"{label}.mp4"
         qpos = attempts.qpos[: int(attempts.steps[index]) + 1, index]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shutil
 import signal
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
@@ -51,6 +51,7 @@ from gfm.launch import (
     free_endpoint,
     replay_process,
     robot_processes,
+    watching,
 )
 from gfm.report import ModelKind, RunReport, print_run, write_models, write_run
 from gfm.report.files import model_texts, write_texts
@@ -82,7 +83,6 @@ _EXPECTED_S = {
 _RESERVE_S, _LEAST_LEARNING_S = 50.0, 20.0
 #: Longest time that is spent on learning, s.
 _MOST_LEARNING_S = 240.0
-_IDLE_NS, _CHECK_NS = 100_000, 100_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,7 +198,7 @@ class _Run:
         )
 
         driven: list[Driven] = []
-        idle = _watching(supervisor, self._clock)
+        idle = watching(supervisor, self._clock)
         with self._progress.phase(DRIVE):
             self._progress.say(chosen[0].name, share=0.0)
             for one in drive(supervisor.transport, self._clock, chosen, idle=idle):
@@ -290,21 +290,6 @@ class _Run:
         return findings.report(
             self._settings.folder.name, models, self._progress.durations_s(), unseal(self._sealed)
         )
-
-
-def _watching(supervisor: Supervisor, clock: Clock) -> Callable[[], None]:
-    """Returns what to do while waiting: nap, and now and then see whether everybody is alive."""
-    checked_ns = clock.now_ns()
-
-    def idle() -> None:
-        nonlocal checked_ns
-        now_ns = clock.now_ns()
-        if now_ns - checked_ns >= _CHECK_NS:
-            supervisor.check()
-            checked_ns = now_ns
-        clock.sleep_until_ns(now_ns + _IDLE_NS)
-
-    return idle
 
 
 def nominal_arm(models: Sequence[Path]) -> NominalModel:

@@ -9,7 +9,7 @@ from gfm.launch.spec import (
     replay_process,
     robot_processes,
 )
-from gfm.launch.supervisor import Supervisor
+from gfm.launch.supervisor import Supervisor, watching
 from gfm.launch.survey import statuses, summary
 
 __all__ = [
@@ -23,4 +23,5 @@ __all__ = [
     "robot_processes",
     "statuses",
     "summary",
+    "watching",
 ]

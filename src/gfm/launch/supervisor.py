@@ -17,6 +17,7 @@ from gfm_wire import StatusRequest
 
 _POLL_NS = 50_000_000
 _ASK_S = 1.0
+_IDLE_NS, _CHECK_NS = 100_000, 100_000_000
 
 
 @final
@@ -161,3 +162,18 @@ class Supervisor:
         traceback: TracebackType | None,
     ) -> None:
         self.stop()
+
+
+def watching(supervisor: Supervisor, clock: Clock) -> Callable[[], None]:
+    """Returns what to do while waiting: nap, and now and then see whether everybody is alive."""
+    checked_ns = clock.now_ns()
+
+    def idle() -> None:
+        nonlocal checked_ns
+        now_ns = clock.now_ns()
+        if now_ns - checked_ns >= _CHECK_NS:
+            supervisor.check()
+            checked_ns = now_ns
+        clock.sleep_until_ns(now_ns + _IDLE_NS)
+
+    return idle

@@ -45,6 +45,7 @@ class Evaluation:
         attempts: What came of it.
         trials: Attempts per goal.
         provenance: Files, versions, seed and command.
+        where: What the policy acted on.
         films: Names of films beside the report.
         notes: What a reader should know.
     """
@@ -53,6 +54,7 @@ class Evaluation:
     attempts: Attempts
     trials: int
     provenance: Mapping[str, object]
+    where: str = "in simulation"
     films: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -78,7 +80,7 @@ class Evaluation:
         low, high = self.interval
         return (
             f"{self.task.name}: {self.reached} of {self.of} attempts succeeded, "
-            f"{self.reached / self.of:.0%} (95 % interval {low:.0%} to {high:.0%})"
+            f"{self.reached / self.of:.0%} (95 % interval {low:.0%} to {high:.0%}), {self.where}"
         )
 
     @property
@@ -146,6 +148,7 @@ def evaluation_json(evaluation: Evaluation) -> dict[str, object]:
     return {
         "schema": SCHEMA,
         "task": evaluation.task.name,
+        "where": evaluation.where,
         "success": {
             "reached": evaluation.reached,
             "of": evaluation.of,

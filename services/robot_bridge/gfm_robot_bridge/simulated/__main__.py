@@ -11,7 +11,7 @@ from gfm.sim.sawyer import READY
 from gfm.transport import Transport
 from gfm_robot_bridge.simulated.cell import Cell
 from gfm_robot_bridge.simulated.config import SimulatedConfig
-from gfm_robot_bridge.simulated.hidden import draw, names, object_names
+from gfm_robot_bridge.simulated.hidden import draw, given, names, object_names
 from gfm_robot_bridge.simulated.robot import Sensors, SimulatedRobot
 from gfm_robot_bridge.simulated.sealed import seal
 from gfm_robot_bridge.simulated.service import SimulatedService
@@ -19,9 +19,9 @@ from gfm_robot_bridge.simulated.service import SimulatedService
 
 def build(config: SimulatedConfig, transport: Transport, clock: Clock) -> Service:
     """Returns the service that the settings describe; what it hides is sealed before it answers."""
-    effects = draw(config.hidden_effect, config.seed, READY)
+    effects = given(config.hidden) or draw(config.hidden_effect, config.seed, READY)
     if config.sealed_path is not None:
-        seal(config.sealed_path, effects, choice=config.hidden_effect, seed=config.seed)
+        seal(config.sealed_path, effects, choice=config.choice, seed=config.seed)
     sensors = Sensors(period_ns=round(config.period_s * 1e9))
     robot = SimulatedRobot(
         READY, effects=effects, seed=config.seed, sensors=sensors, cell=Cell(config.task)

@@ -7,7 +7,7 @@ from typing import Literal
 
 from gfm.core import ConfigError
 from gfm.service import ServiceConfig
-from gfm_robot_bridge.simulated.hidden import check_choice, needs_object
+from gfm_robot_bridge.simulated.hidden import GivenEffect, check_choice, given, needs_object
 
 
 class SimulatedConfig(ServiceConfig, frozen=True, kw_only=True):
@@ -18,6 +18,8 @@ class SimulatedConfig(ServiceConfig, frozen=True, kw_only=True):
             passes by itself.
         hidden_effect: What the robot has beyond its nominal model: an effect's name, `random` for
             any one, several joined by `+`, or `none`.
+        hidden: Effects that the robot has beyond its nominal model, with amounts, in place of
+            `hidden_effect`.
         task: For which task it has a tool in its hand, a basket and an object in front of it:
             `position`, `pose` or `none`.
         seed: Of the hidden effect and of the sensors' noise.
@@ -27,6 +29,7 @@ class SimulatedConfig(ServiceConfig, frozen=True, kw_only=True):
 
     clock: Literal["lockstep", "wall"] = "lockstep"
     hidden_effect: str = "none"
+    hidden: tuple[GivenEffect, ...] = ()
     task: Literal["none", "position", "pose"] = "none"
     seed: int = 0
     sealed: str = ""
@@ -35,9 +38,15 @@ class SimulatedConfig(ServiceConfig, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_choice(self.hidden_effect)
-        if self.task == "none" and needs_object(self.hidden_effect):
+        if self.hidden and self.hidden_effect != "none":
             raise ConfigError(
-                f"hidden_effect is {self.hidden_effect} and task none, expected task position or "
+                f"hidden_effect is {self.hidden_effect} and hidden has {len(self.hidden)} effects, "
+                "expected one of them"
+            )
+        effects = [*self.hidden_effect.split("+"), *(one.effect for one in given(self.hidden))]
+        if self.task == "none" and needs_object(effects):
+            raise ConfigError(
+                f"hidden effects are {', '.join(effects)} and task none, expected task position or "
                 "pose: there is no object to hide it in"
             )
         if not 0.001 <= self.period_s <= 0.1:
@@ -49,3 +58,8 @@ class SimulatedConfig(ServiceConfig, frozen=True, kw_only=True):
     def sealed_path(self) -> Path | None:
         """Where to write what is hidden, or None."""
         return Path(self.sealed) if self.sealed else None
+
+    @property
+    def choice(self) -> str:
+        """What was asked to be hidden, in words."""
+        return "+".join(one.effect for one in self.hidden) or self.hidden_effect

@@ -6,13 +6,16 @@ sensors' noise, and not so large that the arm could not be driven.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
-from gfm.core import UnknownNameError
+from gfm.core import ConfigError, UnknownNameError
 from gfm.core.checks import Array
+from gfm.sim.sawyer import JOINT_NAMES
 
 #: Torque amounts are drawn for the four large joints; the three wrist joints have this share of
 #: them, for their drives have 9 N m against 40 and 80.
@@ -20,6 +23,8 @@ _WRIST_SHARE = 0.4
 _LARGE = 4
 #: Joints that carry weight in every pose that is driven.
 _LOADED = (1, 3)
+#: Effects whose joints need not be named.
+_OF_THE_WHOLE = ("payload", "gravity_direction", "command_delay")
 #: The joint about the vertical axis: no weight presses on its play, and it makes no difference on
 #: which side of a coupling gravity is compensated.
 _UNLOADED = 0
@@ -38,6 +43,20 @@ class HiddenEffect:
     effect: str
     joints: tuple[int, ...]
     parameters: Mapping[str, float]
+
+
+class GivenEffect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One effect as settings name it, with its amounts.
+
+    Attributes:
+        effect: Its name.
+        joints: Names of the joints that have it; empty where it is not of single joints.
+        parameters: Values in SI units by name: all that the effect has.
+    """
+
+    effect: str
+    parameters: dict[str, float]
+    joints: tuple[str, ...] = ()
 
 
 #: Units of the parameters, by name.
@@ -130,6 +149,49 @@ def draw(name: str, seed: int, pose: Array) -> tuple[HiddenEffect, ...]:
     return tuple(effect for one in chosen for effect in (_DRAWS | _OBJECT_DRAWS)[one](dice))
 
 
+def given(effects: Sequence[GivenEffect]) -> tuple[HiddenEffect, ...]:
+    """Returns the effects that settings name.
+
+    Raises:
+        UnknownNameError: there is no such effect or joint.
+        ConfigError: an effect has other joints or parameters, or an amount is not finite.
+    """
+    return tuple(_given(one) for one in effects)
+
+
+def _given(one: GivenEffect) -> HiddenEffect:
+    known = _DRAWS | _OBJECT_DRAWS
+    if one.effect not in known:
+        raise UnknownNameError("hidden effect", one.effect, known)
+    drawn = known[one.effect](_Dice(np.random.default_rng(0), np.zeros(len(JOINT_NAMES))))
+    like = next(effect for effect in drawn if effect.effect == one.effect)
+    if set(one.parameters) != set(like.parameters):
+        raise ConfigError(
+            f"hidden {one.effect} has {', '.join(sorted(one.parameters)) or 'no parameters'}, "
+            f"expected {', '.join(sorted(like.parameters))}"
+        )
+    for name, value in one.parameters.items():
+        if not math.isfinite(value):
+            raise ConfigError(f"hidden {one.effect} has {name} {value}, expected a finite number")
+    return HiddenEffect(
+        effect=one.effect, joints=_joints(one, like), parameters=dict(one.parameters)
+    )
+
+
+def _joints(one: GivenEffect, like: HiddenEffect) -> tuple[int, ...]:
+    for joint in one.joints:
+        if joint not in JOINT_NAMES:
+            raise UnknownNameError("joint", joint, JOINT_NAMES)
+    if one.effect in _OF_THE_WHOLE and not one.joints:
+        return like.joints
+    if len(one.joints) != len(like.joints):
+        raise ConfigError(
+            f"hidden {one.effect} is on joints {', '.join(one.joints) or 'none'}, "
+            f"expected {len(like.joints)} of {', '.join(JOINT_NAMES)}"
+        )
+    return tuple(JOINT_NAMES.index(joint) for joint in one.joints)
+
+
 def check_choice(name: str) -> None:
     """Raises UnknownNameError for what cannot be hidden."""
     known = [*_DRAWS, *_OBJECT_DRAWS, "random"]
@@ -138,9 +200,9 @@ def check_choice(name: str) -> None:
             raise UnknownNameError("hidden effect", one, [*known, "none"])
 
 
-def needs_object(name: str) -> bool:
-    """Returns whether what is to be hidden is in the object or the tool that pushes it."""
-    return any(one in _OBJECT_DRAWS for one in name.split("+"))
+def needs_object(effect_names: Iterable[str]) -> bool:
+    """Returns whether one of the effects is in the object or the tool that pushes it."""
+    return any(name in _OBJECT_DRAWS for name in effect_names)
 
 
 def names() -> tuple[str, ...]:
