@@ -140,11 +140,11 @@ def summary(told: Sequence[Told]) -> str:
     weights = weights_of(cases)
     amounts = fit(X, right, weights)
     guess = np.full_like(right, np.average(right, weights=weights))
-    told_now = np.array([one.confidence for one, _ in pairs])
+    as_reported = np.array([one.confidence for one, _ in pairs])
     rows = {
         "fitted": probability(X @ amounts),
         "each case left out": left_out(X, right, cases, weights),
-        "of what reports say": told_now,
+        "of what reports say": as_reported,
         "of the share of right": guess,
     }
     lines = [

@@ -4,7 +4,8 @@ import numpy as np
 
 from gfm.core import CommandKind
 from gfm.diagnosis.inference.fitting import Fit
-from gfm.diagnosis.residuals.problem import Noise, Problem
+from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.residuals.rollouts import Noise
 from gfm.effects import EffectInstance, effect_library
 from gfm.sim.segment import Segment
 

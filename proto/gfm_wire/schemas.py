@@ -37,11 +37,11 @@ Message = (
     | EnvironmentRequest
     | NotReady
     | Observation
+    | PlaceObject
     | RecordDone
     | RecordStart
     | RecordStop
     | Refusal
-    | PlaceObject
     | RobotExchange
     | RobotStates
     | RunEnvironment

@@ -23,7 +23,7 @@ from gfm.envs.matching import Matching
 from gfm.envs.matching_task import POSE_MATCHING, POSITION_MATCHING
 from gfm.envs.matching_view import MatchingView
 from gfm.experiments.attempt_files import Kept
-from gfm.experiments.attempts import Attempt, Attempts, planned
+from gfm.experiments.attempts import Attempt, AttemptRunner, planned
 from gfm.experiments.drive import Driver
 from gfm.experiments.drive_policy import DriveRequest, drive_policy
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for
@@ -103,13 +103,13 @@ def attempts(
     driver: Driver,
     policy: Callable[[Array32], Array32] | None = None,
     person: Person | None = None,
-) -> Attempts:
+) -> AttemptRunner:
     arm = load_arm(EvaluationRequest(task=POSITION))
     if policy is None:
         path = shipped_policy(POSITION)
         spec = Matching(POSITION_MATCHING, arm, 1).spec
         policy = policy_for(path, read_weights(path), spec).mean_action
-    return Attempts(POSITION_MATCHING, arm, policy, driver, seed=0, person=person)
+    return AttemptRunner(POSITION_MATCHING, arm, policy, driver, seed=0, person=person)
 
 
 def test_the_shipped_policy_pushes_the_object_to_its_goal_on_the_robot(tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind
 from gfm.diagnosis.inference.fitting import fit
-from gfm.diagnosis.residuals.initial_states import unsettled
-from gfm.diagnosis.residuals.problem import Noise, Problem
+from gfm.diagnosis.residuals.problem import Problem, unsettled
+from gfm.diagnosis.residuals.rollouts import Noise
 from gfm.diagnosis.search.hypothesis import hypothesis, settled_hypothesis
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.segment import Segment

@@ -7,29 +7,11 @@ import numpy as np
 import pytest
 
 from gfm.sim.object_stage import Setting, carrying_forces, make_stage, place, run
-
-MODEL = """
-<mujoco>
-  <compiler angle="radian"/>
-  <option cone="elliptic"/>
-  <worldbody>
-    <geom type="plane" size="5 5 0.1"/>
-    <body name="arm" pos="-0.35 0 0.03">
-      <joint name="j" axis="0 0 1" damping="1" armature="0.1"/>
-      <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="1"/>
-    </body>
-    <body name="object" pos="0 0 0.02">
-      <freejoint name="object"/>
-      <geom type="box" size="0.05 0.04 0.02" mass="0.2" friction="0.3" priority="1"/>
-    </body>
-  </worldbody>
-  <actuator><position name="j" joint="j" kp="20" kv="1"/></actuator>
-</mujoco>
-"""
+from slide import SLIDE
 
 
 def test_the_robot_follows_its_motion_and_carries_the_object_along():
-    stage = make_stage(mujoco.MjSpec.from_string(MODEL))
+    stage = make_stage(mujoco.MjSpec.from_string(SLIDE))
     steps = 250
     swept = 0.3 - 0.8 * stage.timestep_s * np.arange(-1, steps + 1)  # rad, towards the object
     begin = Setting(

@@ -12,29 +12,11 @@ from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.objects.examine import examine_object
 from gfm.diagnosis.objects.track import track_of
 from gfm.diagnosis.output.result import Verdict
+from slide import MASS, MU, REST_Z, SLIDE
 
-MU, MASS, REST_Z = 0.3, 0.2, 0.02
 PERIOD_S, NOISE_M, NOISE_RAD = 1 / 60, 5e-4, 5e-3
 EPOCH_NS = 1_000_000_000
-MODEL = f"""
-<mujoco>
-  <compiler angle="radian"/>
-  <option cone="elliptic"/>
-  <worldbody>
-    <geom type="plane" size="5 5 0.1"/>
-    <body name="arm" pos="-0.35 0 0.03">
-      <joint name="j" axis="0 0 1" damping="1" armature="0.1"/>
-      <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="1"/>
-    </body>
-    <body name="object" pos="0 0 {REST_Z}">
-      <freejoint name="object"/>
-      <geom type="box" size="0.05 0.04 {REST_Z}" mass="{MASS}" friction="{MU}" priority="1"/>
-    </body>
-  </worldbody>
-  <actuator><position name="j" joint="j" kp="20" kv="1"/></actuator>
-</mujoco>
-"""
-FREE = MODEL.replace('pos="-0.35 0 0.03"', 'pos="0 4 0.03"')
+FREE = SLIDE.replace('pos="-0.35 0 0.03"', 'pos="0 4 0.03"')
 
 
 def spec(text=FREE):

@@ -9,7 +9,8 @@ from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind
 from gfm.diagnosis.residuals.initial_states import with_state_basis
-from gfm.diagnosis.residuals.problem import Noise, Problem
+from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.residuals.rollouts import Noise
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.motor_sides import springs
 from gfm.sim.plant import make_plant

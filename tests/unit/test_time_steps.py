@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 from disc import DISC
 from gfm.core import CommandKind
 from gfm.diagnosis.data.segmentation import accurately_simulated
-from gfm.diagnosis.residuals.problem import Noise, Problem, Stepping
+from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.residuals.rollouts import Noise, Stepping
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.segment import Segment

@@ -63,7 +63,7 @@ class Attempt:
 
 
 @final
-class Attempts:
+class AttemptRunner:
     """Makes attempts with one policy.
 
     Args:

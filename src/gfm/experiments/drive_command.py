@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gfm.experiments.policy_flags import add_policy_flags
+
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
@@ -23,13 +25,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "drive", help="run a policy on the robot", description=_DESCRIPTION
     )
-    parser.add_argument("--task", choices=("position", "pose"), required=True, help="what to do")
-    parser.add_argument(
-        "--policy",
-        type=Path,
-        metavar="CHECKPOINT",
-        help="policy.npz, or the folder of a training run (default: the one that comes with gfm)",
-    )
+    add_policy_flags(parser)
     parser.add_argument(
         "--robot", choices=("sim",), default="sim", help="which (default: %(default)s)"
     )
@@ -63,9 +59,6 @@ def add_parser(subparsers: Subparsers) -> None:
     )
     parser.add_argument(
         "--goals", type=int, default=10, metavar="N", help="only the first of them (default: 10)"
-    )
-    parser.add_argument(
-        "--trials", type=int, default=5, metavar="N", help="attempts per goal (default: 5)"
     )
     parser.add_argument(
         "--seed", type=int, default=0, help="of robot and starts (default: %(default)s)"

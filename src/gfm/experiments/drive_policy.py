@@ -18,7 +18,7 @@ from gfm.envs.matching import Matching
 from gfm.envs.matching_task import RADIAL_GOALS, TASKS
 from gfm.envs.outcomes import Outcome
 from gfm.experiments.attempt_files import RESULT, Kept
-from gfm.experiments.attempts import Attempt, Attempts, planned
+from gfm.experiments.attempts import Attempt, AttemptRunner, planned
 from gfm.experiments.drive import Driver
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for, policy_path
 from gfm.experiments.folders import check_folder
@@ -108,7 +108,9 @@ def drive_policy(request: DriveRequest) -> list[Attempt]:
     clock, console = MonotonicClock(), Console()
 
     def all_made(driver: Driver, person: Person) -> None:
-        attempts = Attempts(task, arm, policy.mean_action, driver, seed=request.seed, person=person)
+        attempts = AttemptRunner(
+            task, arm, policy.mean_action, driver, seed=request.seed, person=person
+        )
         attempts.begin()
         for goal, trial in left:
             made = None

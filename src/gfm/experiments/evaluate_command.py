@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gfm.experiments.policy_flags import add_policy_flags
+
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
@@ -14,7 +16,6 @@ Tests a policy as the paper does: ten goals around the basket's centre, five att
 in simulation. Says how often it succeeds, with a confidence interval, where and why it fails, and
 films the best and the worst attempt.
 """
-TASKS = ("position", "pose")
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -22,13 +23,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "evaluate", help="test a policy at ten goals", description=_DESCRIPTION
     )
-    parser.add_argument("--task", choices=TASKS, required=True, help="what the policy is for")
-    parser.add_argument(
-        "--policy",
-        type=Path,
-        metavar="CHECKPOINT",
-        help="policy.npz, or the folder of a training run (default: the one that comes with gfm)",
-    )
+    add_policy_flags(parser)
     parser.add_argument(
         "--model",
         type=Path,
@@ -43,9 +38,6 @@ def add_parser(subparsers: Subparsers) -> None:
         metavar="FILE",
         help="generalized force model on top, a file or the name of one that comes with gfm; of "
         "several, each attempt draws one",
-    )
-    parser.add_argument(
-        "--trials", type=int, default=5, metavar="N", help="attempts per goal (default: 5)"
     )
     parser.add_argument("--seed", type=int, default=0, help="of the starts (default: 0)")
     parser.add_argument(

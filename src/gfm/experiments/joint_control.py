@@ -20,7 +20,8 @@ import numpy as np
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.segmentation import WHOLE, make_problem
-from gfm.diagnosis.residuals.problem import Noise, Problem
+from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.residuals.rollouts import Noise
 from gfm.effects import EffectInstance
 from gfm.report import Comparison, HeldOutRollout, ModelError, ModelKind
 from gfm.sim.features import Features

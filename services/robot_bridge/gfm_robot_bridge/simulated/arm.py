@@ -30,6 +30,8 @@ from gfm_robot_bridge.simulated.servo import Servo
 _GRAVITY = 9.81
 _LAST_LINK = "right_l6"
 _COUNT = len(JOINT_NAMES)
+#: Where an object lies in positions and in speeds, behind the joints.
+_POSE, _TWIST = slice(_COUNT, _COUNT + 7), slice(_COUNT, _COUNT + 6)
 
 
 @final
@@ -50,7 +52,7 @@ class Arm:
     ) -> None:
         self._model = _mechanics(effects, cell)
         self._data = mujoco.MjData(self._model)
-        self._object = _COUNT if self._model.nq > _COUNT else None
+        self._has_object = self._model.nq > _COUNT
         self._compensation = _GravityCompensation(cell)
         self._encoder_offset = _encoder_offset(effects)
         self._laws = smooth_laws(effects)
@@ -79,7 +81,7 @@ class Arm:
     @property
     def object_pose(self) -> Array | None:
         """Of the object, m and quaternion w x y z, shape (7,); None where there is none."""
-        return None if self._object is None else self._q[self._object : self._object + 7].copy()
+        return self._q[_POSE].copy() if self._has_object else None
 
     def put_object(self, pose: Array) -> None:
         """Puts the object somewhere, at rest.
@@ -90,10 +92,10 @@ class Arm:
         Raises:
             RefusedError: there is no object.
         """
-        if self._object is None:
+        if not self._has_object:
             raise RefusedError("there is no object to put anywhere")
-        self._q[self._object : self._object + 7] = pose
-        self._v[self._object : self._object + 6] = 0.0
+        self._q[_POSE] = pose
+        self._v[_TWIST] = 0.0
 
     def drive(self) -> Array:
         """Returns the torque of the drives now, with gravity compensation, N m, shape (J,)."""
@@ -117,7 +119,7 @@ class Arm:
 
     def _moved(self, q: Array, v: Array, h: float) -> Array:
         """Returns positions after `h` seconds at speeds `v`; an object turns about its axes."""
-        moved = q + h * v if self._object is None else self._moved_with_object(q, v, h)
+        moved = self._moved_with_object(q, v, h) if self._has_object else q + h * v
         return np.asarray(moved)
 
     def _moved_with_object(self, q: Array, v: Array, h: float) -> Array:
@@ -175,7 +177,7 @@ class _GravityCompensation:
     """What the controller believes that gravity does: upright, with its tool, without a payload."""
 
     def __init__(self, cell: Cell) -> None:
-        self._model = _mechanics((), cell.without_object)
+        self._model = _mechanics((), cell, bare=True)
         self._data = mujoco.MjData(self._model)
         self._torque = np.zeros(_COUNT)
 
@@ -188,9 +190,11 @@ class _GravityCompensation:
         return self._torque
 
 
-def _mechanics(effects: Sequence[HiddenEffect], cell: Cell) -> mujoco.MjModel:
+def _mechanics(
+    effects: Sequence[HiddenEffect], cell: Cell, *, bare: bool = False
+) -> mujoco.MjModel:
     """Returns links and joints, without drives; with the effects that are inertia or gravity."""
-    spec = cell_spec(cell)
+    spec = cell_spec(cell, bare=bare)
     for effect in effects:
         values = effect.parameters
         match effect.effect:

@@ -32,40 +32,26 @@ class Cell(StrEnum):
     NONE = "none"
     POSITION = "position"
     POSE = "pose"
-    #: The tools alone.
-    PLATE = "plate"
-    BALL = "ball"
 
     @property
     def tool(self) -> EndEffector:
         """What is mounted."""
         return _TOOLS[self]
 
-    @property
-    def free_object(self) -> FreeObject | None:
-        """What lies in the basket."""
-        return _OBJECTS.get(self)
 
-    @property
-    def without_object(self) -> Cell:
-        """The same tool with nothing to push."""
-        return {"plate": Cell.PLATE, "ball": Cell.BALL}.get(self.tool, Cell.NONE)
-
-
-_TOOLS: dict[Cell, EndEffector] = {
-    Cell.NONE: "none",
-    Cell.POSITION: "plate",
-    Cell.POSE: "ball",
-    Cell.PLATE: "plate",
-    Cell.BALL: "ball",
-}
+_TOOLS: dict[Cell, EndEffector] = {Cell.NONE: "none", Cell.POSITION: "plate", Cell.POSE: "ball"}
 _TOOL_BODIES = ("plate", "ball")
 _OBJECTS: dict[Cell, FreeObject] = {Cell.POSITION: "brick", Cell.POSE: "tee"}
 
 
-def cell_spec(cell: Cell) -> mujoco.MjSpec:
-    """Returns arm and cell without drives, gravity compensation or keyframes."""
-    thing = cell.free_object
+def cell_spec(cell: Cell, *, bare: bool = False) -> mujoco.MjSpec:
+    """Returns arm and cell without drives, gravity compensation or keyframes.
+
+    Args:
+        cell: For which task it is furnished.
+        bare: Whether there is the tool alone, and nothing to push with it.
+    """
+    thing = None if bare else _OBJECTS.get(cell)
     spec = sawyer_spec(command=CommandKind.EFFORT, end_effector=cell.tool, free_object=thing)
     for actuator in list(spec.actuators):
         spec.delete(actuator)

@@ -17,7 +17,8 @@ from gfm.core.noise import noise_std, steady_noise, typical_noise
 from gfm.diagnosis.data.signals import smooth_states, starts_at_rest
 from gfm.diagnosis.data.touching import Touch, at_ease, resting_pose
 from gfm.diagnosis.residuals.initial_states import with_state_basis
-from gfm.diagnosis.residuals.problem import Noise, Problem, timed
+from gfm.diagnosis.residuals.problem import Problem, timed
+from gfm.diagnosis.residuals.rollouts import Noise
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance
 from gfm.effects.elements import let_friction_hold

@@ -16,10 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gfm.core.checks import Array
-
-#: Ridge, as a share of what all data tell of an amount: a part that tells nothing of it does not
-#: contradict the others.
-RIDGE = 1e-3
+from gfm.diagnosis.inference.score import RIDGE
 
 
 class Told(NamedTuple):

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TypeVar
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -20,13 +20,13 @@ from scipy.signal import savgol_filter
 from gfm.core import CommandKind
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import mean_square
+from gfm.diagnosis.residuals.rollouts import Rollouts
 from gfm.effects import EffectInstance
 from gfm.sim.motor_sides import Spring, springs
 from gfm.sim.plant import make_plant
 from gfm.sim.segment import Prediction, Segment
 
-if TYPE_CHECKING:
-    from gfm.diagnosis.residuals.problem import Problem
+R = TypeVar("R", bound=Rollouts)
 
 #: Steps in position and velocity with which the effect of the initial state is measured.
 STATE_STEP = (1e-4, 1e-3)
@@ -48,20 +48,12 @@ SLOW_ORDER = 4
 MOST_BENT = 10.0
 
 
-def unsettled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
-    """Returns the problem with initial states as measured, and what they explain under `effects`.
-
-    What suited a model that was wrong holds the next one there: it is bent to begin as that did.
-    """
-    return with_state_basis(problem.as_measured(), effects).robust(effects)
-
-
 def led(segment: Segment) -> bool:
     """Returns whether servos keep the joints on track."""
     return segment.kind is not CommandKind.EFFORT and bool((segment.servo_gain > 0.0).all())
 
 
-def ringing_springs(problem: Problem, effects: Sequence[EffectInstance]) -> list[Spring]:
+def ringing_springs(problem: Rollouts, effects: Sequence[EffectInstance]) -> list[Spring]:
     """Returns the springs whose motors have states of their own at first, under `effects`."""
     if not problem.motors_apart([effects]) or all(led(s) for s in problem.segments):
         return []
@@ -119,10 +111,10 @@ def _slow(segment: Segment, columns: Array) -> Array:
     return np.asarray(savgol_filter(series, window, SLOW_ORDER, axis=1).reshape(columns.shape))
 
 
-def freely_settled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
+def freely_settled(problem: R, effects: Sequence[EffectInstance]) -> R:
     """Returns a problem that no servo leads, with initial states that fit best, and their bases.
 
-    Stretches that are followed as they begin stay as they are.
+    Segments that are followed as they begin stay as they are.
     """
     ringing, joints = ringing_springs(problem, effects), len(problem.joints)
     steps = np.concatenate([_link_steps(joints), motor_steps(joints, ringing)])
@@ -146,12 +138,12 @@ def freely_settled(problem: Problem, effects: Sequence[EffectInstance]) -> Probl
 
 
 def _nearer(
-    problem: Problem,
+    problem: R,
     effects: Sequence[EffectInstance],
     columns: Sequence[Array],
     steps: Array,
     ringing: Sequence[Spring],
-) -> tuple[Problem, list[float]]:
+) -> tuple[R, list[float]]:
     """Returns the problem with initial states some Gauss-Newton steps better.
 
     And the share of its squared residual that each segment gained; none where it is followed.
@@ -202,7 +194,7 @@ def _best_amounts(segment: Segment, residual: Array, columns: Array, room: Array
     return np.concatenate([own, motor_amounts])
 
 
-def with_state_basis(problem: Problem, effects: Sequence[EffectInstance] = ()) -> Problem:
+def with_state_basis(problem: R, effects: Sequence[EffectInstance] = ()) -> R:
     """Returns the problem with what each initial state can explain, to first order."""
     columns = state_columns(problem, effects, _link_steps(len(problem.joints)))
     return replace(problem, state_basis=tuple(orthonormal(c) for c in columns))
@@ -219,7 +211,9 @@ def motor_steps(joints: int, ringing: Sequence[Spring]) -> Array:
     return each[[side * joints + one.joint for side in (2, 3) for one in ringing]]
 
 
-def state_columns(problem: Problem, effects: Sequence[EffectInstance], steps: Array) -> list[Array]:
+def state_columns(
+    problem: Rollouts, effects: Sequence[EffectInstance], steps: Array
+) -> list[Array]:
     """Returns by how much each step of an initial state changes residuals, (N, S) each.
 
     Args:
@@ -237,7 +231,7 @@ def state_columns(problem: Problem, effects: Sequence[EffectInstance], steps: Ar
     return [np.stack(own, axis=1) for own in columns]
 
 
-def _whitened(problem: Problem, effects: Sequence[EffectInstance]) -> list[Array]:
+def _whitened(problem: Rollouts, effects: Sequence[EffectInstance]) -> list[Array]:
     predictions = problem.predictions([effects])[0]
     return [problem.whitened(s, p) for s, p in zip(problem.segments, predictions, strict=True)]
 

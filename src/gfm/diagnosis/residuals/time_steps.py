@@ -16,7 +16,8 @@ import numpy as np
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.diagnosis.residuals.problem import Problem, Stepping
+from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.residuals.rollouts import Stepping
 from gfm.effects import EffectInstance
 
 #: Longest step that is taken, s.

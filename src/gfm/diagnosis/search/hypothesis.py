@@ -23,8 +23,7 @@ from gfm.diagnosis.inference.score import (
     predictive,
     room,
 )
-from gfm.diagnosis.residuals.initial_states import unsettled
-from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.residuals.problem import Problem, unsettled
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance

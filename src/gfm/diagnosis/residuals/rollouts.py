@@ -1,0 +1,225 @@
+"""Rollouts of a model beside recordings: predictions, and what they leave of what was measured.
+
+Residuals are measured minus predicted, in units of the sensor noise, over open-loop rollouts that
+begin as their segments say.
+
+Shape letters: T measurements of a segment, J joints, N numbers of a segment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+import mujoco
+import numpy as np
+from typing_extensions import override
+
+from gfm.core import CommandKind
+from gfm.core.checks import Array
+from gfm.diagnosis.inference.score import SegmentShape
+from gfm.diagnosis.residuals.clock import Clock
+from gfm.diagnosis.residuals.segmented import SegmentedProblem
+from gfm.effects import EffectInstance
+from gfm.effects.effect import MOTOR_SIDE
+from gfm.sim.plant import Plant, make_plant
+from gfm.sim.predict import predict
+from gfm.sim.segment import Prediction, Segment, extrapolated
+
+#: Largest residual that counts, in units of the noise: a simulation that runs away stays finite.
+LARGEST = 1e5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise:
+    """Standard deviations of the sensor noise, by joint.
+
+    Attributes:
+        position: rad, shape (J,).
+        effort: The typical one, for recordings that do not show their own, N m, shape (J,), or
+            None where no recording has effort.
+    """
+
+    position: Array
+    effort: Array | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stepping:
+    """How a model is simulated.
+
+    Attributes:
+        step_s: Time step, s.
+        implicit: Whether by MuJoCo's `discrete` integrator, once on such steps and once on half of
+            them, as if going on to ever shorter ones (Richardson extrapolation), where Runge-Kutta
+            does not follow the model on such a step.
+    """
+
+    step_s: float
+    implicit: bool = False
+
+    def halved(self) -> Stepping:
+        """Returns the same on half the step."""
+        return replace(self, step_s=0.5 * self.step_s)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rollouts(SegmentedProblem):
+    """Recordings and the model that should explain them.
+
+    Attributes:
+        specs: The nominal model by command kind.
+        joints: The measured joints.
+        segments: What is predicted.
+        noise: Of the sensors.
+        after_command: Whether efforts were measured after the command of the same stamp.
+        state_basis: Per segment, an orthonormal basis of what the initial state can explain,
+            shape (T * channels, 2 J).
+        given: Effects of the nominal model that its specs cannot say: every candidate has them.
+        stepping: How models are simulated, by command kind; as they say where there is none. Where
+            a motor is apart from its link, on the model's own step: what rings between them is
+            fast.
+        still: Joints that the models drive and nobody recorded, and where they are taken to stand
+            still, rad or m.
+        rough: Whether they are simulated faster and less exactly.
+        clock: Breaks off what takes too long.
+    """
+
+    specs: Mapping[CommandKind, mujoco.MjSpec]
+    joints: tuple[str, ...]
+    segments: tuple[Segment, ...]
+    noise: Noise
+    after_command: bool = False
+    state_basis: tuple[Array, ...] = field(default=())
+    given: tuple[EffectInstance, ...] = ()
+    stepping: Mapping[CommandKind, Stepping] = field(default_factory=dict)
+    still: Mapping[str, float] = field(default_factory=dict)
+    rough: bool = False
+    clock: Clock = field(default_factory=Clock)
+
+    @property
+    @override
+    def separated(self) -> set[tuple[str, ...]]:
+        """Joints whose motor the model has apart from the link already, each as a place."""
+        model = {joint.name for spec in self.specs.values() for joint in spec.joints}
+        return {(name,) for name in self.joints if name + MOTOR_SIDE in model}
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """Joints whose drive is on somewhere."""
+        on = np.any([segment.servo_gain > 0.0 for segment in self.segments], axis=0)
+        return tuple(name for name, there in zip(self.joints, on, strict=True) if there)
+
+    @property
+    def pushing(self) -> bool:
+        """Whether the robot touches an object whose place is known."""
+        touching = any(
+            not spec.option.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
+            for spec in self.specs.values()
+        )
+        return touching and any(s.object_pose is not None for s in self.segments)
+
+    def is_implicit(self, kind: CommandKind) -> bool:
+        """Returns whether the model of that kind of command is integrated implicitly."""
+        return kind in self.stepping and self.stepping[kind].implicit
+
+    def motors_apart(self, candidates: Sequence[Sequence[EffectInstance]]) -> bool:
+        """Returns whether a motor is apart from its link in the model or a candidate."""
+        added = [*self.given, *(one for effects in candidates for one in effects)]
+        return bool(self.separated) or any(one.effect.separates_motor for one in added)
+
+    def predictions(
+        self, candidates: Sequence[Sequence[EffectInstance]], *, efforts: bool = False
+    ) -> list[list[Prediction]]:
+        """Returns every candidate's prediction of every segment, candidates first.
+
+        Args:
+            candidates: What to add to the nominal model.
+            efforts: Whether to tell efforts where none were measured, too.
+
+        Raises:
+            OutOfTimeError: the time of the search is over.
+        """
+        self.clock.check()
+        kinds = list(dict.fromkeys(segment.kind for segment in self.segments))
+        rows: list[list[Prediction | None]] = [[None] * len(self.segments) for _ in candidates]
+        asked = efforts or self.motors_apart(candidates)
+        for kind in kinds:
+            places = [i for i, s in enumerate(self.segments) if s.kind is kind]
+            here = [self.segments[i] for i in places]
+            told = [
+                predict(plants, here, after_command=self.after_command, efforts=asked)
+                for plants in self._plants(kind, candidates)
+            ]
+            for row, *answers in zip(rows, *told, strict=True):
+                for i, *answer in zip(places, *answers, strict=True):
+                    row[i] = extrapolated(*answer)
+        return [[p for p in row if p is not None] for row in rows]
+
+    def _plants(
+        self, kind: CommandKind, candidates: Sequence[Sequence[EffectInstance]]
+    ) -> list[list[Plant]]:
+        """Returns the plants to simulate: on one step, or on one and on its half."""
+        spec = self.specs[kind].copy()
+        own = Stepping(step_s=float(spec.option.timestep))
+        stepping = self.stepping.get(kind, own)
+        if self.motors_apart(candidates):
+            stepping = replace(stepping, step_s=own.step_s)
+        elif self.rough and not stepping.implicit:
+            stepping = replace(stepping, step_s=2.0 * stepping.step_s)
+        if stepping.implicit:
+            spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+        elif self.rough:
+            spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        once = not stepping.implicit or self.rough
+        plants = []
+        for one in (stepping,) if once else (stepping, stepping.halved()):
+            spec.option.timestep = one.step_s
+            plants.append([make_plant(spec, self.joints, (*self.given, *c)) for c in candidates])
+        return plants
+
+    def whitened(self, segment: Segment, prediction: Prediction) -> Array:
+        """Returns measured minus predicted in units of the noise, position before effort."""
+        channels = [(segment.position - prediction.position) / self.noise.position]
+        if segment.effort is not None and segment.effort_noise is not None:
+            channels.append((segment.effort - prediction.effort) / segment.effort_noise)
+        flat = np.concatenate([channel.ravel() for channel in channels])
+        return np.asarray(np.clip(np.nan_to_num(flat, nan=LARGEST), -LARGEST, LARGEST))
+
+    def size_of(self, segment: Segment) -> int:
+        """Returns how many numbers a segment has, N."""
+        both = segment.effort is not None and segment.effort_noise is not None
+        return segment.position.size * (2 if both else 1)
+
+    @override
+    def layout(self) -> list[SegmentShape]:
+        """Returns what each segment's numbers are."""
+        return [
+            SegmentShape(
+                recording=segment.recording,
+                duration_s=float(segment.time_s[-1]),
+                channels=self.size_of(segment) // segment.position.size,
+                measurements=len(segment.position),
+            )
+            for segment in self.segments
+        ]
+
+    @override
+    def subset(self, keep: Sequence[int]) -> Self:
+        """Returns the same problem with some of its segments only."""
+        return replace(
+            self,
+            segments=tuple(self.segments[i] for i in keep),
+            state_basis=tuple(self.state_basis[i] for i in keep) if self.state_basis else (),
+        )
+
+    @override
+    def coarse(self) -> Self:
+        """Returns the same with fast integration: good enough for differences of predictions."""
+        return replace(self, rough=True)
+
+    def as_measured(self) -> Self:
+        """Returns the problem with every segment begun as it was measured, to the letter."""
+        segments = tuple(segment.measured or segment for segment in self.segments)
+        return replace(self, segments=segments, state_basis=())
