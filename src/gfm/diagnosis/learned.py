@@ -23,7 +23,7 @@ from typing_extensions import override
 from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.evidence.torques import TorqueDomain, block_means, torque_domain
-from gfm.diagnosis.inference.fitting import Fit, nothing
+from gfm.diagnosis.inference.fitting import Fit, fit, nothing
 from gfm.diagnosis.inference.score import SegmentShape
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
@@ -224,7 +224,7 @@ def _searched(
 
     def proposal(before: Hypothesis[LearnedProblem], step: Step) -> Proposal[LearnedProblem]:
         def after() -> Hypothesis[LearnedProblem]:
-            fitted = before.fitted(effects_of(step))
+            fitted = fit(before.problem, effects_of(step))
             return hypothesis(before.problem, fitted, before.nominal)
 
         return Proposal(step=step, after=after)

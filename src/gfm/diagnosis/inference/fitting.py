@@ -5,16 +5,17 @@ Shape letters: N numbers of a residual, P parameters.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from types import MappingProxyType
+from typing import Protocol, Self, TypeAlias
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
 from gfm.core.checks import Array
 from gfm.diagnosis.residuals.outliers import slopes
-from gfm.effects import EffectInstance
+from gfm.effects import EffectInstance, Key
 
 #: Gauss-Newton steps of a fit, and the relative gain below which it ends.
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
@@ -26,6 +27,9 @@ FARTHER = 2.0
 AT_BOUND = 1e-3
 #: Damping of the first step, and that beyond which no step helps.
 DAMPING, MOST_DAMPING = 1e-3, 1e3
+
+#: A free parameter: the effect whose it is, and its name.
+Parameter: TypeAlias = tuple[Key, str]
 
 
 class LeastSquares(Protocol):
@@ -88,6 +92,7 @@ def fit(
     effects: Sequence[EffectInstance],
     *,
     tolerance: float = FIT_TOLERANCE,
+    known: Fit | None = None,
 ) -> Fit:
     """Returns `effects` with the values that leave the least residual (damped Gauss-Newton).
 
@@ -95,13 +100,16 @@ def fit(
         problem: What they should explain.
         effects: With the values to begin with.
         tolerance: Relative gain of a step at which the fit ends.
+        known: A fit of some of them to the same problem. Derivatives by its amounts are taken over
+            from there, as long as steps with them gain anything.
     """
     if not effects:
         return nothing(problem)
     current, values = tuple(effects), amounts(effects)
     bounds = bounds_of(effects)
+    at_hand = {} if known is None else _at_hand(problem, known)
     residual = problem.residuals([current])[0]
-    jacobian = derivatives(problem, current, residual)
+    jacobian = derivatives(problem, current, residual, at_hand)
     damping = DAMPING
     for _ in range(FIT_STEPS):
         if not residual.any():
@@ -110,10 +118,14 @@ def fit(
         candidate = with_amounts(current, trial)
         tried = problem.residuals([candidate])[0]
         gain = 1.0 - mean_square(tried) / mean_square(residual)
+        if gain < 0.0 and at_hand:
+            at_hand = {}
+            jacobian = derivatives(problem, current, residual)
+            continue
         damping *= 0.1 if gain > 0.0 else 30.0
         if gain > 0.0:
             current, values, residual = candidate, trial, tried
-            jacobian = derivatives(problem, current, residual)
+            jacobian = derivatives(problem, current, residual, at_hand)
         if 0.0 <= gain < tolerance or damping > MOST_DAMPING:
             break
     usual = tuple(replace(e, values=e.effect.canonical(e.values)) for e in current)
@@ -236,19 +248,40 @@ def small_differences(effects: Sequence[EffectInstance]) -> Array:
 
 
 def derivatives(
-    problem: LeastSquares, effects: tuple[EffectInstance, ...], residual: Array
+    problem: LeastSquares,
+    effects: tuple[EffectInstance, ...],
+    residual: Array,
+    at_hand: Mapping[Parameter, Array] = MappingProxyType({}),
 ) -> Array:
     """Returns the derivative of the residual by each free parameter, shape (N, P).
 
     By forward differences of a faster simulation. That errs by more than a limit may be: how much
-    less a number counts beyond it is taken from the accurate residual, shape (N,).
+    less a number counts beyond it is taken from the accurate residual, shape (N,). Those at hand,
+    of numbers that count in full, are not taken anew.
     """
+    weights = slopes(residual, problem.limits())
+    names = _names(effects)
     values, sizes, high = amounts(effects), problem.differences(effects), bounds_of(effects)[1]
     steps = np.where(values + sizes > high, -sizes, sizes)
-    moved = [with_amounts(effects, values + step) for step in np.diag(steps)]
-    still, *rows = problem.coarse().residuals([effects, *moved])
-    weights = slopes(residual, problem.limits())
-    return np.asarray(((np.stack(rows) - still) * weights / steps[:, None]).T)
+    new = [i for i, name in enumerate(names) if name not in at_hand]
+    moved = [with_amounts(effects, values + step) for step in np.diag(steps)[new]]
+    columns = dict(at_hand)
+    if moved:
+        still, *rows = problem.coarse().residuals([effects, *moved])
+        columns.update(
+            (names[i], (row - still) / steps[i]) for i, row in zip(new, rows, strict=True)
+        )
+    return np.asarray(np.stack([columns[name] * weights for name in names], axis=1))
+
+
+def _names(effects: Sequence[EffectInstance]) -> list[Parameter]:
+    return [(effects[i].key, name) for i, name in free_parameters(effects)]
+
+
+def _at_hand(problem: LeastSquares, known: Fit) -> dict[Parameter, Array]:
+    """Returns derivatives of a fit, by numbers that count in full, shape (N,) each."""
+    columns = (known.jacobian / slopes(known.residual, problem.limits())[:, None]).T
+    return dict(zip(_names(known.effects), columns, strict=True))
 
 
 def _step(jacobian: Array, residual: Array, damping: float, low: Array, high: Array) -> Array:

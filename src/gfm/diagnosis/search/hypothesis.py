@@ -13,7 +13,7 @@ from typing_extensions import TypeVar
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.constants import INEXACT_SHARE, LEAST_DISCREPANCY
-from gfm.diagnosis.inference.fitting import FIT_TOLERANCE, Fit, fit, free_parameters
+from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit, free_parameters
 from gfm.diagnosis.inference.score import (
     Blocks,
     Difference,
@@ -83,9 +83,12 @@ class Hypothesis(Generic[Of]):
         gain = self.over(other)
         return Difference(-gain.nats, gain.error)
 
-    def fitted(self, effects: Sequence[EffectInstance], tolerance: float = FIT_TOLERANCE) -> Fit:
-        """Returns other effects, fitted to the same residual."""
-        return fit(self.problem, effects, tolerance=tolerance)
+    def fitted(self, effects: Sequence[EffectInstance]) -> Fit:
+        """Returns other effects, fitted to the same residual well enough to be compared.
+
+        What effects they have in common change of it is known.
+        """
+        return fit(self.problem, effects, tolerance=ROUGH, known=self.fit)
 
     def fitted_out(self, begun: Fit) -> Fit:
         """Returns a fit from initial states of its own, if that leaves less.

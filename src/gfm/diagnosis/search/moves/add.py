@@ -237,7 +237,7 @@ def _tried(
     """Returns new effects fitted beside those that are there."""
     more = f" and {len(new) - 1} more" if len(new) > 1 else ""
     report(f"fitting {describe(new[0])}{more}")
-    fits = [before.fitted(effects, ROUGH) for effects in _beginnings(before, new)]
+    fits = [before.fitted(effects) for effects in _beginnings(before, new)]
     best: Fit = min(fits, key=lambda f: f.cost)
     if _separates_motor(new):
         best = before.fitted_out(best)  # a motor that rings has states that nothing else knows of

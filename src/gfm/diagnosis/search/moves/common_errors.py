@@ -90,7 +90,7 @@ def _fitted_together(before: Hypothesis, new: Sequence[EffectInstance]) -> Fit:
     effects = (*before.effects, *new)
     problem = before.problem.robust(effects)
     begun = acting(fit(problem, effects, tolerance=ROUGH).effects)
-    return before.fitted(begun, ROUGH)
+    return before.fitted(begun)
 
 
 def _from_grid(

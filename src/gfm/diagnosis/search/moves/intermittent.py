@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gfm.diagnosis.inference.fitting import ROUGH, at_bound, nothing
+from gfm.diagnosis.inference.fitting import at_bound, nothing
 from gfm.diagnosis.inference.score import blocks_of
 from gfm.diagnosis.residuals.initial_states import with_state_basis
 from gfm.diagnosis.residuals.outliers import OUTLYING
@@ -93,7 +93,7 @@ def _tried(
     report: Callable[[str], None],
 ) -> Tried:
     report(f"fitting {describe(instance)}")
-    fitted = alone.fitted((instance,), ROUGH)
+    fitted = alone.fitted((instance,))
     whole = replace(fitted, effects=(*held, *fitted.effects))
     return Tried(new=fitted.effects, fit=whole, gain=alone.gain_of(fitted))
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
-from gfm.diagnosis.inference.fitting import ROUGH, Fit, at_bound, fit, mean_square, without_each
+from gfm.diagnosis.inference.fitting import Fit, at_bound, fit, mean_square, without_each
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.clock import OutOfTimeError
 from gfm.diagnosis.search.candidates import Place
@@ -62,7 +62,7 @@ def _removals(here: Hypothesis, whole: Hypothesis, kept: Collection[Key]) -> Ite
         if instance.key in kept or (gain.notable and not at_bound(instance)):
             continue
         rest = [e for e in here.effects if e is not instance]
-        without = here.fitted(rest, ROUGH)
+        without = here.fitted(rest)
         if at_bound(instance) or not (here.over(without).notable or whole.over(without).notable):
             tried = Tried(new=(instance,), fit=without, gain=here.gain_of(without))
             yield Step(move=Move.REMOVE, before=here.fit.cost, chosen=tried, replaced=instance)
@@ -118,7 +118,7 @@ def rivals_of(
         alike = [p for p in candidates if p.key not in taken and _near(p, instance)]
         found = [one.instance for one in screen(rest, alike, scales, RIVALS_S)] + found
     best = first_of_each(found, lambda one: one.key)[:RIVALS]
-    return [rest.fitted((*rest.effects, rival), ROUGH) for rival in best]
+    return [rest.fitted((*rest.effects, rival)) for rival in best]
 
 
 def _near(place: Place, instance: EffectInstance) -> bool:
@@ -169,7 +169,7 @@ class Compared:
 def compared(here: Hypothesis, instance: EffectInstance, rivals: RivalsOf) -> Compared:
     """Returns an effect of a hypothesis beside the best of its rivals."""
     others = tuple(e for e in here.effects if e is not instance)
-    rest = hypothesis(here.problem, here.fitted(others, ROUGH), here.nominal)
+    rest = hypothesis(here.problem, here.fitted(others), here.nominal)
     fits = rivals(instance, rest)
     if not fits:
         return Compared(instance=instance)
