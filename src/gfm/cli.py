@@ -95,6 +95,12 @@ SUBCOMMANDS = (
         summary="run a policy on the robot",
     ),
     Subcommand(
+        name="transfer",
+        module="gfm.experiments.transfer_command",
+        adder="add_parser",
+        summary="close the loop on a task",
+    ),
+    Subcommand(
         name="up",
         module="gfm.launch.commands",
         adder="add_up_parser",

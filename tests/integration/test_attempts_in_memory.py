@@ -374,7 +374,7 @@ def test_a_robot_that_is_not_there_is_one_line(
 
 def test_robot_and_bridge_as_processes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     request = DriveRequest(task=POSITION, out=tmp_path, goals=1, trials=1)
-    assert [one.goal for one in drive_policy(request)] == [0]
+    assert [one.goal for one in drive_policy(request).attempts] == [0]
     said = " ".join(capsys.readouterr().out.split())
     assert "1 of 1: goal 1: goal reached and held" in said
     assert (
@@ -385,7 +385,7 @@ def test_robot_and_bridge_as_processes(tmp_path: Path, capsys: pytest.CaptureFix
     assert document["provenance"]["clock"] == "lockstep"
     assert "on a simulated robot" in (tmp_path / "report.html").read_text()
     assert (tmp_path / "sealed.json").exists()
-    assert drive_policy(request) == Kept(tmp_path, {}).attempts  # nothing is left to do
+    assert drive_policy(request).attempts == Kept(tmp_path, {}).attempts  # nothing is left to do
 
 
 def test_an_interrupted_drive_keeps_what_there_is_and_goes_on(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """Amounts that leave least, and how sure a fit is of them, on problems in closed form."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -170,3 +170,33 @@ def test_what_the_residual_does_not_depend_on_has_no_interval():
     seen, unseen = half_widths(np.ones(2), columns, np.ones(600), [slice(0, 600)])
     assert np.isfinite(seen)
     assert unseen == np.inf
+
+
+def test_derivatives_at_hand_are_not_taken_anew_and_lead_to_the_same_amounts(regression):
+    known = fit(regression, [friction(0.1)])
+    moved = []
+
+    class Counted(Regression):
+        def coarse(self):
+            return Coarse(self.measured, self.columns)
+
+    class Coarse(Regression):
+        def residuals(self, candidates):
+            moved.extend(candidates)
+            return super().residuals(candidates)
+
+    counted = Counted(regression.measured, regression.columns)
+    both = [friction(0.1), viscous(0.1)]
+    told = fit(counted, both, known=known)
+    with_known, moved[:] = len(moved), []
+    anew = fit(counted, both)
+    assert amounts(told.effects) == pytest.approx(amounts(anew.effects), rel=1e-6)
+    assert told.jacobian == pytest.approx(anew.jacobian, abs=1e-6)
+    assert with_known * 3 == len(moved) * 2  # one of two amounts is moved beside the one still
+
+
+def test_derivatives_at_hand_that_mislead_are_taken_anew(regression):
+    known = fit(regression, [friction(0.1)])
+    misleading = replace(known, jacobian=0.1 * known.jacobian)  # steps ten times too long
+    told = fit(regression, [friction(0.1), viscous(0.1)], known=misleading)
+    assert amounts(told.effects) == pytest.approx([0.3, 0.7], abs=0.01)

@@ -279,6 +279,19 @@ def test_a_search_whose_time_is_over_keeps_what_it_has(rubbing):
     rubbing.problem.residuals([()])  # nothing is bounded any more
 
 
+@pytest.mark.parametrize("steps_are_over", [True, False])
+def test_a_search_says_whether_more_time_might_have_led_elsewhere(rubbing, steps_are_over):
+    here, asked = rubbing.with_effects(), []
+    search = Search(report=lambda _: None, goes_on=lambda: not (asked and steps_are_over))
+
+    def nothing_gains(before, _best):
+        asked.append(before)
+
+    search.run(here, [nothing_gains])
+    assert here.is_open
+    assert search.out_of_time is steps_are_over
+
+
 def test_an_effect_whose_rivals_were_not_weighed_stays_and_less_speaks_for_it(rubbing):
     here = rubbing.with_effects(instance("coulomb_friction", torque=0.1))
 

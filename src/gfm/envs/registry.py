@@ -141,7 +141,7 @@ def arm_problem(name: str, settings: EnvironmentSettings, assets: EnvironmentAss
     Raises:
         BadInputError: models and settings do not go together.
     """
-    models = assets.models or {CommandKind.VELOCITY: _nominal_cell(name).compile()}
+    models = assets.models or {CommandKind.VELOCITY: nominal_cell(name).compile()}
     timestep_s = float(next(iter(models.values())).opt.timestep)
     periods_s = [CONTROL_PERIOD_S, *(one.control_period_s for one in assets.ensemble)]
     model = HybridModel(
@@ -156,7 +156,8 @@ def arm_problem(name: str, settings: EnvironmentSettings, assets: EnvironmentAss
     )
 
 
-def _nominal_cell(name: str) -> mujoco.MjSpec:
+def nominal_cell(name: str) -> mujoco.MjSpec:
+    """Returns the published arm, furnished for the control task `name`."""
     if name not in TASKS:
         return sawyer_spec(command=CommandKind.VELOCITY)
     task = TASKS[name]

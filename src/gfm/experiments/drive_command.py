@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from gfm.experiments.policy_flags import add_policy_flags
 
 if TYPE_CHECKING:
+    from gfm.experiments.drive_policy import DriveRequest
+
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
 _DESCRIPTION = """\
@@ -25,6 +27,12 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "drive", help="run a policy on the robot", description=_DESCRIPTION
     )
+    add_robot_flags(parser)
+    parser.set_defaults(run=run)
+
+
+def add_robot_flags(parser: argparse.ArgumentParser) -> None:
+    """Adds the flags that say which policy drives which robot, and how often."""
     add_policy_flags(parser)
     parser.add_argument(
         "--robot", choices=("sim",), default="sim", help="which (default: %(default)s)"
@@ -64,26 +72,30 @@ def add_parser(subparsers: Subparsers) -> None:
         "--seed", type=int, default=0, help="of robot and starts (default: %(default)s)"
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where it is kept")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Drives."""
-    from gfm.experiments.drive_policy import DriveRequest, drive_policy
+    from gfm.experiments.drive_policy import drive_policy
 
-    drive_policy(
-        DriveRequest(
-            task=f"{arguments.task}_matching",
-            policy=arguments.policy,
-            hidden_effect=arguments.hidden_effect,
-            robot_config=arguments.robot_config,
-            real_time=arguments.real_time,
-            connect=arguments.connect,
-            run_name=arguments.run_name,
-            goals=arguments.goals,
-            trials=arguments.trials,
-            seed=arguments.seed,
-            out=arguments.out,
-        )
-    )
+    drive_policy(request_of(arguments))
     return 0
+
+
+def request_of(arguments: argparse.Namespace) -> DriveRequest:
+    """Returns what the flags of `add_robot_flags` ask for."""
+    from gfm.experiments.drive_policy import DriveRequest
+
+    return DriveRequest(
+        task=f"{arguments.task}_matching",
+        policy=arguments.policy,
+        hidden_effect=arguments.hidden_effect,
+        robot_config=arguments.robot_config,
+        real_time=arguments.real_time,
+        connect=arguments.connect,
+        run_name=arguments.run_name,
+        goals=arguments.goals,
+        trials=arguments.trials,
+        seed=arguments.seed,
+        out=arguments.out,
+    )

@@ -91,7 +91,20 @@ class DriveRequest:
                 )
 
 
-def drive_policy(request: DriveRequest) -> list[Attempt]:
+@dataclass(frozen=True, kw_only=True)
+class Driven:
+    """What came of a policy on a robot.
+
+    Attributes:
+        attempts: All that are there.
+        report: On them; None where there is none.
+    """
+
+    attempts: list[Attempt]
+    report: Evaluation | None
+
+
+def drive_policy(request: DriveRequest) -> Driven:
     """Makes the attempts that are not there yet, and prints what came of all.
 
     Raises:
@@ -122,13 +135,13 @@ def drive_policy(request: DriveRequest) -> list[Attempt]:
             console.print(_line(made, len(kept.attempts), request))
 
     interrupted = _driven(request, clock, all_made) if left else False
-    if kept.attempts:
-        report = _report(request, path, kept)
+    report = _report(request, path, kept) if kept.attempts else None
+    if report is not None:
         write_texts(request.out, evaluation_texts(report))
         print_evaluation(console, report)
     if interrupted:
         raise KeyboardInterrupt
-    return kept.attempts
+    return Driven(attempts=kept.attempts, report=report)
 
 
 def _report(request: DriveRequest, policy: Path, kept: Kept) -> Evaluation:

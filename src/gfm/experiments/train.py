@@ -40,23 +40,27 @@ class TrainRequest:
         config: The experiment's file.
         out: The run's folder.
         resume: Whether it goes on with one that is there.
+        begin_from: File of the policy with which a new one begins; None for a random one.
     """
 
     config: Path
     out: Path
     resume: bool = False
+    begin_from: Path | None = None
 
 
 def train(
     request: TrainRequest, console: Console, clock: Clock, stopped: Callable[[], bool]
-) -> None:
-    """Trains until all steps are made or `stopped` says so.
+) -> RunFolder:
+    """Trains until all steps are made or `stopped` says so, and returns where everything is.
 
     Raises:
         BadInputError: the experiment cannot be used, or a service refuses its settings.
         GfmError: a service failed.
     """
-    config, folder = open_run(request.out, request.config, resume=request.resume)
+    config, folder = open_run(
+        request.out, request.config, resume=request.resume, begin_from=request.begin_from
+    )
     curves = SystemCurves(folder)
     system = training_system(config, folder, curves.life)
     phases = [
@@ -79,6 +83,7 @@ def train(
     console.print(f"policy: {folder.policy}", soft_wrap=True, highlight=False)
     if curves.learner_steps < config.learner_steps:
         console.print("stopped before the end: --resume goes on", highlight=False)
+    return folder
 
 
 def _follow(
@@ -122,6 +127,7 @@ def training_system(config: TrainConfig, folder: RunFolder, life: int) -> System
         *("--env", config.env, "--seed", str(config.seed)),
         *("--max-steps", str(config.learner_steps)),
         *("--checkpoint-dir", str(folder.checkpoints)),
+        *(("--init", str(folder.begun_from)) if folder.begun_from.is_file() else ()),
     )
     seed = config.seed + _LIFE_SEEDS * life
     return SystemSpec(

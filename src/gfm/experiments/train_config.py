@@ -66,6 +66,11 @@ class RunFolder:
         return self.path / "config.toml"
 
     @property
+    def begun_from(self) -> Path:
+        """A copy of the policy with which it began; none where that was a random one."""
+        return self.path / "begun_from.npz"
+
+    @property
     def checkpoints(self) -> Path:
         """The learner's folder."""
         return self.path / "checkpoints"
@@ -91,17 +96,20 @@ class RunFolder:
         return self.path / "logs"
 
 
-def open_run(path: Path, config: Path, *, resume: bool) -> tuple[TrainConfig, RunFolder]:
+def open_run(
+    path: Path, config: Path, *, resume: bool, begin_from: Path | None = None
+) -> tuple[TrainConfig, RunFolder]:
     """Returns experiment and folder of a run that begins, or goes on.
 
     Args:
         path: Of the run's folder.
         config: The experiment's file.
         resume: Whether it goes on.
+        begin_from: The policy with which a new one begins.
 
     Raises:
         BadInputError: the file cannot be used; a new run's folder is there; one to be resumed is
-            not, or was begun with another experiment.
+            not, or was begun with another experiment; there is no such policy.
     """
     experiment = read_config(TrainConfig, config, {})
     folder = RunFolder(path=path)
@@ -109,11 +117,15 @@ def open_run(path: Path, config: Path, *, resume: bool) -> tuple[TrainConfig, Ru
         _check_same(folder, config)
     elif path.exists():
         raise BadInputError(f"{path} is there already: give --resume, or another --out")
+    elif begin_from is not None and not begin_from.is_file():
+        raise BadInputError(f"policy {begin_from}: no such file")
     path.mkdir(parents=True, exist_ok=True)
     if config.resolve() != folder.config.resolve():
         shutil.copyfile(config, folder.config)
         if (base := base_of(config)) is not None:
             shutil.copyfile(base, path / base.name)
+    if begin_from is not None and not resume:
+        shutil.copyfile(begin_from, folder.begun_from)
     return experiment, folder
 
 

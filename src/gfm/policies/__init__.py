@@ -7,6 +7,8 @@ from pathlib import Path
 from gfm.core import UnknownNameError
 
 _FOLDER = Path(__file__).parent
+#: Experiment in which a policy goes on learning; on what, a file says that has it as its base.
+TRAINING_ON = _FOLDER / "training_on.toml"
 
 
 def shipped_policy(task: str) -> Path:

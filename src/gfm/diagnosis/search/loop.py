@@ -183,7 +183,7 @@ def search(
             evidence=_also_by_other_names(evidence, fitted.effects),
             equals=_equals(final.problem, fitted.effects),
             segments=tuple(moves.segments),
-            out_of_time=not under_way.goes_on(),
+            out_of_time=under_way.out_of_time,
         ),
         final.problem,
     )

@@ -49,6 +49,7 @@ class Search(Generic[P]):
         goes_on: Whether there is time left for steps.
         clock: Breaks off what takes too long.
         steps: So far.
+        ended_early: Whether there was no time left for steps that might have gained something.
     """
 
     report: Callable[[str], None]
@@ -56,6 +57,12 @@ class Search(Generic[P]):
     goes_on: Callable[[], bool] = lambda: True
     clock: Clock = field(default_factory=Clock)
     steps: list[Step] = field(default_factory=list)
+    ended_early: bool = False
+
+    @property
+    def out_of_time(self) -> bool:
+        """Whether more time might have led to another answer."""
+        return self.ended_early or not self.in_time()
 
     @property
     def held(self) -> dict[Key, Difference]:
@@ -78,10 +85,8 @@ class Search(Generic[P]):
         """Yields one hypothesis after another."""
         while here.is_open and len(self.steps) < MOST_STEPS and self.goes_on():
             best = self._best(here, moves)
-            if best is None:
-                break
-            if best.step.chosen is None:
-                self.steps.append(best.step)
+            if best is None or best.step.chosen is None:
+                self.steps.extend([best.step] if best else [])
                 break
             left, here = here.fit.cost, best.after()
             self.steps.append(best.step)
@@ -89,6 +94,7 @@ class Search(Generic[P]):
             here, removed = remove(here, self.held, self.report)
             self.steps.extend(removed)
             yield here
+        self.ended_early |= here.is_open and not self.goes_on()
 
     def _best(self, here: Hypothesis[P], moves: Sequence[MoveFrom[P]]) -> Proposal[P] | None:
         best: Proposal[P] | None = None

@@ -1,0 +1,195 @@
+"""What `gfm transfer` does: the whole loop on a task, on the robot before and after.
+
+Every step leaves a folder that can be looked at and used again, and is not made a second time.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.text import Text
+
+from gfm.core import Clock, ConfigError
+from gfm.diagnosis.output.correction import model_pair
+from gfm.envs.registry import nominal_cell
+from gfm.experiments.attempt_files import Kept
+from gfm.experiments.diagnose_command import DiagnoseRequest, diagnose_files
+from gfm.experiments.drive_policy import DriveRequest, drive_policy
+from gfm.experiments.evaluate import policy_path
+from gfm.experiments.folders import check_folder
+from gfm.experiments.inputs import command_line, provenance
+from gfm.experiments.train import TrainRequest, train
+from gfm.policies import TRAINING_ON, shipped_policy
+from gfm.report.evaluation import Evaluation
+from gfm.report.files import model_texts, write_texts
+from gfm.report.transfer import Transfer, Treatment, print_transfer, transfer_texts
+
+BEFORE = "before"
+#: What a policy can be trained on again.
+CORRECTED, NOMINAL, RANDOMISED = TRAIN_ON = ("corrected", "nominal", "randomised")
+#: Attempts at each goal that the diagnosis learns from; the rest is held out.
+LEARNED_FROM = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransferRequest:
+    """What is asked for.
+
+    Attributes:
+        drive: The robot, the policy that begins, goals and attempts; its folder is the whole
+            campaign's.
+        minutes: For the search of the diagnosis.
+        train_on: On what the policy is trained again, see TRAIN_ON.
+        learner_steps: Of each training; None for as many as the shipped settings say.
+    """
+
+    drive: DriveRequest
+    minutes: float = 5.0
+    train_on: tuple[str, ...] = (CORRECTED,)
+    learner_steps: int | None = None
+
+    @property
+    def out(self) -> Path:
+        """The campaign's folder."""
+        return self.drive.out
+
+    @property
+    def start(self) -> Path:
+        """The policy that begins."""
+        return policy_path(self.drive.policy or shipped_policy(self.drive.task))
+
+    def __post_init__(self) -> None:
+        check_folder(self.out)
+        if self.drive.trials <= LEARNED_FROM:
+            raise ConfigError(
+                f"--trials is {self.drive.trials}, expected at least {LEARNED_FROM + 1}: one "
+                "attempt at each goal is learned from, the others judge"
+            )
+
+
+def transfer(
+    request: TransferRequest, console: Console, clock: Clock, stopped: Callable[[], bool]
+) -> Transfer:
+    """Makes the steps that are left, and writes and prints the report.
+
+    Raises:
+        BadInputError: something given cannot be used, or the folder holds another campaign.
+        GfmError: a service failed, or the robot does not answer.
+        KeyboardInterrupt: a signal, or `stopped`, ended it; what there is is kept.
+    """
+    campaign = _Campaign(request, console, clock, stopped)
+    before = campaign.drive(BEFORE, request.start)
+    diagnosis = campaign.diagnose()
+    after = [
+        (name, campaign.drive(f"after_{name}", campaign.train(name))) for name in request.train_on
+    ]
+    report = Transfer(
+        before=before,
+        treatments=tuple(Treatment(name=name, evaluation=one) for name, one in after),
+        diagnosis=diagnosis,
+        provenance=provenance({"policy": (request.start,)}, request.drive.seed, command_line()),
+    )
+    write_texts(request.out, transfer_texts(report))
+    print_transfer(console, report)
+    console.print(Text(str(request.out / "report.html")), soft_wrap=True)
+    return report
+
+
+@dataclass(frozen=True)
+class _Campaign:
+    """The steps, each of which leaves a folder."""
+
+    request: TransferRequest
+    console: Console
+    clock: Clock
+    stopped: Callable[[], bool]
+
+    def drive(self, name: str, policy: Path) -> Evaluation:
+        """Returns what came of a policy on the robot."""
+        self._say(f"{name}: the policy on the robot")
+        request = replace(self.request.drive, policy=policy, out=self.request.out / name)
+        report = drive_policy(request).report
+        if report is None:
+            raise KeyboardInterrupt
+        return report
+
+    def diagnose(self) -> Mapping[str, Any]:
+        """Returns what the nominal cell lacks by the recordings of before, as report.json says."""
+        self._say("diagnosis: what the nominal cell lacks")
+        out = self.request.out / "diagnosis"
+        report = out / "report.json"
+        if not report.is_file():
+            learned, held_out = self._recordings()
+            diagnose_files(
+                DiagnoseRequest(
+                    recordings=learned,
+                    holdout=held_out,
+                    models=(self._nominal(),),
+                    out=out,
+                    minutes=self.request.minutes,
+                    seed=self.request.drive.seed,
+                ),
+                self.console,
+                self.console,
+            )
+        found: Mapping[str, Any] = json.loads(report.read_text())
+        return found
+
+    def train(self, name: str) -> Path:
+        """Returns the policy that went on learning."""
+        trained = self.request.out / f"policy_{name}.npz"
+        if trained.is_file():
+            return trained
+        self._say(f"training_{name}: the policy goes on on the {name} model")
+        folder, config = self.request.out / f"training_{name}", f"training_{name}.toml"
+        if not folder.exists():
+            shutil.copyfile(TRAINING_ON, self.request.out / TRAINING_ON.name)
+            write_texts(self.request.out, {config: self._experiment(name)})
+        request = TrainRequest(
+            config=self.request.out / config,
+            out=folder,
+            resume=folder.exists(),
+            begin_from=self.request.start,
+        )
+        run = train(request, self.console, self.clock, self.stopped)
+        if self.stopped():
+            raise KeyboardInterrupt
+        shutil.copyfile(run.policy, trained)
+        return trained
+
+    def _experiment(self, name: str) -> str:
+        """Returns the experiment's file of one training."""
+        steps = self.request.learner_steps
+        lines = [f'base = "{TRAINING_ON.name}"', f'env = "{self.request.drive.task}"']
+        lines += [] if steps is None else [f"learner_steps = {steps}"]
+        if name == CORRECTED:
+            model = json.dumps(str((self.request.out / "diagnosis" / "corrected.xml").absolute()))
+            lines += ["[learner.environment.models]", f"velocity = {model}"]
+        if name == RANDOMISED:
+            lines += ["[learner.environment.control]", "randomisation = 0.5", "variants = 64"]
+        return "\n".join(lines) + "\n"
+
+    def _nominal(self) -> Path:
+        """Writes the nominal cell, and returns its file."""
+        stem = "nominal"
+        write_texts(
+            self.request.out,
+            model_texts(stem, model_pair(nominal_cell(self.request.drive.task), ())),
+        )
+        return self.request.out / f"{stem}.xml"
+
+    def _recordings(self) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+        """Returns the recordings of before to learn from, and those that judge."""
+        attempts = Kept(self.request.out / BEFORE, {}).attempts
+        learned = [Path(one.recording) for one in attempts if one.trial < LEARNED_FROM]
+        held_out = [Path(one.recording) for one in attempts if one.trial >= LEARNED_FROM]
+        return tuple(learned), tuple(held_out)
+
+    def _say(self, words: str) -> None:
+        self.console.rule(Text(words), align="left")

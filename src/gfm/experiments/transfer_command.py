@@ -1,0 +1,69 @@
+"""The command `gfm transfer`: the whole loop on a task."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from gfm.experiments.drive_command import add_robot_flags, request_of
+
+if TYPE_CHECKING:
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+
+_DESCRIPTION = """\
+Closes the loop on a task: runs a policy on the robot and records it, finds what the nominal cell
+lacks, trains the policy again on the corrected model, and runs it on the robot again. Every step
+leaves a folder in --out and is not made a second time: the same command goes on where it was broken
+off.
+"""
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Adds `gfm transfer`."""
+    parser = subparsers.add_parser(
+        "transfer", help="close the loop on a task", description=_DESCRIPTION
+    )
+    add_robot_flags(parser)
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        default=5.0,
+        metavar="N",
+        help="for the search of the diagnosis (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--train-on",
+        nargs="+",
+        choices=("corrected", "nominal", "randomised"),
+        default=["corrected"],
+        metavar="MODEL",
+        help="on what the policy is trained again, one after the other: corrected, and to compare "
+        "with nominal and randomised (default: corrected)",
+    )
+    parser.add_argument(
+        "--learner-steps",
+        type=int,
+        metavar="N",
+        help="of each training (default: about ten minutes on two cores)",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Closes the loop."""
+    from rich.console import Console
+
+    from gfm.core import MonotonicClock
+    from gfm.experiments.transfer import TransferRequest, transfer
+    from gfm.service import StopSignal
+
+    request = TransferRequest(
+        drive=request_of(arguments),
+        minutes=arguments.minutes,
+        train_on=tuple(arguments.train_on),
+        learner_steps=arguments.learner_steps,
+    )
+    stopped = StopSignal()
+    stopped.install()
+    transfer(request, Console(), MonotonicClock(), stopped)
+    return 0

@@ -1,0 +1,112 @@
+"""A campaign for people and programs: a policy on the robot, before and after what was learned."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from gfm.report.evaluation import Evaluation, evaluation_json, paths_picture
+from gfm.report.figures import Picture
+from gfm.report.page import render_page
+
+SCHEMA = "gfm.transfer/1"
+_TRAINED_ON = {
+    "corrected": "trained again on the corrected model",
+    "nominal": "trained again on the nominal model",
+    "randomised": "trained again on the nominal model with randomised dynamics",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Treatment:
+    """A policy that went on learning, on the robot.
+
+    Attributes:
+        name: On what it was trained.
+        evaluation: What came of it.
+    """
+
+    name: str
+    evaluation: Evaluation
+
+    @property
+    def title(self) -> str:
+        """What was done, in words."""
+        return _TRAINED_ON[self.name]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transfer:
+    """What a campaign says.
+
+    Attributes:
+        before: The policy that began, on the robot.
+        treatments: Those that went on learning.
+        diagnosis: Of the recordings of before, as its report.json has it.
+        provenance: Files, versions, seed and command.
+    """
+
+    before: Evaluation
+    treatments: tuple[Treatment, ...]
+    diagnosis: Mapping[str, Any]
+    provenance: Mapping[str, object]
+
+    @property
+    def rows(self) -> list[tuple[str, Evaluation]]:
+        """Every policy in words, with what came of it."""
+        return [("as it came", self.before), *((t.title, t.evaluation) for t in self.treatments)]
+
+    @property
+    def sentence(self) -> str:
+        """The result in one line."""
+        told = "; ".join(f"{one.reached} of {one.of} {title}" for title, one in self.rows)
+        return f"{self.before.task.name}, {self.before.where}: {told}"
+
+    def pictures(self) -> list[Picture]:
+        """Returns the ways of the object under every policy."""
+        return [
+            replace(paths_picture(one), title=f"Ways of the object: {title}")
+            for title, one in self.rows
+        ]
+
+
+def transfer_json(transfer: Transfer) -> dict[str, object]:
+    """Returns the document "gfm.transfer/1"."""
+    return {
+        "schema": SCHEMA,
+        "sentence": transfer.sentence,
+        "diagnosis": {
+            name: transfer.diagnosis[name] for name in ("verdict", "sentence", "effects")
+        },
+        "before": evaluation_json(transfer.before),
+        "after": {one.name: evaluation_json(one.evaluation) for one in transfer.treatments},
+        "provenance": dict(transfer.provenance),
+    }
+
+
+def transfer_texts(transfer: Transfer) -> dict[str, str]:
+    """Returns the report's files by name."""
+    document = json.dumps(transfer_json(transfer), indent=2, allow_nan=False)
+    page = render_page("transfer.html.j2", transfer=transfer, pictures=transfer.pictures())
+    return {"report.json": document + "\n", "report.html": page}
+
+
+def print_transfer(console: Console, transfer: Transfer) -> None:
+    """Prints what was found, and a line per policy."""
+    console.print(Text(str(transfer.diagnosis["sentence"])))
+    table = Table("policy", "reached", "95 % interval", "most failures")
+    for title, one in transfer.rows:
+        low, high = one.interval
+        table.add_row(
+            title,
+            f"{one.reached} of {one.of}",
+            f"{low:.0%} to {high:.0%}",
+            next(iter(one.failures), "–"),
+        )
+    console.print(table)
