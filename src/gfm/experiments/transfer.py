@@ -86,12 +86,16 @@ def transfer(
     campaign = _Campaign(request, console, clock, stopped)
     before = campaign.drive(BEFORE, request.start)
     diagnosis = campaign.diagnose()
-    after = [
-        (name, campaign.drive(f"after_{name}", campaign.train(name))) for name in request.train_on
-    ]
+    treatments = []
+    for name in request.train_on:
+        if name == CORRECTED and not diagnosis["effects"]:
+            console.print("nothing was named: there is no corrected model to train on")
+            continue
+        policy = campaign.train(name)
+        treatments.append(Treatment(name=name, evaluation=campaign.drive(f"after_{name}", policy)))
     report = Transfer(
         before=before,
-        treatments=tuple(Treatment(name=name, evaluation=one) for name, one in after),
+        treatments=tuple(treatments),
         diagnosis=diagnosis,
         provenance=provenance({"policy": (request.start,)}, request.drive.seed, command_line()),
     )

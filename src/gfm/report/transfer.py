@@ -99,6 +99,7 @@ def transfer_texts(transfer: Transfer) -> dict[str, str]:
 
 def print_transfer(console: Console, transfer: Transfer) -> None:
     """Prints what was found, and a line per policy."""
+    console.print(Text(transfer.sentence, style="bold"))
     console.print(Text(str(transfer.diagnosis["sentence"])))
     table = Table("policy", "reached", "95 % interval", "most failures")
     for title, one in transfer.rows:

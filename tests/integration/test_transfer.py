@@ -1,0 +1,119 @@
+"""The loop on a task: what is there is not made again, and what is missing is."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from gfm.cli import main
+from gfm.experiments.attempt_files import Kept
+from gfm.experiments.attempts import Attempt
+from gfm.experiments.inputs import sha256
+from gfm.policies import shipped_policy
+from gfm.recording.weights_file import read_weights, write_weights
+
+POSITION, POLICY = "position_matching", "policy_corrected.npz"
+FOUND = {
+    "verdict": "explained",
+    "sentence": "The model misses a payload.",
+    "effects": [{"effect": "payload"}],
+}
+
+
+def attempts_in(folder: Path, policy: Path, outcomes: list[str]) -> None:
+    about = {
+        "task": POSITION,
+        "policy": sha256(policy),
+        "robot": "sim",
+        "hidden_effect": "payload",
+        "robot_config": "",
+        "clock": "lockstep",
+        "seed": 3,
+    }
+    kept = Kept(folder, about)
+    for trial, outcome in enumerate(outcomes):
+        kept.add(
+            Attempt(
+                goal=0,
+                trial=trial,
+                outcome=outcome,
+                steps=20,
+                place_m=0.01,
+                turn_rad=0.1,
+                path=[[0.6, 0.0], [0.65, 0.0]],
+                recording=f"{trial}.mcap",
+            )
+        )
+
+
+@pytest.fixture
+def words(tmp_path: Path) -> list[str]:
+    size = ["--goals", "1", "--trials", "2", "--out", str(tmp_path)]
+    return ["transfer", "--task", "position", "--hidden-effect", "payload", "--seed", "3", *size]
+
+
+def made(folder: Path, effects: list[dict[str, str]]) -> None:
+    """Makes the steps of a campaign."""
+    before, after = shipped_policy(POSITION), folder / POLICY
+    attempts_in(folder / "before", before, ["out_of_time", "reached"])
+    (folder / "diagnosis").mkdir()
+    (folder / "diagnosis" / "report.json").write_text(json.dumps(FOUND | {"effects": effects}))
+    weights = read_weights(before)
+    write_weights(after, replace(weights, version=weights.version + 1))
+    attempts_in(folder / "after_corrected", after, ["reached", "reached"])
+
+
+def test_steps_that_are_there_are_not_made_again(
+    tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    made(tmp_path, FOUND["effects"])
+    there = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.npz")}
+    assert main(words) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "1 of 2 as it came; 2 of 2 trained again on the corrected model" in said
+    document = json.loads((tmp_path / "report.json").read_text())
+    assert document["diagnosis"]["sentence"] == FOUND["sentence"]
+    assert document["before"]["success"]["reached"] == 1
+    assert document["after"]["corrected"]["success"]["reached"] == 2
+    page = (tmp_path / "report.html").read_text()
+    assert "Ways of the object: as it came" in page
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.npz")} == there
+    assert not (tmp_path / "training_corrected").exists()
+
+
+def test_nothing_is_trained_on_a_model_that_was_not_corrected(
+    tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    made(tmp_path, [])
+    assert main(words) == 0
+    assert "nothing was named" in capsys.readouterr().out
+    assert json.loads((tmp_path / "report.json").read_text())["after"] == {}
+
+
+def test_another_campaign_in_the_folder_is_refused(
+    tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    made(tmp_path, FOUND["effects"])
+    assert main([*words, "--seed", "4"]) == 2
+    assert "made with seed 3, asked for 4" in capsys.readouterr().err
+
+
+def test_one_attempt_at_each_goal_is_too_few(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words, "--trials", "1"]) == 2
+    assert "--trials is 1, expected at least 2" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_whole_loop_as_processes(tmp_path: Path, words: list[str]) -> None:
+    assert main([*words, "--learner-steps", "40", "--minutes", "2"]) == 0
+    document = json.loads((tmp_path / "report.json").read_text())
+    assert document["before"]["success"]["of"] == 2
+    assert [one["effect"] for one in document["diagnosis"]["effects"]] == ["payload"]
+    assert document["after"]["corrected"]["success"]["of"] == 2
+    began, ended = (read_weights(path) for path in (shipped_policy(POSITION), tmp_path / POLICY))
+    assert began.version != ended.version
