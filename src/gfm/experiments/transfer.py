@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.text import Text
 
@@ -33,8 +34,8 @@ from gfm.report.transfer import Transfer, Treatment, print_transfer, transfer_te
 BEFORE = "before"
 #: What a policy can be trained on again.
 CORRECTED, NOMINAL, RANDOMISED = TRAIN_ON = ("corrected", "nominal", "randomised")
-#: Attempts at each goal that the diagnosis learns from; the rest is held out.
-LEARNED_FROM = 1
+#: Recordings that the diagnosis learns from, as many as in the paper, and that judge it.
+LEARNED_FROM, JUDGED_ON = 5, 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,10 +67,10 @@ class TransferRequest:
 
     def __post_init__(self) -> None:
         check_folder(self.out)
-        if self.drive.trials <= LEARNED_FROM:
+        if self.drive.trials < 2:
             raise ConfigError(
-                f"--trials is {self.drive.trials}, expected at least {LEARNED_FROM + 1}: one "
-                "attempt at each goal is learned from, the others judge"
+                f"--trials is {self.drive.trials}, expected at least 2: the first attempts are "
+                "learned from, others judge"
             )
 
 
@@ -190,10 +191,18 @@ class _Campaign:
 
     def _recordings(self) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
         """Returns the recordings of before to learn from, and those that judge."""
-        attempts = Kept(self.request.out / BEFORE, {}).attempts
-        learned = [Path(one.recording) for one in attempts if one.trial < LEARNED_FROM]
-        held_out = [Path(one.recording) for one in attempts if one.trial >= LEARNED_FROM]
-        return tuple(learned), tuple(held_out)
+        made = Kept(self.request.out / BEFORE, {}).attempts
+        first, others = (
+            [Path(one.recording) for one in made if (one.trial > 0) is later]
+            for later in (False, True)
+        )
+        return _spread(first, LEARNED_FROM), _spread(others, JUDGED_ON)
 
     def _say(self, words: str) -> None:
         self.console.rule(Text(words), align="left")
+
+
+def _spread(paths: Sequence[Path], most: int) -> tuple[Path, ...]:
+    """Returns at most so many of them, from first to last."""
+    kept = np.unique(np.linspace(0, len(paths) - 1, most).round().astype(int))
+    return tuple(paths[i] for i in kept)
