@@ -9,7 +9,9 @@ Counts every name of an effect, and every suspect that carries a confidence, in 
 from __future__ import annotations
 
 import argparse
+import json
 import math
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -165,13 +167,14 @@ def diagram(bins: Sequence[Bin]) -> str:
     return "\n".join(parts) + "\n"
 
 
-def document(told: Sequence[Told], reports: int, figure: str) -> str:
+def document(told: Sequence[Told], reports: int, figure: str, made: str = "") -> str:
     """Returns the page.
 
     Args:
         told: All names.
         reports: In how many reports.
         figure: Where the diagram lies, from the page.
+        made: How reports and page were made.
     """
     named = [t for t in told if not t.suspect]
     suspected = [t for t in told if t.suspect]
@@ -180,6 +183,7 @@ def document(told: Sequence[Told], reports: int, figure: str) -> str:
         f"Names told about simulated robots whose truth is known (reports: {reports}). A name is "
         "right if it is hidden there on these joints, or if physics cannot tell it from the truth "
         "and the truth stands beside it as its equal.",
+        *([made] if made else []),
         f"![share of right names over confidence; bars are 95 % intervals, numbers count names]"
         f"({figure})",
         "## Effects and suspects",
@@ -194,6 +198,12 @@ def document(told: Sequence[Told], reports: int, figure: str) -> str:
     return "\n\n".join(sections) + "\n"
 
 
+def commits(folders: Sequence[Path]) -> list[str]:
+    """Returns the commits at which the reports were made."""
+    files = [path for folder in folders for path in folder.glob("diagnoses/*/made.json")]
+    return sorted({json.loads(path.read_text())["commit"] for path in files})
+
+
 def main() -> None:
     """Collects what reports tell, prints tables, writes page and diagram."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -206,7 +216,9 @@ def main() -> None:
     for file in (asked.page, figure):
         file.parent.mkdir(parents=True, exist_ok=True)
     figure.write_text(diagram(bins_of(told)), encoding="utf-8")
-    text = document(told, reports, "../images/reliability.svg" if ours else figure.name)
+    words = shlex.join(["python", "benchmarks/reliability.py", *map(str, asked.folders)])
+    made = f"Written by `{words}`, diagnosed at {', '.join(commits(asked.folders))}."
+    text = document(told, reports, "../images/reliability.svg" if ours else figure.name, made)
     asked.page.write_text(text, encoding="utf-8")
     print(text)
 
