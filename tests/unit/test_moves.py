@@ -21,7 +21,7 @@ from gfm.diagnosis.search.steps import Proposal, Search
 from gfm.diagnosis.search.support import support
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.effects import EffectInstance, find_effect
-from pendulum import LENGTH, MODEL, PERIOD_S, swung
+from pendulum import MODEL, PERIOD_S, swung
 
 SPECS = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
 NOISE, FRICTION, LITTLE, OFFSET, LIMIT = 3e-4, 0.3, 0.2, 0.25, 3.0
@@ -192,25 +192,6 @@ def test_common_errors_are_found_together_beside_what_is_known(wrong_all_over, k
     assert found["actuator_gain"] == pytest.approx(0.15, rel=0.05)
     assert found["coulomb_friction"] == pytest.approx(LITTLE, rel=0.05)
     assert {e.key for e in step.chosen.new}.isdisjoint(e.key for e in known)
-
-
-def test_common_errors_do_not_stand_for_an_effect_of_the_whole_robot():
-    load = {"mass": 0.1, "com_x": 0.0, "com_y": 0.0, "com_z": -LENGTH}
-    weight = load["mass"] * 9.81 * LENGTH
-    case = Case(
-        runs(
-            torque=lambda q, v: -LITTLE * np.tanh(v / 1e-3) - weight * np.sin(q),
-            gain=0.15,
-            inertia=load["mass"] * LENGTH**2,
-        )
-    )
-    beside = (instance("payload", **load | {"mass": 0.05}),)
-    before = case.with_effects()
-    step = common_errors(before, candidates(*COMMON), case.scales, lambda _: None, beside)
-    found = {e.effect.name: next(iter(e.values.values())) for e in step.chosen.fit.effects}
-    assert found["payload"] == pytest.approx(load["mass"], rel=0.1)
-    assert found["actuator_gain"] == pytest.approx(0.15, rel=0.05)
-    assert found["coulomb_friction"] == pytest.approx(LITTLE, rel=0.05)
 
 
 def test_what_an_effect_gains_is_clear_only_where_it_is_there(rubbing):

@@ -21,12 +21,11 @@ from gfm.diagnosis.search.candidates import Place, joint_scales, places, torque_
 from gfm.diagnosis.search.equals import equals_of, looked_for, recorded
 from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis, settled_hypothesis
 from gfm.diagnosis.search.moves.add import add, add_costly, gain_of, worth_more
-from gfm.diagnosis.search.moves.common_errors import COMMON, common_errors
+from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.intermittent import intermittent, with_segments
 from gfm.diagnosis.search.moves.reduce import rivals_of
 from gfm.diagnosis.search.naming import fitly_named, twins
 from gfm.diagnosis.search.nominal_parameters import with_room
-from gfm.diagnosis.search.screening import is_whole
 from gfm.diagnosis.search.steps import Proposal, Search, effects_of
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step
 from gfm.effects import EffectInstance, Key, Scales, effect_library
@@ -87,8 +86,7 @@ class RobotMoves:
         enough = gain_of(best) >= 0.5 * here.room.nats
         if tried or enough or not much or not self.in_time():
             return None
-        beside = _of_whole_robot(best)
-        return _proposal(here, common_errors(here, self.always, self.scales, self.report, beside))
+        return _proposal(here, common_errors(here, self.always, self.scales, self.report))
 
     def intermittent(
         self, here: Hypothesis[Problem], best: Step | None
@@ -117,21 +115,6 @@ class RobotMoves:
     def rivals(self, instance: EffectInstance, rest: Hypothesis) -> list[Fit]:
         """Returns fits of the best rivals of an effect beside the rest of a hypothesis."""
         return rivals_of(instance, rest, self.always, self.scales, self.steps)
-
-
-def _of_whole_robot(best: Step | None) -> tuple[EffectInstance, ...]:
-    """Returns the best single effect of the whole robot that gained anything, if one did.
-
-    Other than a common error. How clearly it gains tells little while everything is wrong.
-    """
-    common = {one.name for one in COMMON}
-    ranked = () if best is None else best.ranked
-    found = [
-        tried.new
-        for tried in ranked
-        if len(tried.new) == 1 and is_whole(tried.new[0].effect) and tried.gain.nats > 0.0
-    ]
-    return next((new for new in found if new[0].effect.name not in common), ())
 
 
 def _proposal(here: Hypothesis[Problem], step: Step) -> Proposal[Problem]:

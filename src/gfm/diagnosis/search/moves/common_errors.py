@@ -66,24 +66,10 @@ def common_errors(
     candidates: Sequence[Place],
     scales: Sequence[Scales],
     report: Callable[[str], None],
-    beside: Sequence[EffectInstance] = (),
 ) -> Step:
-    """Returns the step that adds common errors on all joints that something is missing on.
-
-    Args:
-        before: Beside what.
-        candidates: All there are.
-        scales: Of every joint's signals.
-        report: Told what is happening, in words.
-        beside: An effect of the whole robot that comes with them: on every joint, friction and
-            gains would stand for it.
-    """
+    """Returns the step that adds common errors on all joints that something is missing on."""
     report("looking for common errors on all joints")
-    there = (*before.effects, *beside)
-    begun = [
-        (*beside, *_from_grid(before, there, candidates, scales, without))
-        for without in BEGUN_WITHOUT
-    ]
+    begun = [_from_grid(before, candidates, scales, without) for without in BEGUN_WITHOUT]
     new = max(begun, key=len)
     report(f"fitting {len(new)} effects together")
     fits = [_fitted_together(before, one) for one in begun]
@@ -108,11 +94,7 @@ def _fitted_together(before: Hypothesis, new: Sequence[EffectInstance]) -> Fit:
 
 
 def _from_grid(
-    before: Hypothesis,
-    there: Sequence[EffectInstance],
-    candidates: Sequence[Place],
-    scales: Sequence[Scales],
-    without: str,
+    before: Hypothesis, candidates: Sequence[Place], scales: Sequence[Scales], without: str
 ) -> tuple[EffectInstance, ...]:
     """Returns every common error on every open joint, with the best of its grid.
 
@@ -120,13 +102,12 @@ def _from_grid(
     is left out; what comes to none on the grid may be found beside the others by a fit.
 
     Args:
-        before: Whose open joints they are tried on.
-        there: Beside what.
+        before: Beside what they are tried.
         candidates: All there are.
         scales: Of every joint's signals.
         without: What is none to begin with.
     """
-    problem, taken = before.problem, {e.key for e in there}
+    problem, taken = before.problem, {e.key for e in before.effects}
     places = [
         p for p in candidates if p.key not in taken and (set(p.joints) & set(before.open_joints))
     ]
@@ -135,7 +116,7 @@ def _from_grid(
         for one in [one for one in COMMON if one.name != without]:
             grid = _grid(one, places, problem.joints, scales)
             sets = [
-                (*there, *_instances(places, problem.joints, {**chosen, one.name: row}))
+                (*before.effects, *_instances(places, problem.joints, {**chosen, one.name: row}))
                 for row in grid
             ]
             left = bounded(problem.coarse().residuals(sets), problem.limits())
