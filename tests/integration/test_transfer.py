@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -110,10 +111,16 @@ def test_one_attempt_at_each_goal_is_too_few(
 
 @pytest.mark.slow
 def test_the_whole_loop_as_processes(tmp_path: Path, words: list[str]) -> None:
-    assert main([*words, "--learner-steps", "40", "--minutes", "2"]) == 0
+    short = ["--train-on", "nominal", "--learner-steps", "40", "--minutes", "0.5"]
+    assert main([*words, *short]) == 0
     document = json.loads((tmp_path / "report.json").read_text())
     assert document["before"]["success"]["of"] == 2
-    assert [one["effect"] for one in document["diagnosis"]["effects"]] == ["payload"]
-    assert document["after"]["corrected"]["success"]["of"] == 2
-    began, ended = (read_weights(path) for path in (shipped_policy(POSITION), tmp_path / POLICY))
-    assert began.version != ended.version
+    assert (tmp_path / "diagnosis" / "report.html").is_file()
+    assert document["after"]["nominal"]["success"]["of"] == 2
+    experiment = tomllib.loads((tmp_path / "training_nominal.toml").read_text())
+    assert experiment["learner_steps"] == 40
+    began, ended = (
+        read_weights(path) for path in (shipped_policy(POSITION), tmp_path / "policy_nominal.npz")
+    )
+    changed = [bool((began.tensors[k] != ended.tensors[k]).any()) for k in began.tensors]
+    assert not any(changed)  # the critic learns alone at first: it went on from that policy
