@@ -112,3 +112,23 @@ def test_an_experiment_of_no_use_is_one_line(tmp_path, capsys, old, new, message
     assert message in error[-1]
     assert len([line for line in error if line.startswith("error: ")]) == 1
     assert time.monotonic() - began_s < 60.0
+
+
+def test_a_run_begins_with_a_policy_that_is_there(tmp_path, capsys):
+    config, first = experiment(tmp_path / "one.toml"), tmp_path / "first"
+    assert trained(config, first) == 0
+    second = tmp_path / "second"
+    assert trained(config, second, "--from", str(first)) == 0
+    there = (first / "checkpoints" / "policy.npz").read_bytes()
+    assert (second / "begun_from.npz").read_bytes() == there
+    assert "started from the policy" in (second / "logs" / "learner.log").read_text()
+    capsys.readouterr()
+    assert trained(config, second, "--resume", "--from", str(first)) == 2
+    assert "--from and --resume: expected one of them" in capsys.readouterr().err
+
+
+def test_a_policy_to_begin_with_that_is_not_there_leaves_nothing(tmp_path, capsys):
+    config, run = experiment(tmp_path / "one.toml"), tmp_path / "run"
+    assert trained(config, run, "--from", str(tmp_path / "none.npz")) == 2
+    assert "none.npz: no such file" in capsys.readouterr().err
+    assert not run.exists()

@@ -102,11 +102,19 @@ def test_another_campaign_in_the_folder_is_refused(
     assert "made with seed 3, asked for 4" in capsys.readouterr().err
 
 
-def test_one_attempt_at_each_goal_is_too_few(
-    words: list[str], capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--trials", "1"], "--trials is 1, expected at least 2"),
+        (["--minutes", "0"], "--minutes is 0, expected more than 0"),
+        (["--learner-steps", "0"], "--learner-steps is 0, expected at least 1"),
+    ],
+)
+def test_settings_out_of_range_are_refused(
+    words: list[str], given: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([*words, "--trials", "1"]) == 2
-    assert "--trials is 1, expected at least 2" in capsys.readouterr().err
+    assert main([*words, *given]) == 2
+    assert said in capsys.readouterr().err
 
 
 @pytest.mark.slow

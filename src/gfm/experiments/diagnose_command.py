@@ -74,6 +74,8 @@ class DiagnoseRequest:
 
     def __post_init__(self) -> None:
         check_folder(self.out)
+        if not self.minutes > 0.0:
+            raise ConfigError(f"--minutes is {self.minutes:g}, expected more than 0")
         given = self.files
         twice = [path for i, path in enumerate(given) if path.resolve() in _resolved(given[:i])]
         if twice:

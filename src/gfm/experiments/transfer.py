@@ -72,6 +72,10 @@ class TransferRequest:
                 f"--trials is {self.drive.trials}, expected at least 2: the first attempts are "
                 "learned from, others judge"
             )
+        if not self.minutes > 0.0:
+            raise ConfigError(f"--minutes is {self.minutes:g}, expected more than 0")
+        if self.learner_steps is not None and self.learner_steps < 1:
+            raise ConfigError(f"--learner-steps is {self.learner_steps}, expected at least 1")
 
 
 def transfer(
