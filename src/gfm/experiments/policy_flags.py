@@ -1,4 +1,4 @@
-"""Flags that say which policy is tried at which task, and how often."""
+"""What flags say of a policy: at which task it is tried, how often, and what it is trained on."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 
 TASKS = ("position", "pose")
+#: What a policy can be trained on again.
+TRAIN_ON = CORRECTED, NOMINAL, RANDOMISED = ("corrected", "nominal", "randomised")
 
 
 def add_policy_flags(parser: argparse.ArgumentParser) -> None:

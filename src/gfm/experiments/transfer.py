@@ -25,6 +25,7 @@ from gfm.experiments.drive_policy import DriveRequest, drive_policy
 from gfm.experiments.evaluate import policy_path
 from gfm.experiments.folders import check_folder
 from gfm.experiments.inputs import command_line, provenance
+from gfm.experiments.policy_flags import CORRECTED, RANDOMISED
 from gfm.experiments.train import TrainRequest, train
 from gfm.policies import TRAINING_ON, shipped_policy
 from gfm.report.evaluation import Evaluation
@@ -32,8 +33,6 @@ from gfm.report.files import model_texts, write_texts
 from gfm.report.transfer import Transfer, Treatment, print_transfer, transfer_texts
 
 BEFORE = "before"
-#: What a policy can be trained on again.
-CORRECTED, NOMINAL, RANDOMISED = TRAIN_ON = ("corrected", "nominal", "randomised")
 #: Recordings that the diagnosis learns from, as many as in the paper, and that judge it.
 LEARNED_FROM, JUDGED_ON = 5, 5
 

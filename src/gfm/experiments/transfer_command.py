@@ -6,6 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from gfm.experiments.drive_command import add_robot_flags, request_of
+from gfm.experiments.policy_flags import CORRECTED, TRAIN_ON
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -34,8 +35,8 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--train-on",
         nargs="+",
-        choices=("corrected", "nominal", "randomised"),
-        default=["corrected"],
+        choices=TRAIN_ON,
+        default=[CORRECTED],
         metavar="MODEL",
         help="on what the policy is trained again, one after the other: corrected, and to compare "
         "with nominal and randomised (default: corrected)",

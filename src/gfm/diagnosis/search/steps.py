@@ -85,8 +85,10 @@ class Search(Generic[P]):
         """Yields one hypothesis after another."""
         while here.is_open and len(self.steps) < MOST_STEPS and self.goes_on():
             best = self._best(here, moves)
-            if best is None or best.step.chosen is None:
-                self.steps.extend([best.step] if best else [])
+            if best is None:
+                break
+            if best.step.chosen is None:
+                self.steps.append(best.step)
                 break
             left, here = here.fit.cost, best.after()
             self.steps.append(best.step)
