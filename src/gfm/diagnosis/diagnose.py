@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial, reduce
-from itertools import islice
+from itertools import chain, islice
 
 import mujoco
 import numpy as np
@@ -13,7 +13,14 @@ import numpy as np
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.diagnosis.changes import what_changed
 from gfm.diagnosis.data.quality import all_findings, doubts
-from gfm.diagnosis.data.segmentation import WHOLE, check_recordings, in_model_order, make_problem
+from gfm.diagnosis.data.segmentation import (
+    WHOLE,
+    all_segments,
+    check_recordings,
+    in_model_order,
+    make_problem,
+    prepared,
+)
 from gfm.diagnosis.evidence import evidence_chain, plots
 from gfm.diagnosis.found import Found, find_in
 from gfm.diagnosis.learned import learned_report
@@ -25,7 +32,7 @@ from gfm.diagnosis.output.errors import RolloutErrors, as_measured, rollout_erro
 from gfm.diagnosis.output.result import Diagnosis, EvidencePlot, ModelPair, NamedEffect, Verdict
 from gfm.diagnosis.output.sentences import OUT_OF_TIME, notes_on, sentence_on, sentence_on_object
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.effects import EffectInstance
+from gfm.effects import EffectInstance, Scope
 from gfm.excitation.blind_spots import blind_spots
 from gfm.sim.learned import LearnedForces
 from gfm.sim.passive import with_idle_drives
@@ -139,7 +146,7 @@ def _judged(
         verdict=verdict,
         sentence=sentence_on(verdict, named, errors.summary, found.lack),
         effects=named,
-        suspects=suspects_of(result, effects) if result else (),
+        suspects=tuple(chain.from_iterable(suspects_of(one, effects) for one in found.results)),
         error=errors.summary,
         as_measured=rollout_errors(held, effects, as_measured).summary,
         joints=errors.joints,
@@ -155,6 +162,7 @@ def _judged(
             *((OUT_OF_TIME,) if result and result.out_of_time else ()),
             *doubts(findings),
             *notes_on(verdict, held, effects, outside=bool(first.effects)),
+            *_note_on_touching(beside, holdout, held, effects),
         ),
     )
 
@@ -172,17 +180,38 @@ def _corrected(
     }
 
 
+def _note_on_touching(
+    specs: Specs,
+    holdout: Sequence[Trajectory],
+    held: Problem,
+    effects: Sequence[EffectInstance],
+) -> list[str]:
+    """Returns what to know of errors where the robot touches something, if it does."""
+    touching = all_segments(specs, holdout, held.noise, given=held.given, touching=True)
+    if not touching.segments:
+        return []
+    errors = rollout_errors(prepared(touching), effects).summary
+    return [
+        "Errors are those of the robot in the air. In held-out segments in which it touches "
+        f"something, contacts simulated, they are {errors.before:.3g} rad before and "
+        f"{errors.after:.3g} rad after."
+    ]
+
+
 def _plots(
     found: Found, effects: Sequence[EffectInstance], errors: RolloutErrors
 ) -> tuple[EvidencePlot, ...]:
     part = found.short.subset(found.short.sample(PROFILED_S)).robust(effects)
     segments = found.result.segments if found.result else ()
+    felt = [one for one in effects if one.effect.scope is Scope.OBJECT]
+    robot = [one for one in effects if one not in felt]
     rare = reduce(Problem.joined, segments) if segments else part
     floors = [-one.before / one.noise_floor for one in errors.joints]
     worst = np.argsort(floors)[:2].tolist()
     return (
-        *plots.law_plots(effects, found.short, found.recordings),
-        *plots.profile_plots(effects, part, rare),
+        *plots.law_plots(robot, found.short, found.recordings),
+        *plots.profile_plots(robot, part, rare),
+        *(plots.profile_plots(felt, *2 * [found.pushed[1]]) if found.pushed else ()),
         *(plots.error_plot(j, errors.problem, errors.before, errors.after) for j in worst),
     )
 

@@ -9,12 +9,12 @@ import mujoco
 import numpy as np
 
 from gfm.core import CommandKind, Trajectory
-from gfm.diagnosis.data.segmentation import LONG, SHORT, all_segments, make_problem
+from gfm.diagnosis.data.segmentation import LONG, SHORT, all_segments, make_problem, prepared
 from gfm.diagnosis.inference.fitting import fit
 from gfm.diagnosis.output.claims import credible, named_effects
 from gfm.diagnosis.output.result import NamedEffect
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.loop import search
+from gfm.diagnosis.search.loop import search, search_object
 from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance
 
@@ -34,6 +34,7 @@ class Found:
         long: What amounts were settled on.
         result: The search; None where nothing can be said about dynamics.
         lack: Why not; empty where something can.
+        pushed: What the robot feels of an object, and in what; None where it pushes none.
     """
 
     recordings: Sequence[Trajectory]
@@ -41,16 +42,29 @@ class Found:
     long: Problem
     result: SearchResult | None
     lack: str
+    pushed: tuple[SearchResult, Problem] | None = None
+
+    @property
+    def results(self) -> tuple[SearchResult, ...]:
+        """What searches found: of the robot, and of what it feels of an object."""
+        felt = [] if self.pushed is None else [self.pushed[0]]
+        return () if self.result is None else (self.result, *felt)
 
     def named(self, *, keep_suspects: bool) -> tuple[NamedEffect, ...]:
         """Returns the effects that are named, with amounts fitted without the others."""
         if self.result is None:
             return ()
-        result = self.result
-        effects = list(result.fit.effects) if keep_suspects else credible(result)
-        if len(effects) < len(result.fit.effects):
-            result = replace(result, fit=fit(self.long, effects))
-        return named_effects(self.long.slices(), result, result.fit.effects)
+        parts = [(self.result, self.long), *([self.pushed] if self.pushed else [])]
+        return tuple(one for part in parts for one in _named(*part, keep_suspects=keep_suspects))
+
+
+def _named(
+    result: SearchResult, problem: Problem, *, keep_suspects: bool
+) -> tuple[NamedEffect, ...]:
+    effects = list(result.fit.effects) if keep_suspects else credible(result)
+    if len(effects) < len(result.fit.effects):
+        result = replace(result, fit=fit(problem, effects))
+    return named_effects(problem.slices(), result, result.fit.effects)
 
 
 def find_in(
@@ -71,15 +85,26 @@ def find_in(
     """
     report("measuring the nominal model")
     short = make_problem(specs, recordings, given=given, most_s=SEARCHED_S)
-    long, result, lack = short, None, _lacking(recordings)
+    long, lack = short, _lacking(recordings)
     if any(LONG[kind] > SHORT[kind] for kind in specs):
         long = make_problem(
             specs, recordings, short.noise, given=given, windows_s=LONG, most_s=SETTLED_S
         )
-    if not lack:
-        everything = all_segments(specs, recordings, short.noise, given=given)
-        result, long = search(short, long, everything, recordings, report, time_left)
-    return Found(recordings=recordings, short=short, long=long, result=result, lack=lack)
+    if lack:
+        return Found(recordings=recordings, short=short, long=long, result=None, lack=lack)
+    everything = all_segments(specs, recordings, short.noise, given=given)
+    result, long = search(short, long, everything, recordings, report, time_left)
+    beside = (*given, *credible(result))
+    pushing, pushed = (
+        all_segments(specs, recordings, short.noise, given=beside, touching=True),
+        None,
+    )
+    if pushing.pushing:
+        report("looking at what the robot feels of the object")
+        pushed = search_object(prepared(pushing, SEARCHED_S), recordings, report, time_left)
+    return Found(
+        recordings=recordings, short=short, long=long, result=result, lack="", pushed=pushed
+    )
 
 
 def _lacking(recordings: Sequence[Trajectory]) -> str:

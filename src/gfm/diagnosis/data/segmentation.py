@@ -6,7 +6,8 @@ Shape letters: T measurements of a segment, J joints.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import chain, pairwise
+from itertools import pairwise
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
@@ -15,7 +16,13 @@ from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
 from gfm.core.noise import noise_std, steady_noise, typical_noise
 from gfm.diagnosis.data.signals import smooth_states, starts_at_rest
-from gfm.diagnosis.data.touching import Touch, at_ease, resting_pose
+from gfm.diagnosis.data.touching import (
+    ENOUGH_AIR_S,
+    Touch,
+    at_ease,
+    in_the_air,
+    resting_pose,
+)
 from gfm.diagnosis.residuals.initial_states import with_state_basis
 from gfm.diagnosis.residuals.problem import Problem, timed
 from gfm.diagnosis.residuals.rollouts import Noise
@@ -48,6 +55,8 @@ WHOLE: Mapping[CommandKind, float] = {
 }
 #: Measurements that a segment has at least.
 LEAST_MEASUREMENTS = 8
+#: First row and the one behind the last.
+Rows: TypeAlias = tuple[int, int]
 #: Share of a period within which stamps are the same, and the share of commands that have another
 #: one so near unless clocks run free: by chance a fifth of them do.
 NEAR_STAMP, MOSTLY = 0.1, 0.8
@@ -64,23 +73,23 @@ def make_problem(
 ) -> Problem:
     """Returns the problem of explaining `recordings` by the models `specs`, with `given` in them.
 
+    Arguments beside `most_s`, which is that of `prepared`, and errors as of `all_segments`.
+    """
+    return prepared(
+        all_segments(specs, recordings, noise, given=given, windows_s=windows_s), most_s
+    )
+
+
+def prepared(problem: Problem, most_s: float = float("inf")) -> Problem:
+    """Returns a problem with what takes simulations to make: time steps, what states explain.
+
     Args:
-        specs: The nominal model by command kind.
-        recordings: What it should explain.
-        noise: Of the sensors; measured where it is not given.
-        given: Effects of the nominal model that `specs` cannot say.
-        windows_s: Length of a rollout by kind of command, s.
+        problem: With all segments.
         most_s: Recorded time of the segments that are kept, see `Problem.sample`; one of each
             recording is kept in any case.
-
-    Raises:
-        ConfigError: a recording's commands are of a kind for which there is no model, or its
-            joints are not those of the others.
-        UnknownNameError: a model lacks a recorded joint.
     """
-    problem = all_segments(specs, recordings, noise, given=given, windows_s=windows_s)
-    problem = with_suitable_steps(problem.subset(problem.sample(most_s, of_each=1)))
-    return timed(with_state_basis(problem), ())
+    kept = with_suitable_steps(problem.subset(problem.sample(most_s, of_each=1)))
+    return timed(with_state_basis(kept), ())
 
 
 def all_segments(
@@ -90,13 +99,28 @@ def all_segments(
     *,
     given: Sequence[EffectInstance] = (),
     windows_s: Mapping[CommandKind, float] = SHORT,
+    touching: bool = False,
 ) -> Problem:
     """Returns the problem with all segments, and nothing yet that takes simulations to make.
 
     Initial states are as measured, and efforts taken before the command of the same stamp. The
     models are simulated accurately whatever they say themselves: a first-order step of theirs would
-    show as a delay. What they drive beside the recorded joints stands still. Arguments and errors
-    as of `make_problem`.
+    show as a delay. What they drive beside the recorded joints stands still.
+
+    Args:
+        specs: The nominal model by command kind.
+        recordings: What it should explain.
+        noise: Of the sensors; measured where it is not given.
+        given: Effects of the nominal model that `specs` cannot say.
+        windows_s: Length of a rollout by kind of command, s.
+        touching: Whether of the segments in which the robot touches something, beside enough
+            others. If not, of those in which it touches nothing, simulated without contacts; where
+            they are too few, of all.
+
+    Raises:
+        ConfigError: a recording's commands are of a kind for which there is no model, or its
+            joints are not those of the others.
+        UnknownNameError: a model lacks a recorded joint.
     """
     joints = recordings[0].joint_names
     check_recordings(specs, recordings)
@@ -107,26 +131,66 @@ def all_segments(
         kind: accurately_simulated(with_still_joints(spec, still[kind]))
         for kind, spec in specs.items()
     }
-    noise, windows_s, touch = noise or measure_noise(recordings), dict(windows_s), {}
+    noise, segments = noise or measure_noise(recordings), list[Segment]()
     for kind, spec in accurate.items():
-        looking = Touch(spec, joints)
-        if any(looking.ever(r) for r in recordings if r.command_kind is kind):
-            # Nothing is followed for long: what is touched a little earlier is soon elsewhere.
-            touch[kind], windows_s[kind] = looking, min(windows_s[kind], SHORT[kind])
-        else:
+        own = {i: one for i, one in enumerate(recordings) if one.command_kind is kind}
+        rows, in_air = _rows(
+            Touch(spec, joints), own, windows_s[kind], SHORT[kind], touching=touching
+        )
+        if in_air:
             spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    segments = [
-        cut(one, i, noise, windows_s[one.command_kind], touch.get(one.command_kind))
-        for i, one in enumerate(recordings)
-    ]
+        segments += [one for i, run in own.items() for one in cut(run, i, noise, rows[i])]
     return Problem(
         specs=accurate,
         joints=joints,
-        segments=tuple(chain.from_iterable(segments)),
+        segments=tuple(sorted(segments, key=lambda segment: segment.recording)),
         noise=noise,
         given=tuple(given),
         still={name: at for one in still.values() for name, at in one.items()},
     )
+
+
+def _rows(
+    touch: Touch, runs: Mapping[int, Trajectory], window_s: float, short_s: float, *, touching: bool
+) -> tuple[dict[int, list[Rows]], bool]:
+    """Returns the rows of each recording's segments, and whether the robot is in the air there.
+
+    Where it touches something, each begins with it in the air, if it can, and an object at rest.
+    Nothing is followed for long then: what is touched a little earlier is soon elsewhere.
+    """
+    touches = {i: touch.along(run) for i, run in runs.items()}
+    air = {i: in_the_air(touches[i], run) for i, run in runs.items()}
+    air_s = sum(runs[i].time_s[b - 1] - runs[i].time_s[a] for i in runs for a, b in air[i])
+    judges = air_s >= ENOUGH_AIR_S or not any(map(np.any, touches.values()))
+    if judges and not touching:
+        return {
+            i: [rows for piece in air[i] for rows in windows(run, piece, window_s)]
+            for i, run in runs.items()
+        }, True
+    if touching and not judges:
+        return {i: [] for i in runs}, False
+    at_rest = {i: _begun_at_ease(touch, run, min(window_s, short_s)) for i, run in runs.items()}
+    if touching:
+        at_rest = {i: [(a, b) for a, b in at_rest[i] if touches[i][a:b].any()] for i in runs}
+    return at_rest, False
+
+
+def _begun_at_ease(touch: Touch, run: Trajectory, window_s: float) -> list[Rows]:
+    ends = [end for _, end in windows(run, (0, len(run.time_s)), window_s)]
+    return list(pairwise(at_ease(touch, run, np.array([0, *ends])).tolist()))
+
+
+def windows(recording: Trajectory, piece: Rows, window_s: float) -> list[Rows]:
+    """Returns the rows of segments of about so long in a piece of a recording, first to last.
+
+    What is shorter than one is one.
+    """
+    start, end = piece
+    time_s = recording.time_s[start:end] - recording.time_s[start]
+    count = max(int(time_s[-1] / window_s), 1)
+    edges = start + np.searchsorted(time_s, np.arange(count + 1) * min(window_s, time_s[-1]))
+    edges[-1] = end
+    return list(pairwise(edges.tolist()))
 
 
 def accurately_simulated(spec: mujoco.MjSpec) -> mujoco.MjSpec:
@@ -207,33 +271,24 @@ def _own_effort_noise(recording: Trajectory, noise: Noise) -> Array | None:
     return np.where(np.ptp(recording.effort, axis=0) > 0.0, own, noise.effort)
 
 
-def cut(
-    recording: Trajectory,
-    index: int,
-    noise: Noise,
-    window_s: float,
-    touch: Touch | None = None,
-) -> list[Segment]:
-    """Returns the segments of a recording that are rolled out, first to last.
-
-    Where the robot may touch something, each begins with it in the air, if it can, and an object at
-    rest: how far two things are in each other decides about their forces, and no measurement is as
-    exact; nor is the speed of an object measured.
+def cut(recording: Trajectory, index: int, noise: Noise, rows: Sequence[Rows]) -> list[Segment]:
+    """Returns the segments of a recording that are rolled out.
 
     What rests at first begins with no speed at all: where nothing holds a joint (play in a gear,
     friction that is missing in the model), a speed made of noise would carry it away. What has next
     to no measurements is left out.
+
+    Args:
+        recording: What is cut.
+        index: Its place among others.
+        noise: Of the sensors.
+        rows: Of each segment.
     """
     time_s = recording.time_s
-    count = max(int(time_s[-1] / window_s), 1)
-    edges = np.searchsorted(time_s, np.arange(count + 1) * min(window_s, time_s[-1]))
-    edges[-1] = len(time_s)
-    if touch is not None:
-        edges = at_ease(touch, recording, edges)
     position, velocity, _ = smooth_states(time_s, recording.position)
     effort_noise, together_s = _own_effort_noise(recording, noise), _same_stamp_s(recording)
     segments = []
-    for start, end in pairwise(edges.tolist()):
+    for start, end in rows:
         if end - start < LEAST_MEASUREMENTS:
             continue
         here = slice(start, end)

@@ -1,6 +1,10 @@
-"""Where a robot touches something and an object rests: segments begin where neither is in doubt.
+"""Where a robot touches something and an object rests.
 
-Shape letters: J joints.
+A model of an arm is judged by its motion in the air: how far two things are in each other decides
+about their forces, and no measurement is as exact. Where a robot touches something, segments begin
+while it does not and the object rests.
+
+Shape letters: T measurements of a recording, J joints.
 """
 
 from __future__ import annotations
@@ -10,6 +14,7 @@ from itertools import pairwise
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
@@ -19,8 +24,13 @@ from gfm.sim.plant import make_plant
 SLIDING_M, SLIDING_S = 2e-3, 0.1
 #: Times around a segment's first moment in which the pose of what rests is averaged, longest first.
 RESTING_S = (0.5, 0.2, 0.05)
-#: Places along a recording at which contacts are looked for.
-CONTACT_LOOKS = 300
+#: Places along a recording at which contacts are looked for, and where there are some, time between
+#: two looks, s.
+CONTACT_LOOKS, LOOK_S = 300, 0.01
+#: Gap below which what is not of the robot counts as touched: models and poses err by as much.
+CLEARANCE_M = 5e-3
+#: Shortest motion in the air that tells something, and how much of it judges an arm by itself, s.
+LEAST_AIR_S, ENOUGH_AIR_S = 0.3, 1.5
 
 
 class Touch:
@@ -31,8 +41,11 @@ class Touch:
         model = self._plant.model
         self._data = mujoco.MjData(model)
         self._free = model.jnt_qposadr[model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)]
+        moved = model.dof_bodyid[self._plant.dof]
         tree = model.body_treeid[model.geom_bodyid]
-        self._robot = np.isin(tree, model.dof_treeid[self._plant.dof])
+        self._robot = np.isin(tree, model.body_treeid[moved])
+        stands = ~self._robot & ~np.isin(model.geom_bodyid, _carriers(model, moved))
+        model.geom_margin[stands] = np.maximum(model.geom_margin[stands], CLEARANCE_M)
 
     def ever(self, recording: Trajectory) -> bool:
         """Returns whether the robot touches anything; looking for it at every step takes time."""
@@ -40,7 +53,7 @@ class Touch:
         return any(self.at(recording, row) for row in range(0, len(recording.position), step))
 
     def at(self, recording: Trajectory, row: int) -> bool:
-        """Returns whether it touches anything at one measurement."""
+        """Returns whether it touches anything at one measurement, or nearly."""
         model, data = self._plant.model, self._data
         data.qpos[self._plant.qpos] = recording.position[row]
         pose = object_pose(recording, int(recording.stamp_ns[row]))
@@ -48,6 +61,39 @@ class Touch:
             data.qpos[self._free[0] : self._free[0] + 7] = pose
         mujoco.mj_fwdPosition(model, data)
         return bool(self._robot[data.contact.geom[: data.ncon]].any())
+
+    def along(self, recording: Trajectory) -> NDArray[np.bool_]:
+        """Returns whether it touches anything at each measurement, or nearly, shape (T,)."""
+        rows = np.arange(len(recording.position))
+        if not self.ever(recording):
+            return np.zeros(len(rows), dtype=bool)
+        step = max(round(LOOK_S / recording.period_s), 1)
+        looked = np.array([self.at(recording, row) for row in rows[::step].tolist()])
+        return np.asarray(np.repeat(looked, step)[: len(rows)])
+
+
+def _carriers(model: mujoco.MjModel, bodies: Array) -> list[int]:
+    """Returns the bodies that carry some bodies and stand still: a pedestal is of the robot."""
+    carriers, body = list[int](), int(model.body_parentid[bodies[0]])
+    while body:
+        carriers.append(body)
+        body = int(model.body_parentid[body])
+    return carriers
+
+
+def in_the_air(touching: NDArray[np.bool_], recording: Trajectory) -> list[tuple[int, int]]:
+    """Returns from which row to which a robot touches nothing, for long enough to tell something.
+
+    Args:
+        touching: Whether it touches something, shape (T,).
+        recording: At whose measurements.
+    """
+    if not touching.any():
+        return [(0, len(touching))]
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], touching, [True]]).astype(np.int8)))
+    pieces = [(int(start), int(end)) for start, end in edges.reshape(-1, 2)]
+    time_s = recording.time_s
+    return [(start, end) for start, end in pieces if time_s[end - 1] - time_s[start] >= LEAST_AIR_S]
 
 
 def at_ease(touch: Touch, recording: Trajectory, edges: Array) -> Array:

@@ -28,7 +28,7 @@ from gfm.diagnosis.search.naming import fitly_named, twins
 from gfm.diagnosis.search.nominal_parameters import with_room
 from gfm.diagnosis.search.steps import Proposal, Search, effects_of
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step
-from gfm.effects import EffectInstance, Key, Scales, effect_library
+from gfm.effects import EffectInstance, Key, Scales, Scope, effect_library
 
 #: Share of the nominal misfit from which on common errors are looked for.
 MUCH = 0.1
@@ -143,24 +143,8 @@ def search(
         time_left: The share of the time for searching that is left.
     """
     longer = long is not problem
-    report("looking at torques")
-    scales = joint_scales(problem, torque_views(problem, recordings))
-    problem = problem.robust(())
-    nothing_yet = nothing(problem)
-    here = hypothesis(problem, nothing_yet, problem.joint_costs(nothing_yet.residual))
-    under_way = Search[Problem](
-        report=report,
-        in_time=lambda: time_left() > 0.0,
-        goes_on=lambda: time_left() > FOR_RIVALS,
-        clock=problem.clock,
-    )
-    moves = RobotMoves(
-        candidates=_candidates(problem),
-        scales=scales,
-        report=report,
-        in_time=under_way.goes_on,
-        everything=replace(everything, stepping=problem.stepping, clock=problem.clock),
-        steps=under_way.steps,
+    here, under_way, moves = _begun(
+        problem, everything, _candidates(problem), recordings, report, time_left
     )
     here = under_way.run(here, (moves.add, moves.common, moves.intermittent, moves.add_costly))
     if longer:
@@ -172,21 +156,76 @@ def search(
         # What keeps a rollout off slowly, initial states of short segments make up for.
         slowly = settled.fit.cost - 1.0 > MORE_IN_LONG * max(here.fit.cost - 1.0, 1.0)
         here = under_way.run(settled, (moves.add, moves.add_costly)) if slowly else settled
-    final, evidence = under_way.end(here, moves.rivals)
-    fitted = fitly_named(final.fit, problem.specs)
-    return (
-        SearchResult(
-            nominal_cost=nothing_yet.cost,
-            fit=fitted,
-            room=final.room,
-            steps=tuple(under_way.steps),
-            evidence=_also_by_other_names(evidence, fitted.effects),
-            equals=_equals(final.problem, fitted.effects),
-            segments=tuple(moves.segments),
-            out_of_time=under_way.out_of_time,
-        ),
-        final.problem,
+    return _ended(here, under_way, moves)
+
+
+def search_object(
+    problem: Problem,
+    recordings: Sequence[Trajectory],
+    report: Callable[[str], None],
+    time_left: Callable[[], float] = lambda: 1.0,
+) -> tuple[SearchResult, Problem]:
+    """Returns what a robot feels of an object that it pushes, and to what amounts were fitted.
+
+    Args:
+        problem: Of segments in which the robot touches it, what the robot itself lacks given.
+        recordings: From which they were cut.
+        report: Told what is happening, in words.
+        time_left: The share of the time for searching that is left.
+    """
+    felt = [place for place in _candidates(problem) if place.effect.scope is Scope.OBJECT]
+    here, under_way, moves = _begun(problem, problem, felt, recordings, report, time_left)
+    return _ended(under_way.run(here, (moves.add,)), under_way, moves)
+
+
+def _begun(
+    problem: Problem,
+    everything: Problem,
+    candidates: Sequence[Place],
+    recordings: Sequence[Trajectory],
+    report: Callable[[str], None],
+    time_left: Callable[[], float],
+) -> tuple[Hypothesis[Problem], Search[Problem], RobotMoves]:
+    """Returns the nominal model as a hypothesis, and how a search goes on from it."""
+    report("looking at torques")
+    scales = joint_scales(problem, torque_views(problem, recordings))
+    problem = problem.robust(())
+    nothing_yet = nothing(problem)
+    under_way = Search[Problem](
+        report=report,
+        in_time=lambda: time_left() > 0.0,
+        goes_on=lambda: time_left() > FOR_RIVALS,
+        clock=problem.clock,
     )
+    moves = RobotMoves(
+        candidates=candidates,
+        scales=scales,
+        report=report,
+        in_time=under_way.goes_on,
+        everything=replace(everything, stepping=problem.stepping, clock=problem.clock),
+        steps=under_way.steps,
+    )
+    here = hypothesis(problem, nothing_yet, problem.joint_costs(nothing_yet.residual))
+    return here, under_way, moves
+
+
+def _ended(
+    here: Hypothesis[Problem], under_way: Search[Problem], moves: RobotMoves
+) -> tuple[SearchResult, Problem]:
+    """Returns the result of a search, and to what its amounts were fitted."""
+    final, evidence = under_way.end(here, moves.rivals)
+    fitted = fitly_named(final.fit, final.problem.specs)
+    result = SearchResult(
+        nominal_cost=float(np.mean(here.nominal)),
+        fit=fitted,
+        room=final.room,
+        steps=tuple(under_way.steps),
+        evidence=_also_by_other_names(evidence, fitted.effects),
+        equals=_equals(final.problem, fitted.effects),
+        segments=tuple(moves.segments),
+        out_of_time=under_way.out_of_time,
+    )
+    return result, final.problem
 
 
 def _candidates(problem: Problem) -> list[Place]:
