@@ -2,9 +2,9 @@
 
     python benchmarks/contact.py runs/transfer --payload 0.6
 
-Reads the first attempts of a campaign of `gfm transfer`. Says for every segment what share of it
-the robot touches something, and what the nominal cell leaves of it, and the same with the payload
-that the robot is known to carry; and for how long the robot touches nothing.
+Reads the first attempts of a campaign of `gfm transfer`. Says for every segment, first of those in
+which the robot touches nothing, then of those in which it touches something, what the nominal cell
+leaves of it, and the same with the payload that the robot is known to carry.
 """
 
 from __future__ import annotations
@@ -15,35 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gfm.core import Trajectory
-from gfm.diagnosis.data.segmentation import make_problem
-from gfm.diagnosis.data.touching import Touch
-from gfm.diagnosis.found import SEARCHED_S
+from gfm.diagnosis.data.segmentation import all_segments, prepared
 from gfm.diagnosis.residuals.initial_states import with_state_basis
+from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import EffectInstance, find_effect
 from gfm.experiments.inputs import load_nominal, read_recordings
-from gfm.sim.segment import Segment
-
-#: Shortest time in the air that counts, s.
-LEAST_S = 0.3
-
-
-def touches(touch: Touch, recording: Trajectory) -> np.ndarray:
-    """Returns whether the robot touches something at each measurement, shape (T,)."""
-    return np.array([touch.at(recording, row) for row in range(len(recording.position))])
-
-
-def share(recording: Trajectory, touching: np.ndarray, segment: Segment) -> float:
-    """Returns the share of a segment in which the robot touches something."""
-    begin = int(np.abs(recording.position - segment.position[0]).sum(axis=1).argmin())
-    return float(touching[begin : begin + len(segment.position)].mean())
-
-
-def in_the_air_s(recording: Trajectory, touching: np.ndarray) -> float:
-    """Returns for how long the robot touches nothing, in pieces that are long enough, s."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], touching, [True]]).astype(int)))
-    pieces = (edges[1::2] - edges[::2]) * recording.period_s
-    return float(pieces[pieces > LEAST_S].sum())
 
 
 def payload(mass: float) -> Sequence[EffectInstance]:
@@ -51,6 +27,15 @@ def payload(mass: float) -> Sequence[EffectInstance]:
     values = {"mass": mass, "com_x": 0.0, "com_y": 0.0, "com_z": 0.1}
     effect = find_effect("payload")
     return (EffectInstance(effect=effect, joints=("right_j6",), values=values),)
+
+
+def both_left(problem: Problem, mass: float) -> list[list[float]]:
+    """Returns the mean squared residual of every segment, without a payload and with one."""
+    left = []
+    for effects in ((), payload(mass)):
+        residual = with_state_basis(problem, effects).residuals([effects])[0]
+        left.append([float(np.mean(residual[rows] ** 2)) for rows in problem.slices()])
+    return left
 
 
 def main() -> None:
@@ -62,19 +47,17 @@ def main() -> None:
     nominal = load_nominal((asked.campaign / "nominal.xml",))
     paths = sorted((asked.campaign / "before" / "recordings").glob("*_0.mcap"))
     recordings = read_recordings(paths)
-    touch = Touch(next(iter(nominal.specs.values())), recordings[0].joint_names)
-    touching = [touches(touch, one) for one in recordings]
-    problem = make_problem(nominal.specs, recordings, most_s=SEARCHED_S)
-    left = []
-    for effects in ((), payload(asked.payload)):
-        residual = with_state_basis(problem, effects).residuals([effects])[0]
-        left.append([float(np.mean(residual[rows] ** 2)) for rows in problem.slices()])
-    print("touching   nominal   with the payload (squared, in units of the noise)")
-    for segment, *both in zip(problem.segments, *left, strict=True):
-        at = segment.recording
-        print(f"{share(recordings[at], touching[at], segment):8.2f} {both[0]:9.0f} {both[1]:9.0f}")
-    air_s = sum(map(in_the_air_s, recordings, touching))
-    print(f"in the air for {air_s:.1f} s of {sum(one.duration_s for one in recordings):.1f} s")
+    whole_s = sum(one.duration_s for one in recordings)
+    for touching, where in ((False, "in the air"), (True, "touching something")):
+        problem = all_segments(nominal.specs, recordings, touching=touching)
+        told_s = sum(float(segment.time_s[-1]) for segment in problem.segments)
+        print(f"{where}: {len(problem.segments)} segments, {told_s:.1f} s of {whole_s:.1f} s")
+        print("  length   nominal   with the payload (squared, in units of the noise)")
+        problem = prepared(problem)
+        for segment, *left in zip(
+            problem.segments, *both_left(problem, asked.payload), strict=True
+        ):
+            print(f"{segment.time_s[-1]:6.2f} s {left[0]:9.0f} {left[1]:9.0f}")
 
 
 if __name__ == "__main__":

@@ -98,8 +98,7 @@ def notes_on(
     notes = [
         "Errors are of open-loop rollouts whose initial state is fitted (two numbers per joint, "
         "and two per motor that rings against its link where no servo holds it); recordings of "
-        "torque commands are cut into segments of half a second, others of a robot that touches "
-        "something into segments of about two."
+        "torque commands are cut into segments of half a second."
     ]
     if any(effect.takes_off for effect in effects):
         notes.append("A negative amount takes off what the model has of it.")
