@@ -11,52 +11,46 @@ object's seven and six, then a motor side.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import final
 
 import mujoco
 import numpy as np
+from typing_extensions import override
 
-from gfm.core import RefusedError
 from gfm.core.checks import Array
 from gfm.sim.sawyer import JOINT_NAMES
-from gfm_robot_bridge.simulated.cell import Cell, add_hidden, cell_spec
+from gfm_robot_bridge.simulated.cell import Cell, cell_model
 from gfm_robot_bridge.simulated.coupling import coupling_of
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
-from gfm_robot_bridge.simulated.laws import dry_frictions, smooth_laws
+from gfm_robot_bridge.simulated.laws import JointForces, encoder_offset
+from gfm_robot_bridge.simulated.mechanics import Mechanics, no_object
 from gfm_robot_bridge.simulated.servo import Servo
 
-_GRAVITY = 9.81
-_LAST_LINK = "right_l6"
 _COUNT = len(JOINT_NAMES)
 #: Where an object lies in positions and in speeds, behind the joints.
 _POSE, _TWIST = slice(_COUNT, _COUNT + 7), slice(_COUNT, _COUNT + 6)
 
 
 @final
-class Arm:
+class Arm(Mechanics):
     """The arm with its drives and whatever it hides; at rest at first, holding its position.
 
     Args:
         position: Of the joints, rad, shape (J,).
         effects: What it hides.
         cell: What it has in its hand and in front of it.
-
-    Attributes:
-        servo: The drives.
     """
 
     def __init__(
         self, position: Array, effects: Sequence[HiddenEffect] = (), cell: Cell = Cell.NONE
     ) -> None:
-        self._model = _mechanics(effects, cell)
+        self._model = cell_model(cell, effects)
         self._data = mujoco.MjData(self._model)
         self._has_object = self._model.nq > _COUNT
         self._compensation = _GravityCompensation(cell)
-        self._encoder_offset = _encoder_offset(effects)
-        self._laws = smooth_laws(effects)
-        self._frictions = dry_frictions(effects, position)
+        self._encoder_offset = encoder_offset(effects)
+        self._forces = JointForces(effects, position)
         self._coupling = coupling_of(effects)
         self._q, self._v = np.array(self._model.qpos0), np.zeros(self._model.nv)
         self._q[:_COUNT] = position
@@ -69,38 +63,32 @@ class Arm:
         self.servo = Servo(position + self._encoder_offset, effects)
 
     @property
+    @override
     def position(self) -> Array:
-        """What ideal encoders on the links report, rad, shape (J,)."""
         return np.asarray(self._q[:_COUNT] + self._encoder_offset)
 
     @property
+    @override
     def velocity(self) -> Array:
-        """Of the links, rad/s, shape (J,)."""
         return self._v[:_COUNT].copy()
 
     @property
+    @override
     def object_pose(self) -> Array | None:
-        """Of the object, m and quaternion w x y z, shape (7,); None where there is none."""
         return self._q[_POSE].copy() if self._has_object else None
 
+    @override
     def put_object(self, pose: Array) -> None:
-        """Puts the object somewhere, at rest.
-
-        Args:
-            pose: m and quaternion w x y z, shape (7,).
-
-        Raises:
-            RefusedError: there is no object.
-        """
         if not self._has_object:
-            raise RefusedError("there is no object to put anywhere")
+            raise no_object()
         self._q[_POSE] = pose
         self._v[_TWIST] = 0.0
 
+    @override
     def drive(self) -> Array:
-        """Returns the torque of the drives now, with gravity compensation, N m, shape (J,)."""
         return self._drive(self._q, self._v, 0.0)
 
+    @override
     def step(self, h: float) -> None:
         """Advances by `h` seconds: y + h (k1 + k2 + 4 k3) / 6 with k2 at h and k3 at h / 2.
 
@@ -115,7 +103,8 @@ class Arm:
         self._q = self._moved(q, v1 + v2 + 4 * v3, h / 6)
         self._v = v1 + (h / 6) * (a1 + a2 + 4 * a3)
         self.servo.pass_time(h)
-        self._drag_frictions()
+        if self._forces.slides:
+            self._forces.slide(self._q, self._v, self.drive())
 
     def _moved(self, q: Array, v: Array, h: float) -> Array:
         """Returns positions after `h` seconds at speeds `v`; an object turns about its axes."""
@@ -132,11 +121,7 @@ class Arm:
         """Returns rad/s^2 and m/s^2, shape (S,), `after_s` after the beginning of the step."""
         drive, torque = self._drive(q, v, after_s), np.zeros(self._model.nv)
         torque[:_COUNT] = drive
-        for law in self._laws:
-            law(q, v, torque)
-        for friction in self._frictions:
-            j = friction.joint
-            torque[j] += friction.torque(float(q[j]), float(v[j]), float(drive[j]))
+        self._forces.add(q, v, drive, torque)
         if self._coupling is None:
             return self._link_acceleration(q, v, torque)
         j = self._coupling.joint
@@ -164,20 +149,13 @@ class Arm:
         servo = self.servo.torque(motor, speed, after_s)
         return np.asarray(servo + self._compensation.torque(reported))
 
-    def _drag_frictions(self) -> None:
-        if self._frictions:
-            drive = self.drive()
-            for friction in self._frictions:
-                j = friction.joint
-                friction.slide(float(self._q[j]), float(self._v[j]), float(drive[j]))
-
 
 @final
 class _GravityCompensation:
     """What the controller believes that gravity does: upright, with its tool, without a payload."""
 
     def __init__(self, cell: Cell) -> None:
-        self._model = _mechanics((), cell, bare=True)
+        self._model = cell_model(cell, bare=True)
         self._data = mujoco.MjData(self._model)
         self._torque = np.zeros(_COUNT)
 
@@ -190,47 +168,8 @@ class _GravityCompensation:
         return self._torque
 
 
-def _mechanics(
-    effects: Sequence[HiddenEffect], cell: Cell, *, bare: bool = False
-) -> mujoco.MjModel:
-    """Returns links and joints, without drives; with the effects that are inertia or gravity."""
-    spec = cell_spec(cell, bare=bare)
-    for effect in effects:
-        values = effect.parameters
-        match effect.effect:
-            case "payload":
-                where = [values["com_x"], values["com_y"], values["com_z"]]
-                load = spec.body(_LAST_LINK).add_body(name="payload", pos=where)
-                load.mass, load.inertia, load.explicitinertial = values["mass"], [1e-9] * 3, True
-                load.ipos = [0.0] * 3  # without it the mass lies twice as far away
-            case "gravity_direction":
-                spec.option.gravity = _gravity(values["tilt_x"], values["tilt_y"])
-            case "armature":
-                spec.joint(JOINT_NAMES[effect.joints[0]]).armature += values["inertia"]
-    model = spec.compile()
-    add_hidden(model, effects)
-    return model
-
-
-def _gravity(tilt_x: float, tilt_y: float) -> list[float]:
-    return [
-        -_GRAVITY * math.cos(tilt_x) * math.sin(tilt_y),
-        _GRAVITY * math.sin(tilt_x),
-        -_GRAVITY * math.cos(tilt_x) * math.cos(tilt_y),
-    ]
-
-
 def _split_motor(model: mujoco.MjModel, joint: int) -> tuple[float, float]:
     """Takes a joint's armature and damping off its link; returns them."""
     inertia, damping = float(model.dof_armature[joint]), float(model.dof_damping[joint])
     model.dof_armature[joint] = model.dof_damping[joint] = 0.0
     return inertia, damping
-
-
-def _encoder_offset(effects: Sequence[HiddenEffect]) -> Array:
-    """Returns reported minus true position, rad, shape (J,)."""
-    offset = np.zeros(_COUNT)
-    for effect in effects:
-        if effect.effect == "encoder_offset":
-            offset[effect.joints[0]] = effect.parameters["offset"]
-    return offset

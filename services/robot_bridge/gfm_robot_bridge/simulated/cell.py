@@ -6,6 +6,7 @@ their friction is a cone, and the object's own friction, mass and centre may be 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from enum import StrEnum
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from gfm.core import CommandKind
 from gfm.sim.cell import OBJECT_BODY, EndEffector, FreeObject
-from gfm.sim.sawyer import sawyer_spec
+from gfm.sim.sawyer import JOINT_NAMES, sawyer_spec
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
 
 #: How contacts give way: time constant, s, and damping ratio; impedance, from first touch to a
@@ -24,6 +25,8 @@ _SOLREF, _SOLIMP, _IMPRATIO = (0.006, 1.0), (0.95, 0.99, 0.0005, 0.5, 2.0), 20.0
 _STEP_S = 5e-4
 #: What is left of a mass or a friction from which more was taken off than there is.
 _LEAST = 1e-3
+_GRAVITY = 9.81
+_LAST_LINK = "right_l6"
 
 
 class Cell(StrEnum):
@@ -71,7 +74,43 @@ def cell_spec(cell: Cell, *, bare: bool = False) -> mujoco.MjSpec:
     return spec
 
 
-def add_hidden(model: mujoco.MjModel, effects: Sequence[HiddenEffect]) -> None:
+def cell_model(
+    cell: Cell, effects: Sequence[HiddenEffect] = (), *, bare: bool = False
+) -> mujoco.MjModel:
+    """Returns the compiled cell, without drives; with the effects that are inertia or gravity.
+
+    Args:
+        cell: For which task it is furnished.
+        effects: What is hidden.
+        bare: Whether there is the tool alone, and nothing to push with it.
+    """
+    spec = cell_spec(cell, bare=bare)
+    for effect in effects:
+        values = effect.parameters
+        match effect.effect:
+            case "payload":
+                where = [values["com_x"], values["com_y"], values["com_z"]]
+                load = spec.body(_LAST_LINK).add_body(name="payload", pos=where)
+                load.mass, load.inertia, load.explicitinertial = values["mass"], [1e-9] * 3, True
+                load.ipos = [0.0] * 3  # without it the mass lies twice as far away
+            case "gravity_direction":
+                spec.option.gravity = _gravity(values["tilt_x"], values["tilt_y"])
+            case "armature":
+                spec.joint(JOINT_NAMES[effect.joints[0]]).armature += values["inertia"]
+    model = spec.compile()
+    _add_hidden(model, effects)
+    return model
+
+
+def _gravity(tilt_x: float, tilt_y: float) -> list[float]:
+    return [
+        -_GRAVITY * math.cos(tilt_x) * math.sin(tilt_y),
+        _GRAVITY * math.sin(tilt_x),
+        -_GRAVITY * math.cos(tilt_x) * math.cos(tilt_y),
+    ]
+
+
+def _add_hidden(model: mujoco.MjModel, effects: Sequence[HiddenEffect]) -> None:
     """Changes a compiled cell by what the object and the tool's mounting hide; in place."""
     for effect in effects:
         values = effect.parameters

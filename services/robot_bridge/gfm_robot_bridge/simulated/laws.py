@@ -12,7 +12,10 @@ import math
 from collections.abc import Callable, Sequence
 from typing import final
 
+import numpy as np
+
 from gfm.core.checks import Array
+from gfm.sim.sawyer import JOINT_NAMES
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
 
 #: Adds its torque: (position, velocity, torque to add to), each of shape (J,).
@@ -153,3 +156,51 @@ def dry_frictions(effects: Sequence[HiddenEffect], position: Array) -> list[DryF
         DryFriction(joint, [e for e in dry if e.joints[0] == joint], float(position[joint]))
         for joint in joints
     ]
+
+
+@final
+class JointForces:
+    """What acts on the joints beside their drives.
+
+    Args:
+        effects: What the arm hides.
+        position: Where it begins, rad, shape (J,).
+
+    Attributes:
+        slides: Whether `slide` has to be called after every time step.
+    """
+
+    def __init__(self, effects: Sequence[HiddenEffect], position: Array) -> None:
+        self._laws = smooth_laws(effects)
+        self._frictions = dry_frictions(effects, position)
+        self.slides = bool(self._frictions)
+
+    def add(self, q: Array, v: Array, drive: Array, torque: Array) -> None:
+        """Adds the torques to `torque`, N m; all arrays begin with the joints, shape (J,).
+
+        Args:
+            q: rad.
+            v: rad/s.
+            drive: Torque of the drives, N m.
+            torque: N m, changed in place.
+        """
+        for law in self._laws:
+            law(q, v, torque)
+        for friction in self._frictions:
+            j = friction.joint
+            torque[j] += friction.torque(float(q[j]), float(v[j]), float(drive[j]))
+
+    def slide(self, q: Array, v: Array, drive: Array) -> None:
+        """Drags what holds the joints at rest along to where it can hold."""
+        for friction in self._frictions:
+            j = friction.joint
+            friction.slide(float(q[j]), float(v[j]), float(drive[j]))
+
+
+def encoder_offset(effects: Sequence[HiddenEffect]) -> Array:
+    """Returns reported minus true position, rad, shape (J,)."""
+    offset = np.zeros(len(JOINT_NAMES))
+    for effect in effects:
+        if effect.effect == "encoder_offset":
+            offset[effect.joints[0]] = effect.parameters["offset"]
+    return offset

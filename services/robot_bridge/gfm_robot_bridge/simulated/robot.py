@@ -19,6 +19,7 @@ from gfm.sim.sawyer import JOINT_NAMES
 from gfm_robot_bridge.simulated.arm import Arm
 from gfm_robot_bridge.simulated.cell import Cell
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
+from gfm_robot_bridge.simulated.mechanics import MakeMechanics
 from gfm_robot_bridge.simulated.tracker import Tracker, Tracking
 
 #: From a command's stamp until it acts. The controller keeps commands until then, so that the
@@ -59,6 +60,7 @@ class SimulatedRobot:
         sensors: How well it measures.
         cell: What it has in its hand and in front of it.
         tracking: How well cameras see the object.
+        mechanics: The engine that moves it.
 
     Attributes:
         time_ns: What its clock shows.
@@ -74,9 +76,10 @@ class SimulatedRobot:
         sensors: Sensors | None = None,
         cell: Cell = Cell.NONE,
         tracking: Tracking | None = None,
+        mechanics: MakeMechanics = Arm,
     ) -> None:
         self.time_ns = 0
-        self._arm = Arm(position, effects, cell)
+        self._arm = mechanics(position, effects, cell)
         self._tracker = None
         if self._arm.object_pose is not None:
             eyes = np.random.default_rng([seed, 0x0E7E5])
