@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gfm.experiments.policy_flags import add_policy_flags
+from gfm.launch.spec import ENGINES
 
 if TYPE_CHECKING:
     from gfm.experiments.drive_policy import DriveRequest
@@ -35,7 +36,10 @@ def add_robot_flags(parser: argparse.ArgumentParser) -> None:
     """Adds the flags that say which policy drives which robot, and how often."""
     add_policy_flags(parser)
     parser.add_argument(
-        "--robot", choices=("sim",), default="sim", help="which (default: %(default)s)"
+        "--robot",
+        choices=tuple(ENGINES),
+        default="sim",
+        help="which simulated one: sim, or the one that Drake moves (default: %(default)s)",
     )
     parser.add_argument(
         "--hidden-effect",
@@ -89,6 +93,7 @@ def request_of(arguments: argparse.Namespace) -> DriveRequest:
     return DriveRequest(
         task=f"{arguments.task}_matching",
         policy=arguments.policy,
+        robot=arguments.robot,
         hidden_effect=arguments.hidden_effect,
         robot_config=arguments.robot_config,
         real_time=arguments.real_time,

@@ -41,7 +41,7 @@ from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import Transport, ZenohTransport
 
 _WAIT_S = 30.0
-_SIMULATED = "on a simulated robot"
+_SIMULATED = {"sim": "on a simulated robot", "drake": "on a simulated robot in Drake"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +51,7 @@ class DriveRequest:
     Attributes:
         task: Name of the environment.
         policy: Of a file, or of a folder that holds one; by default the one that comes with gfm.
+        robot: Which simulated robot, one of `gfm.launch.spec.ENGINES`.
         hidden_effect: Of the simulated robot.
         robot_config: Its settings as a TOML file; None for the default ones.
         real_time: Whether its time passes by itself.
@@ -65,6 +66,7 @@ class DriveRequest:
     task: str
     out: Path
     policy: Path | None = None
+    robot: str = "sim"
     hidden_effect: str = "none"
     robot_config: Path | None = None
     real_time: bool = False
@@ -80,6 +82,7 @@ class DriveRequest:
         if self.trials < 1:
             raise ConfigError(f"--trials is {self.trials}, expected at least 1")
         started = {
+            "--robot": self.robot != "sim",
             "--hidden-effect": self.hidden_effect != "none",
             "--robot-config": self.robot_config is not None,
             "--real-time": self.real_time,
@@ -153,7 +156,9 @@ def _report(request: DriveRequest, policy: Path, kept: Kept) -> Evaluation:
         trials=request.trials,
         provenance=provenance(files, request.seed, command_line())
         | _about(request, sha256(policy)),
-        where=f"on the robot of run {request.run_name}" if request.connect else _SIMULATED,
+        where=f"on the robot of run {request.run_name}"
+        if request.connect
+        else _SIMULATED[request.robot],
     )
 
 
@@ -219,7 +224,7 @@ def _about(request: DriveRequest, policy: str) -> dict[str, object]:
     return {
         "task": request.task,
         "policy": policy,
-        "robot": f"{request.run_name} at {request.connect}" if request.connect else "sim",
+        "robot": f"{request.run_name} at {request.connect}" if request.connect else request.robot,
         "hidden_effect": request.hidden_effect,
         "robot_config": sha256(request.robot_config) if request.robot_config else "",
         "clock": _clock(request),
@@ -250,7 +255,7 @@ def _system(request: DriveRequest) -> SystemSpec:
     return SystemSpec(
         run="drive",  # a router of its own: nobody else is there
         endpoint=free_endpoint(),
-        processes=(replay_process(), *robot_processes(bridge, robot)),
+        processes=(replay_process(), *robot_processes(bridge, robot, request.robot)),
     )
 
 

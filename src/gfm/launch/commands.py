@@ -25,6 +25,7 @@ from gfm.core import (
 )
 from gfm.launch.router import RouterService
 from gfm.launch.spec import (
+    ENGINES,
     SystemSpec,
     actor_processes,
     learner_process,
@@ -53,7 +54,7 @@ _log = logging.getLogger(__name__)
 
 _UP = """\
 Starts a learning system as processes of this machine: replay (which is also the router), learner,
-actors and, with --robot sim, a simulated robot with its bridge. Ends all of them, in order, on
+actors and, with --robot, a simulated robot with its bridge. Ends all of them, in order, on
 Ctrl-C or when one of them fails.
 """
 _STATUS = "Asks every service of a running system how it is, and says so."
@@ -75,7 +76,9 @@ def add_up_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--actors", type=int, default=2, metavar="N", help="actor processes (default: %(default)s)"
     )
-    parser.add_argument("--robot", choices=("none", "sim"), default="none", help="start a robot")
+    parser.add_argument(
+        "--robot", choices=("none", *ENGINES), default="none", help="start a simulated robot"
+    )
     parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
     parser.add_argument(
         "--dir",
@@ -143,10 +146,10 @@ def _system(arguments: argparse.Namespace, directory: Path) -> SystemSpec:
         learner_process((*settings_of(settings, "learner"), *env, *checkpoints)),
         *actor_processes(arguments.actors, arguments.seed, (*settings_of(settings, "actor"), *env)),
     ]
-    if arguments.robot == "sim":
+    if arguments.robot != "none":
         recordings = ("--recordings", str(directory / "recordings"))
         bridge = (*settings_of(settings, "robot_bridge"), *recordings)
-        processes += robot_processes(bridge, settings_of(settings, "robot"))
+        processes += robot_processes(bridge, settings_of(settings, "robot"), arguments.robot)
     return SystemSpec(run=arguments.run_name, endpoint=arguments.listen, processes=tuple(processes))
 
 

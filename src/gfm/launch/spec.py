@@ -16,6 +16,9 @@ STOP_ORDER = ("actor", "learner", "robot_bridge", "robot", "replay", "router")
 """Actors first, so that nothing new arises; the learner while it can still be asked; the bridge
 before the robot, so that it can hold it; last the hub through which everybody speaks."""
 
+ENGINES = {"sim": "mujoco", "drake": "drake"}
+"""Simulated robots by the name that commands have for them, with the engine of each."""
+
 _MODULES = {
     "replay": "gfm_replay",
     "learner": "gfm_learner",
@@ -109,11 +112,12 @@ def actor_processes(
 
 
 def robot_processes(
-    bridge_arguments: Iterable[str] = (), robot_arguments: Iterable[str] = ()
+    bridge_arguments: Iterable[str] = (), robot_arguments: Iterable[str] = (), robot: str = "sim"
 ) -> tuple[ProcessSpec, ...]:
-    """Returns the simulated robot and the bridge to it."""
+    """Returns a simulated robot, one of ENGINES, and the bridge to it, for which all are alike."""
+    engine = ("--engine", ENGINES[robot])
     return (
-        _process("robot", "robot", robot_arguments),
+        _process("robot", "robot", (*robot_arguments, *engine)),
         _process("robot_bridge", "robot-bridge", ("--robot", "sim", *bridge_arguments)),
     )
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from gfm.core import Clock
+from gfm.core import Clock, ConfigError
 from gfm.service import Service, make_parser, service_main
 from gfm.sim.sawyer import READY
 from gfm.transport import Transport
+from gfm_robot_bridge.simulated.arm import Arm
 from gfm_robot_bridge.simulated.cell import Cell
 from gfm_robot_bridge.simulated.config import SimulatedConfig
 from gfm_robot_bridge.simulated.hidden import draw, given, names, object_names
+from gfm_robot_bridge.simulated.mechanics import MakeMechanics
 from gfm_robot_bridge.simulated.robot import Sensors, SimulatedRobot
 from gfm_robot_bridge.simulated.sealed import seal
 from gfm_robot_bridge.simulated.service import SimulatedService
@@ -24,9 +26,29 @@ def build(config: SimulatedConfig, transport: Transport, clock: Clock) -> Servic
         seal(config.sealed_path, effects, choice=config.choice, seed=config.seed)
     sensors = Sensors(period_ns=round(config.period_s * 1e9))
     robot = SimulatedRobot(
-        READY, effects=effects, seed=config.seed, sensors=sensors, cell=Cell(config.task)
+        READY,
+        effects=effects,
+        seed=config.seed,
+        sensors=sensors,
+        cell=Cell(config.task),
+        mechanics=_engine(config.engine),
     )
     return SimulatedService(config, robot, transport, clock)
+
+
+def _engine(name: str) -> MakeMechanics:
+    """Returns what moves the robot; Drake is loaded where it is asked for only."""
+    if name == "mujoco":
+        return Arm
+    try:
+        from gfm_robot_bridge.simulated.drake_arm import DrakeArm
+    except ModuleNotFoundError as exc:
+        if exc.name is None or exc.name.partition(".")[0] != "pydrake":
+            raise
+        raise ConfigError(
+            "engine is drake, which is not installed: pip install 'gfm-sim2real[drake]'"
+        ) from exc
+    return DrakeArm
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -37,6 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "It can hide an effect that its nominal model does not declare.",
     )
     group = parser.add_argument_group("robot")
+    group.add_argument("--engine", choices=("mujoco", "drake"), help="(default: mujoco)")
     group.add_argument("--clock", choices=("lockstep", "wall"), help="(default: lockstep)")
     group.add_argument(
         "--hidden-effect",

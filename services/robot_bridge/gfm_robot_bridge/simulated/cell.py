@@ -43,7 +43,7 @@ class Cell(StrEnum):
 
 
 _TOOLS: dict[Cell, EndEffector] = {Cell.NONE: "none", Cell.POSITION: "plate", Cell.POSE: "ball"}
-_TOOL_BODIES = ("plate", "ball")
+TOOL_BODIES = ("plate", "ball")
 _OBJECTS: dict[Cell, FreeObject] = {Cell.POSITION: "brick", Cell.POSE: "tee"}
 
 
@@ -129,7 +129,7 @@ def _add_hidden(model: mujoco.MjModel, effects: Sequence[HiddenEffect]) -> None:
                 model.body_ipos[model.body(OBJECT_BODY).id] += place
             case "tool_offset":
                 bodies = [model.body(i) for i in range(model.nbody)]
-                tool = next(body.id for body in bodies if body.name in _TOOL_BODIES)
+                tool = next(body.id for body in bodies if body.name in TOOL_BODIES)
                 model.body_pos[tool] += [values["x"], values["y"], 0.0]
     mujoco.mj_setConst(model, mujoco.MjData(model))
 

@@ -14,6 +14,7 @@ class SimulatedConfig(ServiceConfig, frozen=True, kw_only=True):
     """Settings of the simulated robot.
 
     Attributes:
+        engine: What moves it: mujoco, with an integrator of its own, or drake.
         clock: lockstep: time passes only in exchanges, as fast as the machine can. wall: it
             passes by itself.
         hidden_effect: What the robot has beyond its nominal model: an effect's name, `random` for
@@ -27,6 +28,7 @@ class SimulatedConfig(ServiceConfig, frozen=True, kw_only=True):
         period_s: Between two sensor reports.
     """
 
+    engine: Literal["mujoco", "drake"] = "mujoco"
     clock: Literal["lockstep", "wall"] = "lockstep"
     hidden_effect: str = "none"
     hidden: tuple[GivenEffect, ...] = ()
