@@ -53,6 +53,7 @@ class Rig:
         task: str = "position",
         clock: str = "lockstep",
         control_hz: float = 20.0,
+        engine: str = "mujoco",
     ) -> None:
         self.time = ManualClock()
         self.robot_answers = True
@@ -63,7 +64,7 @@ class Rig:
             self.time,
         )
         self._robot = build_robot(
-            SimulatedConfig(name="robot", task=task, seed=4, clock=clock),
+            SimulatedConfig(name="robot", task=task, seed=4, clock=clock, engine=engine),
             MemoryTransport(self.hub, name="robot", clock=self.time),
             self.time,
         )
@@ -125,6 +126,13 @@ def test_the_shipped_policy_pushes_the_object_to_its_goal_on_the_robot(tmp_path:
     assert np.linalg.norm(ended - goal) < POSITION_MATCHING.tolerance_m + 0.005
     track = np.diff(recording.object_track.stamp_ns)
     assert np.median(track) == pytest.approx(33_333_333, abs=2)
+
+
+def test_the_policy_does_so_where_another_engine_moves_the_robot(tmp_path: Path) -> None:
+    pytest.importorskip("pydrake", reason="needs the extra `drake`")
+    made = attempts(Rig(tmp_path, engine="drake").driver).make(0, 0, "first")
+    assert made is not None
+    assert made.outcome == "reached"
 
 
 def test_a_policy_that_stands_still_reaches_nothing(tmp_path: Path) -> None:
@@ -322,6 +330,7 @@ def test_attempts_under_other_settings_are_refused(tmp_path: Path) -> None:
     [
         ({"goals": 11}, "--goals is"),
         ({"trials": 0}, "--trials is"),
+        ({"connect": "tcp/127.0.0.1:1", "robot": "drake"}, "--robot and --connect"),
         ({"connect": "tcp/127.0.0.1:1", "real_time": True}, "--real-time and --connect"),
         (
             {"connect": "tcp/127.0.0.1:1", "hidden_effect": "random"},

@@ -64,6 +64,13 @@ def test_an_unknown_role_is_refused():
         ProcessSpec(role="cook", name="a", module="m")
 
 
+@pytest.mark.parametrize(("name", "engine"), [("sim", "mujoco"), ("drake", "drake")])
+def test_a_robot_is_told_its_engine_and_the_bridge_is_not(name, engine):
+    robot, bridge = robot_processes(("--clock", "wall"), ("--seed", "1"), name)
+    assert robot.arguments == ("--seed", "1", "--engine", engine)
+    assert bridge.arguments == ("--robot", "sim", "--clock", "wall")
+
+
 def test_only_services_with_a_settings_file_are_told_to_read_one(tmp_path):
     (tmp_path / "replay.toml").touch()
     assert settings_of(tmp_path, "replay") == ("--config", str(tmp_path / "replay.toml"))

@@ -58,7 +58,7 @@ class Mechanics(ABC):
 
     @abstractmethod
     def step(self, h: float) -> None:
-        """Lets `h` seconds pass, at most half a millisecond."""
+        """Lets `h` seconds pass, in which the command stays what it is."""
 
 
 #: Makes one at rest, holding its position: of the joints, rad, shape (J,); what it hides; what it
