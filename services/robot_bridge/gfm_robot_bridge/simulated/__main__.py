@@ -59,7 +59,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         "It can hide an effect that its nominal model does not declare.",
     )
     group = parser.add_argument_group("robot")
-    group.add_argument("--engine", choices=("mujoco", "drake"), help="(default: mujoco)")
+    group.add_argument(
+        "--engine", choices=("mujoco", "drake"), help="what moves it (default: mujoco)"
+    )
     group.add_argument("--clock", choices=("lockstep", "wall"), help="(default: lockstep)")
     group.add_argument(
         "--hidden-effect",
