@@ -15,6 +15,7 @@ from gfm.core import (
     BadInputError,
     Command,
     CommandKind,
+    ConfigError,
     ManualClock,
     Observation,
     RefusedError,
@@ -302,6 +303,15 @@ def test_on_the_wall_clock_time_passes_by_itself() -> None:
     assert isinstance(third, RobotStates)
     assert [r.stamp_ns for r in second.states] == [10 * MS, 20 * MS]
     assert [r.stamp_ns for r in third.states] == [30 * MS, 40 * MS]
+
+
+def test_a_robot_that_cannot_keep_up_with_the_wall_clock_says_so() -> None:
+    clock = ManualClock()
+    config = SimulatedConfig(name="robot", clock="wall")
+    robot = build(config, MemoryTransport(MemoryHub(), clock=clock), clock)
+    clock.advance_s(2.5)
+    with pytest.raises(ConfigError, match=r"robot is 2\.5 s behind it: .* expected lockstep"):
+        robot.step()
 
 
 @pytest.mark.parametrize(

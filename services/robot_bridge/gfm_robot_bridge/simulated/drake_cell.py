@@ -125,26 +125,15 @@ class DrakeCell:
         quaternion, place = quaternion_first[:4], quaternion_first[4:]
         return np.concatenate((place, quaternion / np.linalg.norm(quaternion)))
 
-    def put_object(self, pose: Array, twist: Array | None = None) -> None:
-        """Puts the object somewhere.
-
-        Args:
-            pose: m and quaternion w x y z, shape (7,).
-            twist: How fast it turns and goes, rad/s and m/s, shape (6,); at rest by default.
-        """
-        plant, context = self._plant, self._context
-        plant.SetPositions(context, self._thing, np.roll(pose, 4))
-        plant.SetVelocities(context, self._thing, np.zeros(6) if twist is None else twist)
+    def put_object(self, pose: Array) -> None:
+        """Puts the object somewhere, at rest: m and quaternion w x y z, shape (7,)."""
+        self._plant.SetPositions(self._context, self._thing, np.roll(pose, 4))
+        self._plant.SetVelocities(self._context, self._thing, np.zeros(6))
 
     def weight(self) -> Array:
         """Returns what gravity does to the joints, N m, shape (J,)."""
         forces = self._plant.CalcGravityGeneralizedForces(self._context)
         return np.asarray(self._plant.GetVelocitiesFromArray(self._arm, forces))
-
-    def inertia(self) -> Array:
-        """Returns the mass matrix of the joints, their rotors included, kg m^2, shape (J, J)."""
-        count = self._plant.num_velocities(self._arm)
-        return np.asarray(self._plant.CalcMassMatrix(self._context)[:count, :count])
 
     def step(self, torque: Array) -> None:
         """Advances by STEP_S under a torque on the joints, N m, shape (J,)."""

@@ -7,7 +7,7 @@ from typing import final
 
 from typing_extensions import override
 
-from gfm.core import Clock, Command, Observation, RefusedError, Status
+from gfm.core import Clock, Command, ConfigError, Observation, RefusedError, Status
 from gfm.service import Service, make_status
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import Request, Transport
@@ -20,6 +20,8 @@ EXCHANGE = "sawyer/exchange"
 _LONGEST_ADVANCE_NS = 10_000_000_000
 #: On the wall clock the robot is simulated in pieces of at least this length.
 _SHORTEST_ADVANCE_NS = 2_000_000
+#: A robot so far behind the wall clock is no longer driven in real time, and seldom catches up.
+_FARTHEST_BEHIND_NS = 2_000_000_000
 _KEPT_REPORTS = 1000
 
 
@@ -88,8 +90,17 @@ class SimulatedService(Service):
         request.reply(RobotStates(states=states))
 
     def _keep_up(self) -> None:
-        """Lets the robot's time catch up with the clock."""
+        """Lets the robot's time catch up with the clock.
+
+        Raises:
+            ConfigError: it cannot.
+        """
         behind_ns = self._clock.now_ns() - self._started_ns - self._robot.time_ns
+        if behind_ns > _FARTHEST_BEHIND_NS:
+            raise ConfigError(
+                f"clock is wall, and the robot is {behind_ns * 1e-9:.1f} s behind it: this machine "
+                "is too slow or too busy for that; expected lockstep"
+            )
         if behind_ns >= _SHORTEST_ADVANCE_NS:
             self._reports.extend(self._robot.advance(None, behind_ns))
 
