@@ -261,6 +261,12 @@ def test_what_hides_in_the_cell_is_hidden_in_drake_too(name):
     assert robot(task="position", hidden_effect=name).status().role == "robot"
 
 
+def test_what_is_refused_leaves_no_sealed_file(tmp_path):
+    with pytest.raises(ConfigError, match="expected none of backlash"):
+        robot(hidden_effect="backlash", sealed=str(tmp_path / "sealed.json"))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_without_drake_the_extra_is_named():
     code = (
         "import sys; sys.modules['pydrake'] = None\n"

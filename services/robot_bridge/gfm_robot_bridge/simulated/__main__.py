@@ -22,8 +22,6 @@ from gfm_robot_bridge.simulated.service import SimulatedService
 def build(config: SimulatedConfig, transport: Transport, clock: Clock) -> Service:
     """Returns the service that the settings describe; what it hides is sealed before it answers."""
     effects = given(config.hidden) or draw(config.hidden_effect, config.seed, READY)
-    if config.sealed_path is not None:
-        seal(config.sealed_path, effects, choice=config.choice, seed=config.seed)
     sensors = Sensors(period_ns=round(config.period_s * 1e9))
     robot = SimulatedRobot(
         READY,
@@ -33,6 +31,8 @@ def build(config: SimulatedConfig, transport: Transport, clock: Clock) -> Servic
         cell=Cell(config.task),
         mechanics=_engine(config.engine),
     )
+    if config.sealed_path is not None:
+        seal(config.sealed_path, effects, choice=config.choice, seed=config.seed)
     return SimulatedService(config, robot, transport, clock)
 
 

@@ -174,9 +174,8 @@ def _join(plant: MultibodyPlant, model: mujoco.MjModel, bodies: list[RigidBody],
                 damping=model.dof_damping[dof],
             )
         )
-        rotor = plant.AddJointActuator(
-            name, hinge
-        )  # for its inertia; torques are applied as forces
+        # For its inertia alone: what drives a joint is applied with whatever else acts on it.
+        rotor = plant.AddJointActuator(name, hinge)
         rotor.set_default_gear_ratio(1.0)
         rotor.set_default_rotor_inertia(model.dof_armature[dof])
     else:
