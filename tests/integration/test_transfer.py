@@ -7,12 +7,15 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import pytest
 
 from gfm.cli import main
+from gfm.envs.registry import nominal_cell
 from gfm.experiments.attempt_files import Kept
 from gfm.experiments.attempts import Attempt
 from gfm.experiments.inputs import sha256
+from gfm.experiments.transfer import as_trained
 from gfm.policies import shipped_policy
 from gfm.recording.weights_file import read_weights, write_weights
 
@@ -115,6 +118,17 @@ def test_settings_out_of_range_are_refused(
 ) -> None:
     assert main([*words, *given]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_training_steps_the_corrected_cell_as_the_nominal_one() -> None:
+    nominal = nominal_cell(POSITION)
+    corrected = nominal.copy()
+    corrected.joint("right_j1").frictionloss = 2.2
+    corrected.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    model = as_trained(corrected, POSITION).compile()
+    assert model.opt.integrator == nominal.option.integrator
+    assert model.joint("right_j1").frictionloss == pytest.approx(2.2)
+    assert corrected.option.integrator == mujoco.mjtIntegrator.mjINT_RK4
 
 
 @pytest.mark.slow
