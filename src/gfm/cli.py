@@ -83,6 +83,12 @@ SUBCOMMANDS = (
         summary="train a policy",
     ),
     Subcommand(
+        name="adapt",
+        module="gfm.experiments.adapt_command",
+        adder="add_parser",
+        summary="adapt a policy to a corrected model",
+    ),
+    Subcommand(
         name="evaluate",
         module="gfm.experiments.evaluate_command",
         adder="add_parser",

@@ -11,15 +11,14 @@ import mujoco
 import pytest
 
 from gfm.cli import main
-from gfm.envs.registry import nominal_cell
+from gfm.envs.registry import as_trained, nominal_cell
 from gfm.experiments.attempt_files import Kept
 from gfm.experiments.attempts import Attempt
 from gfm.experiments.inputs import sha256
-from gfm.experiments.transfer import as_trained
 from gfm.policies import shipped_policy
 from gfm.recording.weights_file import read_weights, write_weights
 
-POSITION, POLICY = "position_matching", "policy_corrected.npz"
+POSITION, POLICY = "position_matching", "policy_adapted.npz"
 FOUND = {
     "verdict": "explained",
     "sentence": "The model misses a payload.",
@@ -67,7 +66,7 @@ def made(folder: Path, effects: list[dict[str, str]]) -> None:
     (folder / "diagnosis" / "report.json").write_text(json.dumps(FOUND | {"effects": effects}))
     weights = read_weights(before)
     write_weights(after, replace(weights, version=weights.version + 1))
-    attempts_in(folder / "after_corrected", after, ["reached", "reached"])
+    attempts_in(folder / "after_adapted", after, ["reached", "reached"])
 
 
 def test_steps_that_are_there_are_not_made_again(
@@ -77,15 +76,15 @@ def test_steps_that_are_there_are_not_made_again(
     there = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.npz")}
     assert main(words) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "1 of 2 as it came; 2 of 2 trained again on the corrected model" in said
+    assert "1 of 2 as it came; 2 of 2 adapted to the corrected model" in said
     document = json.loads((tmp_path / "report.json").read_text())
     assert document["diagnosis"]["sentence"] == FOUND["sentence"]
     assert document["before"]["success"]["reached"] == 1
-    assert document["after"]["corrected"]["success"]["reached"] == 2
+    assert document["after"]["adapted"]["success"]["reached"] == 2
     page = (tmp_path / "report.html").read_text()
     assert "Ways of the object: as it came" in page
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.npz")} == there
-    assert not (tmp_path / "training_corrected").exists()
+    assert not (tmp_path / "corrected.xml").exists()
 
 
 def test_nothing_is_trained_on_a_model_that_was_not_corrected(
@@ -133,7 +132,7 @@ def test_training_steps_the_corrected_cell_as_the_nominal_one() -> None:
 
 @pytest.mark.slow
 def test_the_whole_loop_as_processes(tmp_path: Path, words: list[str]) -> None:
-    short = ["--train-on", "nominal", "--learner-steps", "40", "--minutes", "0.5"]
+    short = ["--treatments", "nominal", "--learner-steps", "40", "--minutes", "0.5"]
     assert main([*words, *short]) == 0
     document = json.loads((tmp_path / "report.json").read_text())
     assert document["before"]["success"]["of"] == 2

@@ -105,6 +105,11 @@ class Matching(BatchedEnvironment):
         """All positions, shape (N, nq)."""
         return self._arm.qpos.copy()
 
+    @property
+    def qvel(self) -> Array:
+        """All velocities, shape (N, nv)."""
+        return self._arm.qvel.copy()
+
     def scene(self) -> Scene:
         """Returns where tool and object are now."""
         pose = self._arm.qpos[:, self._problem.model.layout.object_qpos]

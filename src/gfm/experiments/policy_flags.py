@@ -1,4 +1,4 @@
-"""What flags say of a policy: at which task it is tried, how often, and what it is trained on."""
+"""What flags say of a policy: at which task it is tried, how often, and what is done to it."""
 
 from __future__ import annotations
 
@@ -6,12 +6,17 @@ import argparse
 from pathlib import Path
 
 TASKS = ("position", "pose")
-#: What a policy can be trained on again.
-TRAIN_ON = CORRECTED, NOMINAL, RANDOMISED = ("corrected", "nominal", "randomised")
+#: What can be done to a policy: adapted to the corrected model, or trained again on one of three.
+TREATMENTS = ADAPTED, CORRECTED, NOMINAL, RANDOMISED = (
+    "adapted",
+    "corrected",
+    "nominal",
+    "randomised",
+)
 
 
-def add_policy_flags(parser: argparse.ArgumentParser) -> None:
-    """Adds `--task`, `--policy` and `--trials`."""
+def add_task_flags(parser: argparse.ArgumentParser) -> None:
+    """Adds `--task` and `--policy`."""
     parser.add_argument("--task", choices=TASKS, required=True, help="what the policy is for")
     parser.add_argument(
         "--policy",
@@ -19,6 +24,11 @@ def add_policy_flags(parser: argparse.ArgumentParser) -> None:
         metavar="CHECKPOINT",
         help="policy.npz, or the folder of a training run (default: the one that comes with gfm)",
     )
+
+
+def add_policy_flags(parser: argparse.ArgumentParser) -> None:
+    """Adds `--task`, `--policy` and `--trials`."""
+    add_task_flags(parser)
     parser.add_argument(
         "--trials", type=int, default=5, metavar="N", help="attempts per goal (default: 5)"
     )

@@ -20,14 +20,15 @@ from rich.text import Text
 from gfm.core import Clock, CommandKind, ConfigError
 from gfm.diagnosis.output.correction import model_pair
 from gfm.effects import EffectInstance
-from gfm.envs.registry import nominal_cell
+from gfm.envs.registry import as_trained, nominal_cell
+from gfm.experiments.adapt import AdaptRequest, adapt_policy
 from gfm.experiments.attempt_files import Kept
 from gfm.experiments.diagnose_command import DiagnoseRequest, diagnose_files
 from gfm.experiments.drive_policy import DriveRequest, drive_policy
 from gfm.experiments.evaluate import policy_path
 from gfm.experiments.folders import check_folder
 from gfm.experiments.inputs import command_line, load_nominal, provenance
-from gfm.experiments.policy_flags import CORRECTED, RANDOMISED
+from gfm.experiments.policy_flags import ADAPTED, CORRECTED, RANDOMISED
 from gfm.experiments.train import TrainRequest, train
 from gfm.policies import TRAINING_ON, shipped_policy
 from gfm.report.evaluation import Evaluation
@@ -37,6 +38,7 @@ from gfm.report.transfer import Transfer, Treatment, print_transfer, transfer_te
 BEFORE = "before"
 #: Recordings that the diagnosis learns from, as many as in the paper, and that judge it.
 LEARNED_FROM, JUDGED_ON = 5, 5
+_NEED_NAMES = (ADAPTED, CORRECTED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +49,13 @@ class TransferRequest:
         drive: The robot, the policy that begins, goals and attempts; its folder is the whole
             campaign's.
         minutes: For the search of the diagnosis.
-        train_on: On what the policy is trained again, see TRAIN_ON.
+        treatments: What is done to the policy, see TREATMENTS.
         learner_steps: Of each training; None for as many as the shipped settings say.
     """
 
     drive: DriveRequest
     minutes: float = 5.0
-    train_on: tuple[str, ...] = (CORRECTED,)
+    treatments: tuple[str, ...] = (ADAPTED,)
     learner_steps: int | None = None
 
     @property
@@ -93,11 +95,11 @@ def transfer(
     before = campaign.drive(BEFORE, request.start)
     diagnosis = campaign.diagnose()
     treatments = []
-    for name in request.train_on:
-        if name == CORRECTED and not diagnosis["effects"]:
-            console.print("nothing was named: there is no corrected model to train on")
+    for name in request.treatments:
+        if name in _NEED_NAMES and not diagnosis["effects"]:
+            console.print(f"nothing was named: there is no corrected model ({name})")
             continue
-        policy = campaign.train(name)
+        policy = campaign.treat(name)
         treatments.append(Treatment(name=name, evaluation=campaign.drive(f"after_{name}", policy)))
     report = Transfer(
         before=before,
@@ -151,11 +153,28 @@ class _Campaign:
         found: Mapping[str, Any] = json.loads(report.read_text())
         return found
 
-    def train(self, name: str) -> Path:
+    def treat(self, name: str) -> Path:
         """Returns the policy that went on learning."""
-        trained = self.request.out / f"policy_{name}.npz"
-        if trained.is_file():
-            return trained
+        policy = self.request.out / f"policy_{name}.npz"
+        if not policy.is_file():
+            if name == ADAPTED:
+                self._adapt(policy)
+            else:
+                self._train(name, policy)
+        return policy
+
+    def _adapt(self, policy: Path) -> None:
+        self._say("adapted: the policy learns to do on the corrected model what it did")
+        request = AdaptRequest(
+            task=self.request.drive.task,
+            policy=self.request.start,
+            model=self._corrected(),
+            out=policy,
+            seed=self.request.drive.seed,
+        )
+        adapt_policy(request, self.console, self.clock, self.stopped)
+
+    def _train(self, name: str, policy: Path) -> None:
         self._say(f"training_{name}: the policy goes on on the {name} model")
         folder, config = self.request.out / f"training_{name}", f"training_{name}.toml"
         if not folder.exists():
@@ -170,8 +189,7 @@ class _Campaign:
         run = train(request, self.console, self.clock, self.stopped)
         if self.stopped():
             raise KeyboardInterrupt
-        shutil.copyfile(run.policy, trained)
-        return trained
+        shutil.copyfile(run.policy, policy)
 
     def _experiment(self, name: str) -> str:
         """Returns the experiment's file of one training."""
@@ -210,21 +228,6 @@ class _Campaign:
 
     def _say(self, words: str) -> None:
         self.console.rule(Text(words), align="left")
-
-
-def as_trained(corrected: mujoco.MjSpec, task: str) -> mujoco.MjSpec:
-    """Returns a corrected cell under the integrator of the nominal one.
-
-    Amounts are fitted with a method of fourth order, whose steps cost training four times as much;
-    what a cheaper one errs, a policy does not feel.
-
-    Args:
-        corrected: The cell; it stays as it is.
-        task: Name of the environment.
-    """
-    spec = corrected.copy()
-    spec.option.integrator = nominal_cell(task).option.integrator
-    return spec
 
 
 def _spread(paths: Sequence[Path], most: int) -> tuple[Path, ...]:

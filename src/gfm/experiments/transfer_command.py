@@ -6,14 +6,14 @@ import argparse
 from typing import TYPE_CHECKING
 
 from gfm.experiments.drive_command import add_robot_flags, request_of
-from gfm.experiments.policy_flags import CORRECTED, TRAIN_ON
+from gfm.experiments.policy_flags import ADAPTED, TREATMENTS
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
 _DESCRIPTION = """\
 Closes the loop on a task: runs a policy on the robot and records it, finds what the nominal cell
-lacks, trains the policy again on the corrected model, and runs it on the robot again. Every step
+lacks, adapts the policy to the corrected model, and runs it on the robot again. Every step
 leaves a folder in --out and is not made a second time: the same command goes on where it was broken
 off.
 """
@@ -33,13 +33,14 @@ def add_parser(subparsers: Subparsers) -> None:
         help="for the search of the diagnosis (default: %(default)g)",
     )
     parser.add_argument(
-        "--train-on",
+        "--treatments",
         nargs="+",
-        choices=TRAIN_ON,
-        default=[CORRECTED],
-        metavar="MODEL",
-        help="on what the policy is trained again, one after the other: corrected, and to compare "
-        "with nominal and randomised (default: corrected)",
+        choices=TREATMENTS,
+        default=[ADAPTED],
+        metavar="NAME",
+        help="what is done to the policy, one after the other, each from the same beginning: "
+        "adapted to the corrected model, or trained again on a model, which is corrected, nominal "
+        "or randomised (default: adapted)",
     )
     parser.add_argument(
         "--learner-steps",
@@ -61,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     request = TransferRequest(
         drive=request_of(arguments),
         minutes=arguments.minutes,
-        train_on=tuple(arguments.train_on),
+        treatments=tuple(arguments.treatments),
         learner_steps=arguments.learner_steps,
     )
     stopped = StopSignal()

@@ -16,7 +16,8 @@ from gfm.report.figures import Picture
 from gfm.report.page import render_page
 
 SCHEMA = "gfm.transfer/1"
-_TRAINED_ON = {
+_TITLES = {
+    "adapted": "adapted to the corrected model",
     "corrected": "trained again on the corrected model",
     "nominal": "trained again on the nominal model",
     "randomised": "trained again on the nominal model with randomised dynamics",
@@ -28,7 +29,7 @@ class Treatment:
     """A policy that went on learning, on the robot.
 
     Attributes:
-        name: On what it was trained.
+        name: What was done to it.
         evaluation: What came of it.
     """
 
@@ -38,7 +39,7 @@ class Treatment:
     @property
     def title(self) -> str:
         """What was done, in words."""
-        return _TRAINED_ON[self.name]
+        return _TITLES[self.name]
 
 
 @dataclass(frozen=True, kw_only=True)
