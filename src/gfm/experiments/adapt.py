@@ -123,13 +123,15 @@ class Lesson:
         self._rng = np.random.default_rng(seed)
         self._observation = self._env.reset()
         self._action = np.zeros((_INSTANCES, self._env.spec.action_size), np.float32)
-        self._seen: list[Array32] = []
-        self._taught: list[Array32] = []
+        self._periods = 0
+        size = _PERIODS * _INSTANCES
+        self._seen = np.zeros((size, self._env.spec.policy_size), np.float32)
+        self._taught = np.zeros((size, self._env.spec.action_size), np.float32)
 
     @property
     def examples(self) -> int:
         """How many there are."""
-        return len(self._seen) * _INSTANCES
+        return self._periods * _INSTANCES
 
     @property
     def tensors(self) -> dict[str, Array32]:
@@ -140,8 +142,9 @@ class Lesson:
         """Acts for one control period, and learns from what the teacher would have done."""
         state = ArmState(qpos=self._env.qpos, qvel=self._env.qvel, action=self._action)
         taught = self._inverse(state, self._policy.mean_action(self._observation))
-        self._seen.append(self._observation)
-        self._taught.append(taught)
+        rows = slice(self.examples, self.examples + _INSTANCES)
+        self._seen[rows], self._taught[rows] = self._observation, taught
+        self._periods += 1
         self._action = self._disturbed(self._chosen(taught))
         transition = self._env.step(self._action)
         broken_off = self._rng.random(_INSTANCES) < 1.0 / _EPISODE
@@ -156,7 +159,7 @@ class Lesson:
 
     def _chosen(self, taught: Array32) -> Array32:
         """Returns the student's actions; at first, of some instances, the teacher's."""
-        led = self._rng.random(_INSTANCES) < 1.0 - len(self._seen) / _HANDOVER
+        led = self._rng.random(_INSTANCES) < 1.0 - self._periods / _HANDOVER
         return np.where(led[:, None], taught, self._now.mean_action(self._observation))
 
     def _disturbed(self, action: Array32) -> Array32:
@@ -165,7 +168,7 @@ class Lesson:
         return np.clip(action + noise, -1.0, 1.0)
 
     def _learn(self, learning_rates: NDArray[np.float64] | list[float]) -> None:
-        seen, taught = np.concatenate(self._seen), np.concatenate(self._taught)
+        seen, taught = self._seen[: self.examples], self._taught[: self.examples]
         for rate in learning_rates:
             self._student.learn(seen, taught, float(rate))
         self._now = GaussianPolicy.from_weights(self._student.tensors)
