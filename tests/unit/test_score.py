@@ -278,6 +278,15 @@ def test_leaving_a_part_out_by_the_jacobian_is_the_same_as_fitting_without_it():
     np.testing.assert_allclose(told, blocks.spectrum(exact), rtol=0.01, atol=0.02)
 
 
+def test_a_score_leaves_the_fit_as_it_is():
+    rng, layout = np.random.default_rng(0), recorded()
+    found = fitted(rng.standard_normal(layout.size), rng.standard_normal((layout.size, 2)))
+    before = found.residual.copy()
+    once, again = (predictive(blocks_of(layout), found) for _ in range(2))
+    np.testing.assert_array_equal(found.residual, before)
+    np.testing.assert_array_equal(once.density, again.density)
+
+
 def test_a_discrepancy_that_all_blocks_share_makes_the_standard_error_larger():
     """Two hypotheses that differ in what each leaves: the same everywhere, beside much or none."""
     rng, layout = np.random.default_rng(0), recorded(recordings=4, segments=5)

@@ -233,7 +233,7 @@ def _left_elsewhere(blocks: Blocks, fitted: Fit) -> Array:
 
     It counts in full, and so does what other amounts change of it.
     """
-    left = unbounded(fitted.residual, blocks.limit)
+    left = unbounded(fitted.residual, blocks.limit).copy()
     if not fitted.jacobian.shape[1]:
         return left
     weights = slopes(fitted.residual, blocks.limit)
