@@ -1,6 +1,6 @@
 """The score by which hypotheses are compared, on residuals whose answer is known."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -25,6 +25,7 @@ from gfm.diagnosis.inference.score import (
     predictive,
     room,
 )
+from one_joint import instance
 
 
 @dataclass(frozen=True)
@@ -285,6 +286,28 @@ def test_a_score_leaves_the_fit_as_it_is():
     once, again = (predictive(blocks_of(layout), found) for _ in range(2))
     np.testing.assert_array_equal(found.residual, before)
     np.testing.assert_array_equal(once.density, again.density)
+
+
+def test_what_acts_now_and_then_is_not_blamed_on_what_acts_always():
+    """Other recordings know nothing of it: what they would make of its amounts judges nobody."""
+    rng, layout = np.random.default_rng(0), recorded(recordings=4, segments=4)
+    rare, always = instance("surface_contact"), instance("coulomb_friction", torque=1.0)
+    rows, waves = np.arange(layout.size), np.sin(np.linspace(0.0, 90.0, layout.size))
+    touching = np.where(rows[:, None] < 800, rng.standard_normal((layout.size, 5)), 0.0)
+    columns = np.column_stack([touching, waves])
+    residual = 30.0 * waves + 50.0 * touching[:, 0] + 5.0 * rng.standard_normal(layout.size)
+    found = replace(fitted(residual, columns), effects=(rare, always))
+    # A fit ends a little beside the best: elsewhere, that leaves the amounts of the table open.
+    found = replace(found, residual=found.residual + 0.1 * touching.sum(axis=1))
+    without = replace(found, effects=(rare,), jacobian=-touching, residual=residual)
+    blocks = blocks_of(layout)
+    told = predictive(blocks, found)
+    assert difference(blocks, told, predictive(blocks, without)).clear
+    known = replace(found, effects=(always,), jacobian=found.jacobian[:, 5:])
+    np.testing.assert_allclose(told.spectrum, predictive(blocks, known).spectrum)
+    # Where each segment is a part, it is the table that is judged: by segments that tell of it.
+    few = blocks_of(layout, each_segment=True)
+    assert not np.allclose(predictive(few, found).spectrum, predictive(few, known).spectrum)
 
 
 def test_a_discrepancy_that_all_blocks_share_makes_the_standard_error_larger():

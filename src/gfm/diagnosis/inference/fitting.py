@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Protocol, Self, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from gfm.core.checks import Array
@@ -191,6 +192,16 @@ def free_parameters(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:
         for p in instance.effect.parameters
         if p.name not in instance.effect.fixed
     ]
+
+
+def always(fitted: Fit) -> NDArray[np.bool_]:
+    """Returns which derivatives are by amounts of what acts all the time, shape (P,)."""
+    told = np.ones(fitted.jacobian.shape[1], dtype=bool)
+    if any(e.effect.intermittent for e in fitted.effects):
+        told[:] = [
+            not fitted.effects[i].effect.intermittent for i, _ in free_parameters(fitted.effects)
+        ]
+    return told
 
 
 def at_bound(instance: EffectInstance) -> bool:

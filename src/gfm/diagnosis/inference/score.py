@@ -31,7 +31,7 @@ from gfm.diagnosis.inference.constants import (
     LEAST_DISCREPANCY,
     WRONG_ALIKE,
 )
-from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.inference.fitting import Fit, always
 from gfm.diagnosis.residuals.outliers import slopes, unbounded
 
 #: Longest block, s, fewest measurements of one, and lower edges of the octaves, Hz.
@@ -82,6 +82,7 @@ class Blocks:
         floor: Mean square that no right model falls below, shape (B, C).
         limit: Beyond what numbers count less in a fit, shape (N,). Here they count in full: a
             residual that is bent has another spectrum, and the tails of Student's t bear them.
+        each_segment: Whether each segment is a part of the data.
     """
 
     pieces: tuple[NDArray[np.intp], ...]
@@ -93,6 +94,7 @@ class Blocks:
     count: Array
     floor: Array
     limit: Array | None = None
+    each_segment: bool = False
 
     def spectrum(self, residual: Array) -> Array:
         """Returns a residual that counts in full in frequencies, block by block, shape (N,)."""
@@ -145,6 +147,7 @@ def blocks_of(problem: Segmented, *, each_segment: bool = False) -> Blocks:
         count=count,
         floor=1.0 + LEAST_DISCREPANCY**2 * _of_joint(count) / np.maximum(count, 1.0),
         limit=problem.limits(),
+        each_segment=each_segment,
     )
 
 
@@ -231,14 +234,18 @@ def _predictive(blocks: Blocks, spectrum: Array) -> Predictive:
 def _left_elsewhere(blocks: Blocks, fitted: Fit) -> Array:
     """Returns the residual of each part with amounts from all others, to first order, (N,).
 
-    It counts in full, and so does what other amounts change of it.
+    It counts in full, and so does what other amounts change of it. Of what acts now and then, other
+    recordings may know nothing: all else would be blamed for what they make of it. It is judged by
+    the few segments in which it acts, each from the others; where parts are recordings, its amounts
+    stand.
     """
     left = unbounded(fitted.residual, blocks.limit).copy()
-    if not fitted.jacobian.shape[1]:
+    jacobian = fitted.jacobian if blocks.each_segment else fitted.jacobian[:, always(fitted)]
+    if not jacobian.shape[1]:
         return left
     weights = slopes(fitted.residual, blocks.limit)
-    size = np.linalg.norm(fitted.jacobian, axis=0) + 1e-9
-    columns = fitted.jacobian / size
+    size = np.linalg.norm(jacobian, axis=0) + 1e-9
+    columns = jacobian / size
     whole = columns.T @ columns + RIDGE * np.eye(len(size))
     for part in np.unique(blocks.fold):
         rows = blocks.fold == part

@@ -22,7 +22,7 @@ from gfm.diagnosis.search.equals import equals_of, looked_for, recorded
 from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis, settled_hypothesis
 from gfm.diagnosis.search.moves.add import add, add_costly, gain_of, worth_more
 from gfm.diagnosis.search.moves.common_errors import common_errors
-from gfm.diagnosis.search.moves.intermittent import intermittent, with_segments
+from gfm.diagnosis.search.moves.intermittent import gain_in, intermittent, with_segments
 from gfm.diagnosis.search.moves.reduce import rivals_of
 from gfm.diagnosis.search.naming import fitly_named, twins
 from gfm.diagnosis.search.nominal_parameters import with_room
@@ -49,7 +49,7 @@ class RobotMoves:
         in_time: Whether there is time left.
         everything: All short segments there are.
         steps: Of the search so far.
-        segments: That told of what acts now and then only.
+        segments: That told of what acts now and then only, by the effect.
         looked_into: Whether segments that stay far off have been looked into.
     """
 
@@ -59,7 +59,7 @@ class RobotMoves:
     in_time: Callable[[], bool]
     everything: Problem
     steps: Sequence[Step]
-    segments: list[Problem] = field(default_factory=list)
+    segments: dict[Key, Problem] = field(default_factory=dict)
     looked_into: bool = False
 
     @property
@@ -107,7 +107,7 @@ class RobotMoves:
 
         def after() -> Hypothesis[Problem]:
             joined, own = with_segments(here, step, part)
-            self.segments.append(own)
+            self.segments.update((e.key, own) for e in effects_of(step)[len(here.effects) :])
             return settled_hypothesis(joined, effects_of(step), here.nominal)
 
         return Proposal(step=step, after=after)
@@ -149,7 +149,7 @@ def search(
     here = under_way.run(here, (moves.add, moves.common, moves.intermittent, moves.add_costly))
     if longer:
         report("settling amounts")
-        long = reduce(Problem.joined, moves.segments, replace(long, clock=problem.clock))
+        long = reduce(Problem.joined, moves.segments.values(), replace(long, clock=problem.clock))
         settled = under_way.in_its_time(
             lambda: settled_hypothesis(long, here.effects, here.nominal), here
         )
@@ -214,6 +214,7 @@ def _ended(
 ) -> tuple[SearchResult, Problem]:
     """Returns the result of a search, and to what its amounts were fitted."""
     final, evidence = under_way.end(here, moves.rivals)
+    evidence = _of_the_end(evidence, final, moves.segments)
     fitted = fitly_named(final.fit, final.problem.specs)
     result = SearchResult(
         nominal_cost=float(np.mean(here.nominal)),
@@ -222,10 +223,25 @@ def _ended(
         steps=tuple(under_way.steps),
         evidence=_also_by_other_names(evidence, fitted.effects),
         equals=_equals(final.problem, fitted.effects),
-        segments=tuple(moves.segments),
+        segments=tuple(moves.segments.values()),
         out_of_time=under_way.out_of_time,
     )
     return result, final.problem
+
+
+def _of_the_end(
+    evidence: Mapping[Key, Evidence],
+    final: Hypothesis[Problem],
+    segments: Mapping[Key, Problem],
+) -> dict[Key, Evidence]:
+    """Returns evidence with what speaks in the end for effects that a few segments judge.
+
+    They were taken beside what was known then.
+    """
+    few = {e.key: gain_in(segments[e.key], final, e) for e in final.effects if e.key in segments}
+    return {
+        key: replace(one, without=few[key]) if key in few else one for key, one in evidence.items()
+    }
 
 
 def _candidates(problem: Problem) -> list[Place]:

@@ -80,7 +80,7 @@ def screen(
 
     def weighed(left: Array) -> Difference:
         # Its amount is that of all parts: left out, a few segments would be told by one or two.
-        told = Fit(effects=(), cost=0.0, jacobian=base.jacobian, residual=left)
+        told = replace(base, cost=0.0, residual=left)
         return difference(blocks, predictive(blocks, told), start)
 
     found = [Screened(one.instance, weighed(left)) for one, left in _tried(part, responses, base)]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gfm.diagnosis.inference.constants import UNWEIGHED
-from gfm.diagnosis.inference.fitting import each_left_out
+from gfm.diagnosis.inference.fitting import always, each_left_out
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.inference.steadiness import apart
 from gfm.diagnosis.residuals.outliers import slopes
@@ -75,14 +75,16 @@ def _apart(here: Hypothesis) -> dict[Key, float]:
     weights = slopes(fitted.residual, here.problem.limits())
     rows = [piece.ravel() for piece in blocks.pieces]
     order = [np.flatnonzero(blocks.recording == one) for one in np.unique(blocks.recording)]
-    return {
-        instance.key: apart(
-            fitted.jacobian,
+    told, steady = dict[Key, float](), always(fitted)
+    for instance, without in zip(fitted.effects, rest, strict=True):
+        own = columns_of(fitted, instance)
+        beside = own | steady  # what acts now and then, a part may not know
+        told[instance.key] = apart(
+            fitted.jacobian[:, beside],
             fitted.residual,
             rows,
             order,
-            columns_of(fitted, instance),
+            own[beside],
             (without - whole) * weights,
         )
-        for instance, without in zip(fitted.effects, rest, strict=True)
-    }
+    return told

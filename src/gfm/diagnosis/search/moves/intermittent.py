@@ -12,8 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from gfm.diagnosis.inference.fitting import at_bound, nothing
-from gfm.diagnosis.inference.score import blocks_of
+from gfm.core.checks import Array
+from gfm.diagnosis.inference.fitting import at_bound, measured, nothing
+from gfm.diagnosis.inference.score import Difference, blocks_of
 from gfm.diagnosis.residuals.initial_states import with_state_basis
 from gfm.diagnosis.residuals.outliers import OUTLYING
 from gfm.diagnosis.residuals.problem import Problem
@@ -56,11 +57,7 @@ def intermittent(
         return None
     report(f"looking into {len(far)} segments that stay far off")
     part = with_state_basis(everything.subset(far), before.effects)
-    held = replace(part, given=(*part.given, *before.effects))
-    held = held.settled(()).robust(())
-    # Few segments of few recordings tell of it: each is predicted from all others.
-    blocks = blocks_of(held, each_segment=True)
-    alone = replace(hypothesis(held, nothing(held), before.nominal), blocks=blocks)
+    alone = _alone(part, before.effects, before.nominal)
     screened = screen(alone, open_to(before, candidates, before.open_joints), scales, SCREENING_S)
     likely = [s.instance for s in screened if s.gain.nats > 0.0]
     own = [one for one in likely if one.effect.intermittent][:VALLEYS]
@@ -79,6 +76,25 @@ def intermittent(
         segments=len(far),
     )
     return step, part
+
+
+def gain_in(part: Problem, here: Hypothesis[Problem], instance: EffectInstance) -> Difference:
+    """Returns by how much better a few segments are predicted with one effect of a hypothesis.
+
+    Each from the others, beside all else as it was found in the end.
+    """
+    alone = _alone(part, [e for e in here.effects if e is not instance], here.nominal)
+    return alone.gain_of(measured(alone.problem, (instance,)))
+
+
+def _alone(part: Problem, effects: Sequence[EffectInstance], nominal: Array) -> Hypothesis[Problem]:
+    """Returns a few segments by themselves, beside effects that are held as they are.
+
+    Few segments of few recordings tell of it: each is predicted from all others.
+    """
+    held = replace(part, given=(*part.given, *effects)).settled(()).robust(())
+    blocks = blocks_of(held, each_segment=True)
+    return replace(hypothesis(held, nothing(held), nominal), blocks=blocks)
 
 
 def _now_and_then(instance: EffectInstance) -> bool:
