@@ -50,7 +50,7 @@ def recorded(position, effort=None, *, time_s=TIME_S, commands=None, gain=1.0):
 def test_an_order_is_found_from_less_than_a_period():
     """12 waves per turn over 0.42 rad: one crest, one trough."""
     seen = view(0.42, lambda q, _v: 1.9 * np.sin(12 * q - 1.0))
-    assert 12 in cogging_orders([seen], 0)
+    assert 12 in cogging_orders(seen, 0)
 
 
 @pytest.mark.parametrize("order", [15, 40])
@@ -58,12 +58,12 @@ def test_an_order_is_found_beside_a_spring_and_friction(order):
     def torque(q, v):
         return 0.3 * np.sin(order * q) - 20.0 * q - 0.5 * v - 0.4 * np.tanh(v / 0.01)
 
-    assert order in cogging_orders([view(1.0, torque)], 0)
+    assert order in cogging_orders(view(1.0, torque), 0)
 
 
 def test_what_the_motion_does_not_cover_is_not_looked_for():
     seen = view(0.42, lambda q, _v: np.sin(8 * q))
-    assert min(cogging_orders([seen], 0)) * 0.42 >= 0.75 * 2.0 * np.pi
+    assert min(cogging_orders(seen, 0)) * 0.42 >= 0.75 * 2.0 * np.pi
 
 
 def test_the_size_of_a_servo_is_what_was_measured_of_it():

@@ -28,7 +28,7 @@ from gfm.diagnosis.objects import ObjectPart, examine_object, with_cone
 from gfm.diagnosis.output.changes import Changes
 from gfm.diagnosis.output.claims import suspects_of, verdict_on, verdict_on_both
 from gfm.diagnosis.output.correction import corrected_model
-from gfm.diagnosis.output.errors import RolloutErrors, as_measured, rollout_errors
+from gfm.diagnosis.output.errors import RolloutErrors, rollout_errors
 from gfm.diagnosis.output.result import Diagnosis, EvidencePlot, ModelPair, NamedEffect, Verdict
 from gfm.diagnosis.output.sentences import OUT_OF_TIME, notes_on, sentence_on, sentence_on_object
 from gfm.diagnosis.residuals.problem import Problem
@@ -148,7 +148,7 @@ def _judged(
         effects=named,
         suspects=tuple(chain.from_iterable(suspects_of(one, effects) for one in found.results)),
         error=errors.summary,
-        as_measured=rollout_errors(held, effects, as_measured).summary,
+        as_measured=rollout_errors(held, effects, as_measured=True).summary,
         joints=errors.joints,
         recordings=tuple(replace(row, warnings=doubts(findings, row.name)) for row in rows),
         findings=findings,

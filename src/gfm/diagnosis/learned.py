@@ -22,6 +22,7 @@ from typing_extensions import override
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
+from gfm.diagnosis.data.signals import rms
 from gfm.diagnosis.evidence.torques import TorqueDomain, block_means, torque_domain
 from gfm.diagnosis.inference.fitting import Fit, fit, nothing
 from gfm.diagnosis.inference.score import SegmentShape
@@ -171,10 +172,11 @@ def learned_report(
     domain = torque_domain(problem.specs, recordings, problem.given)
     along = np.stack([_forces(problem, one, domain.recordings) for one in members])
     mean = along.mean(axis=0)
+    drive = domain.signals().drive
     told = LearnedProblem(
         domain=domain,
         learned=domain.moving() * domain.blocks(mean),
-        noise=NOISE_SHARE * np.maximum(_rms(domain.signals().drive, axis=0), 1e-9),
+        noise=NOISE_SHARE * np.maximum(np.sqrt(np.mean(drive**2, axis=0)), 1e-9),
     )
     start = nothing(told)
     here = hypothesis(told, start, told.joint_costs(start.residual))
@@ -183,10 +185,10 @@ def learned_report(
     without = [[e for e in effects if e is not one] for one in effects]
     before, after, *rest = map(told.joint_costs, told.residuals([(), effects, *without]))
     shares = [(left - after) / before for left in rest]
-    size, asked = float(_rms(mean)), here.open_joints
+    size, asked = rms([mean]), here.open_joints
     return LearnedReport(
         members=len(members),
-        spread=float(_rms(along - mean)) / size if len(members) > 1 and size > 0.0 else None,
+        spread=rms([along - mean]) / size if len(members) > 1 and size > 0.0 else None,
         names=tuple(
             LearnedName(instance=one, share=_share(told, one, share, asked))
             for one, share in zip(effects, shares, strict=True)
@@ -265,7 +267,3 @@ def _share(
     """Returns the mean share, shape (J,), over the joints of an effect that were asked."""
     rows = [j for j in told.domain.touched(instance) if told.joints[j] in asked]
     return float(np.mean(shares[rows])) if rows else 0.0
-
-
-def _rms(values: Array, axis: int | None = None) -> Array:
-    return np.asarray(np.sqrt(np.mean(values**2, axis=axis)))

@@ -1,9 +1,11 @@
-"""What can be said of measured signals alone: even sampling, smooth states, rest, likeness.
+"""What can be said of measured signals alone: even sampling, smooth states, rest, sizes, likeness.
 
 Shape letters: T measurements, J joints.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -55,6 +57,13 @@ def starts_at_rest(time_s: Array, position: Array, noise: Array) -> Array:
     time = time_s[first] - time_s[first].mean()
     slope = time @ position[first] / (time @ time)
     return np.asarray(np.abs(slope) < REST_SIGMAS * noise / np.sqrt(time @ time))
+
+
+def rms(parts: Sequence[Array]) -> float:
+    """Returns the root mean square of all numbers in some arrays; NaN where there are none."""
+    if not parts:
+        return float("nan")
+    return float(np.sqrt(np.mean(np.concatenate([part.ravel() for part in parts]) ** 2)))
 
 
 def correlation(one: Array, other: Array) -> float:

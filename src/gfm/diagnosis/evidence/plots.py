@@ -15,7 +15,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis.evidence.torques import without_law
 from gfm.diagnosis.output.result import EvidencePlot, Series
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.candidates import TorqueView, has_law, law_along, torque_views
+from gfm.diagnosis.search.candidates import TorqueView, has_law, joined, law_along, torque_views
 from gfm.effects import EffectInstance
 
 #: Points of a cloud at most.
@@ -45,10 +45,10 @@ def law_plots(
     lawful = [one for one in instances if has_law(one)]
     if not lawful:
         return []
-    views = torque_views(problem, recordings, without_law(instances))
-    left = _left(instances, problem.joints, views)
+    view = joined(torque_views(problem, recordings, without_law(instances)))
+    left = _left(instances, problem.joints, view)
     beside = ", the other effects in it" if len(instances) > 1 else ""
-    return [_law_plot(one, problem.joints, views, left, beside) for one in lawful]
+    return [_law_plot(one, problem.joints, view, left, beside) for one in lawful]
 
 
 def torque_left(
@@ -59,36 +59,33 @@ def torque_left(
     Needed by inverse dynamics along the smoothed motion, minus what the drives gave: the measured
     effort, where there is one.
     """
-    views = torque_views(problem, recordings, without_law(instances))
-    return _left(instances, problem.joints, views)
+    view = joined(torque_views(problem, recordings, without_law(instances)))
+    return _left(instances, problem.joints, view)
 
 
-def _left(
-    instances: Sequence[EffectInstance], joints: Sequence[str], views: Sequence[TorqueView]
-) -> Array:
-    left = np.concatenate([view.missing for view in views])
-    for joint, column in enumerate(left.T):
-        for instance in instances:
-            column -= law_along(joint, instance, joints, views)
+def _left(instances: Sequence[EffectInstance], joints: Sequence[str], view: TorqueView) -> Array:
+    left = view.missing
+    for instance in instances:
+        left = left - law_along(instance, joints, view)
     return left
 
 
 def _law_plot(
     instance: EffectInstance,
     joints: Sequence[str],
-    views: Sequence[TorqueView],
+    view: TorqueView,
     left: Array,
     beside: str,
 ) -> EvidencePlot:
     name, signal = instance.joints[0], instance.effect.seen_over
     joint = joints.index(name)
-    law = law_along(joint, instance, joints, views)
+    law = law_along(instance, joints, view)[:, joint]
     missing = left[:, joint] + law
-    axis = np.concatenate([getattr(view, signal)[:, joint] for view in views])
+    axis = getattr(view, signal)[:, joint]
     if signal == "drive":
         # Friction that grows with the load acts against the motion, whichever way the drive pushes;
         # at rest it is whatever holds.
-        velocity = np.concatenate([view.velocity[:, joint] for view in views])
+        velocity = view.velocity[:, joint]
         axis, missing, law = (
             one[np.abs(velocity) > MOVING_RAD_S]
             for one in (np.abs(axis), -np.sign(velocity) * missing, -np.sign(velocity) * law)

@@ -21,7 +21,7 @@ import numpy as np
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.signals import smooth_states
-from gfm.diagnosis.search.candidates import TorqueView, has_law, law_along, torque_view
+from gfm.diagnosis.search.candidates import TorqueView, has_law, joined, law_along, torque_view
 from gfm.effects import EffectInstance
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
 from gfm.sim.plant import Plant, make_plant
@@ -75,13 +75,7 @@ class TorqueDomain:
 
     def _view(self, effects: Sequence[EffectInstance]) -> TorqueView:
         plants = self.plants(effects)
-        views = [torque_view(plants[one.command_kind], one) for one in self.recordings]
-        return TorqueView(
-            position=np.concatenate([view.position for view in views]),
-            velocity=np.concatenate([view.velocity for view in views]),
-            drive=np.concatenate([view.drive for view in views]),
-            missing=np.concatenate([view.missing for view in views]),
-        )
+        return joined([torque_view(plants[one.command_kind], one) for one in self.recordings])
 
     def plants(self, effects: Sequence[EffectInstance]) -> dict[CommandKind, Plant]:
         """Returns the model with `effects` in it by kind of command."""
@@ -108,9 +102,7 @@ class TorqueDomain:
 
     def law(self, instance: EffectInstance) -> Array:
         """Returns an effect's law along the motions, N m, shape (T of all, J); zero without one."""
-        numbers = range(len(self.joints))
-        columns = [law_along(j, instance, self.joints, [self.view]) for j in numbers]
-        return np.stack(columns, axis=1)
+        return law_along(instance, self.joints, self.view)
 
     def signals(self) -> Signals:
         """Returns the motion, what drives it and how commands change."""

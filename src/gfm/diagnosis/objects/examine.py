@@ -10,12 +10,12 @@ import numpy as np
 
 from gfm.core import ConfigError, Trajectory
 from gfm.core.checks import Array
+from gfm.diagnosis.data.signals import rms
 from gfm.diagnosis.objects.find import find, friction_cost, seen_and_unseen
 from gfm.diagnosis.objects.problem import ObjectProblem, predicted
 from gfm.diagnosis.objects.segments import cut, make_scene
 from gfm.diagnosis.objects.track import plane_noise, track_of
 from gfm.diagnosis.output.claims import credible, named_effects
-from gfm.diagnosis.output.errors import rms
 from gfm.diagnosis.output.result import ErrorSummary, EvidencePlot, NamedEffect, Series
 from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance

@@ -5,13 +5,12 @@ Shape letters: T measurements of a segment, J joints.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
+from gfm.diagnosis.data.signals import rms
 from gfm.diagnosis.output.result import ErrorSummary, JointError, RecordingSummary
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
@@ -68,31 +67,23 @@ class RolloutErrors:
 def rollout_errors(
     problem: Problem,
     effects: Sequence[EffectInstance],
-    begun: Callable[[Problem, Sequence[EffectInstance]], Problem] = Problem.settled,
+    *,
+    as_measured: bool = False,
 ) -> RolloutErrors:
     """Returns the errors of the nominal model and of that with `effects`.
 
     Args:
         problem: What is predicted.
         effects: The correction.
-        begun: How rollouts begin under some effects: as fits best, unless it says otherwise.
+        as_measured: Whether rollouts begin as measured: nothing of them is fitted away. Else they
+            begin as fits best.
     """
-    before = begun(problem, ()).position_errors(())
-    after = before
+
+    def errors_of(problem: Problem, effects: Sequence[EffectInstance]) -> list[Array]:
+        begun = problem.as_measured() if as_measured else problem.settled(effects)
+        return begun.position_errors(effects)
+
+    before = after = errors_of(problem, ())
     if effects:
-        suited = with_suitable_steps(problem, effects)
-        after = begun(suited, effects).position_errors(effects)
+        after = errors_of(with_suitable_steps(problem, effects), effects)
     return RolloutErrors(problem=problem, before=before, after=after)
-
-
-def as_measured(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
-    """Returns a problem whose rollouts begin as measured: nothing of them is fitted away."""
-    del effects
-    return problem.as_measured()
-
-
-def rms(parts: Sequence[Array]) -> float:
-    """Returns the root mean square of all numbers in some arrays; NaN where there are none."""
-    if not parts:
-        return float("nan")
-    return float(np.sqrt(np.mean(np.concatenate([part.ravel() for part in parts]) ** 2)))

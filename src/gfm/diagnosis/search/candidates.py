@@ -15,7 +15,7 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.signals import smooth_states
+from gfm.diagnosis.data.signals import rms, smooth_states
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import Effect, EffectInstance, Key, Motion, Scales, Scope
 from gfm.effects.effect import sign
@@ -123,6 +123,13 @@ class TorqueView:
         )
 
 
+def joined(views: Sequence[TorqueView]) -> TorqueView:
+    """Returns what the views of several recordings say, one after the other."""
+    names = ("position", "velocity", "drive", "missing")
+    q, v, drive, missing = (np.concatenate([getattr(one, n) for one in views]) for n in names)
+    return TorqueView(position=q, velocity=v, drive=drive, missing=missing)
+
+
 def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
     """Returns a recording seen as torques, by the model's continuous inverse dynamics.
 
@@ -206,19 +213,15 @@ def has_law(instance: EffectInstance) -> bool:
     return bool(instance.joints) and instance.effect.torque(motion, instance.values) is not None
 
 
-def law_along(
-    joint: int, instance: EffectInstance, joints: Sequence[str], views: Sequence[TorqueView]
-) -> Array:
-    """Returns the torque of an effect's law on a joint along all views, N m; zero without a law."""
-    places = [joints.index(name) for name in instance.joints]
-    if joint not in places or not has_law(instance):
-        return np.zeros(sum(len(view.missing) for view in views))
-    second = places[1] if len(places) == 2 else None
-    parts = [
-        instance.effect.torque(view.motion(places[0], second), instance.values) for view in views
-    ]
-    torque = np.concatenate([part for part in parts if part is not None])
-    return -torque if joint == second else torque
+def law_along(instance: EffectInstance, joints: Sequence[str], view: TorqueView) -> Array:
+    """Returns the torque of an effect's law, N m, shape (T, J); zero where it has none."""
+    torque = np.zeros_like(view.missing)
+    if has_law(instance):
+        first, *second = (joints.index(name) for name in instance.joints)
+        motion = view.motion(first, *second)
+        torque[:, first] = instance.effect.torque(motion, instance.values)
+        torque[:, second] = -torque[:, [first] * len(second)]
+    return torque
 
 
 def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:
@@ -228,31 +231,32 @@ def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:
     mujoco.mj_forward(plant.model, data)
     inertia = np.zeros((plant.model.nv, plant.model.nv))
     mujoco.mj_fullM(plant.model, data, inertia)
+    every = joined(views)
+    served = np.concatenate([view.served for view in views])
+
     return [
         Scales(
-            torque_nm=_rms([v.drive[:, j] - v.drive[:, j].mean() for v in views]),
-            excess_nm=max(_percentile([v.missing[:, j] for v in views], TYPICAL), 1e-6),
-            velocity_rad_s=max(_rms([v.velocity[:, j] for v in views]), 1e-3),
-            position_rad=max(0.5 * float(np.ptp(_joined(views, "position", j))), 1e-3),
-            peak_nm=max(_percentile([v.needed[:, j] for v in views], PEAK), 1e-6),
-            servo_nm=max(_percentile([v.served[:, j] for v in views], PEAK), 1e-6),
+            torque_nm=rms([view.drive[:, j] - view.drive[:, j].mean() for view in views]),
+            excess_nm=max(_percentile(every.missing[:, j], TYPICAL), 1e-6),
+            velocity_rad_s=max(rms([every.velocity[:, j]]), 1e-3),
+            position_rad=max(0.5 * float(np.ptp(every.position[:, j])), 1e-3),
+            peak_nm=max(_percentile(every.needed[:, j], PEAK), 1e-6),
+            servo_nm=max(_percentile(served[:, j], PEAK), 1e-6),
             inertia=float(inertia[dof, dof]),
-            cogging_per_revolution=cogging_orders(views, j),
-            lowest_m=lowest_points(plant, views) if j == len(plant.dof) - 1 else (),
+            cogging_per_revolution=cogging_orders(every, j),
+            lowest_m=_lowest_points(plant, every.position) if j == len(plant.dof) - 1 else (),
         )
         for j, dof in enumerate(plant.dof)
     ]
 
 
-def lowest_points(
-    plant: Plant, views: Sequence[TorqueView]
-) -> tuple[tuple[float, float, float, float], ...]:
+def _lowest_points(plant: Plant, postures: Array) -> tuple[tuple[float, float, float, float], ...]:
     """Returns points of the last link, and the least height of each: x, y, z, height, in m."""
     model, data = plant.model, mujoco.MjData(plant.model)
     link = int(model.dof_bodyid[plant.dof[-1]])
     axes = np.concatenate([np.eye(3), -np.eye(3)])
     points = np.concatenate([np.zeros((1, 3)), *(reach * axes for reach in REACHES_M)])
-    postures = np.concatenate([view.position for view in views])
+
     lowest = np.full(len(points), np.inf)
     for posture in postures[:: max(len(postures) // POSTURES, 1)]:
         data.qpos[plant.qpos] = posture
@@ -265,14 +269,14 @@ def lowest_points(
     )
 
 
-def cogging_orders(views: Sequence[TorqueView], joint: int) -> tuple[int, ...]:
+def cogging_orders(view: TorqueView, joint: int) -> tuple[int, ...]:
     """Returns the orders of a cogging torque that stand out in one joint's missing torque.
 
     Sines of the angle are weighed by what they explain beside friction laws: those that are best
     beside a spring, too, and those without (over about a period, most of a sine is a slope). Orders
     of whose period the motion covers too little are left out.
     """
-    q, v, r = (_joined(views, name, joint) for name in ("position", "velocity", "missing"))
+    q, v, r = (signal[:, joint] for signal in (view.position, view.velocity, view.missing))
     friction = [np.ones_like(q), v, sign(v, 0.01)]
     span = float(np.ptp(q))
     orders = [order for order in COGGING_ORDERS if order * span >= 2.0 * np.pi * LEAST_PERIODS]
@@ -294,14 +298,6 @@ def _power(angle: Array, rest: Array, basis: Array) -> float:
     return float(fitted @ fitted)
 
 
-def _joined(views: Sequence[TorqueView], name: str, joint: int) -> Array:
-    return np.concatenate([getattr(view, name)[:, joint] for view in views])
-
-
-def _rms(parts: Sequence[Array]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
-
-
-def _percentile(parts: Sequence[Array], percent: float) -> float:
-    """Returns the size that so many percent of all values do not exceed."""
-    return float(np.percentile(np.abs(np.concatenate(parts)), percent))
+def _percentile(values: Array, percent: float) -> float:
+    """Returns the size that so many percent of values do not exceed."""
+    return float(np.percentile(np.abs(values), percent))
