@@ -12,7 +12,7 @@ import numpy as np
 
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.diagnosis.changes import what_changed
-from gfm.diagnosis.data.quality import all_findings, doubts
+from gfm.diagnosis.data.quality.examine import all_findings, doubts
 from gfm.diagnosis.data.segmentation import (
     WHOLE,
     all_segments,
@@ -21,10 +21,11 @@ from gfm.diagnosis.data.segmentation import (
     make_problem,
     prepared,
 )
-from gfm.diagnosis.evidence import evidence_chain, plots
+from gfm.diagnosis.evidence import plots
+from gfm.diagnosis.evidence.links import evidence_chain
 from gfm.diagnosis.found import Found, find_in
 from gfm.diagnosis.learned import learned_report
-from gfm.diagnosis.objects import ObjectPart, examine_object, with_cone
+from gfm.diagnosis.objects.examine import ObjectPart, examine_object, with_cone
 from gfm.diagnosis.output.changes import Changes
 from gfm.diagnosis.output.claims import suspects_of, verdict_on, verdict_on_both
 from gfm.diagnosis.output.correction import corrected_model

@@ -7,10 +7,10 @@ from dataclasses import asdict
 
 from scipy.stats import beta
 
-from gfm.diagnosis.evidence import EvidenceChain
 from gfm.diagnosis.evidence.adequacy import WORDS, JointAdequacy, Residual
 from gfm.diagnosis.evidence.domains import Agreement, TwoDomains
 from gfm.diagnosis.evidence.energy import EnergyBalance
+from gfm.diagnosis.evidence.links import EvidenceChain
 from gfm.diagnosis.output.claims import SPREAD_WIDTH, SPREADS_ASKED, SPREADS_HELD
 from gfm.diagnosis.output.result import Diagnosis
 from gfm.report import words

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from gfm.diagnosis.data.quality import Finding
-from gfm.diagnosis.data.quality.timing import EVERYWHERE
+from gfm.diagnosis.data.quality.finding import EVERYWHERE, Finding
 from gfm.report import words
 
 

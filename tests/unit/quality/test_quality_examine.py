@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.data.quality import all_findings, doubts, findings_of
+from gfm.diagnosis.data.quality.examine import all_findings, doubts, findings_of
 from gfm.diagnosis.data.segmentation import make_problem
 
 MODEL = """

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gfm.diagnosis.data.quality import Finding
-from gfm.diagnosis.data.quality.timing import EVERYWHERE
+from gfm.diagnosis.data.quality.finding import EVERYWHERE, Finding
 from gfm.diagnosis.evidence.energy import Dissipation
 from gfm.report import diagnosis_html, diagnosis_json
 from gfm.report.chain_document import (

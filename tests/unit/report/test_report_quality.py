@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gfm.diagnosis.data.quality import Finding
+from gfm.diagnosis.data.quality.finding import Finding
 from gfm.excitation.blind_spots import BlindSpot
 from gfm.report import diagnosis_html, diagnosis_json
 from gfm.report.findings import finding_amount, gathered

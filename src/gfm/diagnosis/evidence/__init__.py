@@ -3,7 +3,3 @@
 All of it is measured on held-out recordings, none of it decides anything: the score does
 (`gfm.diagnosis.inference.score`). A step that cannot be taken is left empty, not passed.
 """
-
-from gfm.diagnosis.evidence.links import EvidenceChain, evidence_chain
-
-__all__ = ["EvidenceChain", "evidence_chain"]

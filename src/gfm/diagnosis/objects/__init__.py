@@ -3,7 +3,3 @@
 The robot's joints follow their recorded motion; the object is simulated under contact from where it
 was measured, over short segments in which it moves.
 """
-
-from gfm.diagnosis.objects.examine import ObjectPart, examine_object, with_cone
-
-__all__ = ["ObjectPart", "examine_object", "with_cone"]

@@ -11,8 +11,8 @@ from enum import StrEnum
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality import Finding
-from gfm.diagnosis.evidence import EvidenceChain
+from gfm.diagnosis.data.quality.finding import Finding
+from gfm.diagnosis.evidence.links import EvidenceChain
 from gfm.diagnosis.learned import LearnedReport
 from gfm.diagnosis.output.changes import Changes
 from gfm.effects import EffectInstance, find_effect

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import mujoco
 
-from gfm.diagnosis.objects import ObjectPart
+from gfm.diagnosis.objects.examine import ObjectPart
 from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, Verdict
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import EffectInstance

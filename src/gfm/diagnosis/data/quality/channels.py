@@ -11,7 +11,7 @@ from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.core.noise import noise_std
 from gfm.core.rounding import resolution
-from gfm.diagnosis.data.quality.finding import Finding, finding
+from gfm.diagnosis.data.quality.finding import Finding, findings
 from gfm.diagnosis.data.signals import correlation, slope, smooth_states
 
 #: Measurements that equal the command, as a share, from which it is an echo; and how exactly.
@@ -22,14 +22,14 @@ FOLLOWS = 0.8
 
 def still(recording: Trajectory) -> list[Finding]:
     """Finds joints whose position or command never changes."""
-    signals = (
-        ("position never changes", recording.position, "says nothing of its dynamics", True),
-        ("command never changes", recording.command, "not excited on purpose", False),
+    position, command = (
+        {j: values[0, j] for j in np.flatnonzero(np.ptp(values, axis=0) == 0.0).tolist()}
+        for values in (recording.position, recording.command)
     )
+    silent, idle = "says nothing of its dynamics", "not excited on purpose"
     return [
-        finding(recording, what, values[0, j], "", advice, joint=j, doubtful=doubtful)
-        for what, values, advice, doubtful in signals
-        for j in np.flatnonzero(np.ptp(values, axis=0) == 0.0)
+        *findings(recording, "position never changes", position, "", silent),
+        *findings(recording, "command never changes", command, "", idle, doubtful=False),
     ]
 
 
@@ -37,11 +37,10 @@ def rounded(recording: Trajectory) -> list[Finding]:
     """Finds the step to which positions are rounded, where it is no less than their noise."""
     steps = resolution(recording.position)
     noise = noise_std(recording.time_s, recording.position)
-    what, advice = "encoder step", "no error below a third of it can be seen"
-    return [
-        finding(recording, what, 1e3 * steps[j], "mrad", advice, joint=j, doubtful=False)
-        for j in np.flatnonzero((steps > 0.0) & (steps > noise))
-    ]
+    seen = np.flatnonzero((steps > 0.0) & (steps > noise)).tolist()
+    coarse = {j: 1e3 * steps[j] for j in seen}
+    advice = "no error below a third of it can be seen"
+    return findings(recording, "encoder step", coarse, "mrad", advice, doubtful=False)
 
 
 def echoed(recording: Trajectory) -> list[Finding]:
@@ -53,17 +52,14 @@ def echoed(recording: Trajectory) -> list[Finding]:
     }[recording.command_kind]
     if measured is None:
         return []
-    command, what = recording.held_command, "command equals measurement"
-    advice = "the command looks like an echo of the measurement: record what the robot was told"
+    command = recording.held_command
     shares = {
         j: max(_equal(command[:, j], measured[:, j], shift) for shift in (-2, -1, 0, 1, 2))
-        for j in np.flatnonzero(np.ptp(measured, axis=0) > 100.0 * EXACTLY)
+        for j in np.flatnonzero(np.ptp(measured, axis=0) > 100.0 * EXACTLY).tolist()
     }
-    return [
-        finding(recording, what, 100 * share, "%", advice, joint=j)
-        for j, share in shares.items()
-        if share > ECHO
-    ]
+    echoes = {j: 100 * share for j, share in shares.items() if share > ECHO}
+    advice = "the command looks like an echo of the measurement: record what the robot was told"
+    return findings(recording, "command equals measurement", echoes, "%", advice)
 
 
 def _equal(command: Array, measured: Array, shift: int) -> float:
@@ -77,13 +73,13 @@ def _equal(command: Array, measured: Array, shift: int) -> float:
 
 def odd_velocities(recording: Trajectory) -> list[Finding]:
     """Finds velocities that follow the position's slope at another scale."""
-    what = "velocity over the position's slope"
-    advice = "1 expected: another unit (rpm is 9.55)? velocities are not used"
-    return [
-        finding(recording, what, ratio, "", advice, joint=recording.joint_names.index(name))
+    odd = {
+        recording.joint_names.index(name): ratio
         for name, ratio in velocity_ratios(recording).items()
         if not 0.5 < ratio < 2.0
-    ]
+    }
+    advice = "1 expected: another unit (rpm is 9.55)? velocities are not used"
+    return findings(recording, "velocity over the position's slope", odd, "", advice)
 
 
 def velocity_ratios(recording: Trajectory) -> dict[str, float]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.finding import Finding, finding
+from gfm.diagnosis.data.quality.finding import Finding, findings
 from gfm.diagnosis.data.signals import correlation
 from gfm.diagnosis.search.candidates import torque_view
 from gfm.sim.plant import Plant
@@ -41,25 +41,19 @@ def views_of(recording: Trajectory, plant: Plant) -> Views:
     alone = replace(recording, effort=None)
     half_ns = int(np.median(np.diff(recording.stamp_ns))) // 2
     # A view has the mean command of half a period before and after a stamp.
-    after, before = (torque_view(plant, _moved(alone, by_ns)) for by_ns in (-half_ns, half_ns))
+    after, before = (
+        torque_view(plant, replace(alone, command_stamp_ns=alone.command_stamp_ns + later_ns))
+        for later_ns in (-half_ns, half_ns)
+    )
     return Views(needed=after.needed, drive=after.drive, drive_before=before.drive)
-
-
-def _moved(recording: Trajectory, by_ns: int) -> Trajectory:
-    """Returns a recording whose commands came so much later."""
-    return replace(recording, command_stamp_ns=recording.command_stamp_ns + by_ns)
 
 
 def doubtful_efforts(recording: Trajectory, views: Views) -> list[Finding]:
     """Finds efforts that run against what the motion needs, in recordings that are not refused."""
     if recording.effort is None or not recording.gains.any():
         return []
-    what = "correlation of effort and needed torque"
+    pairs = zip(recording.effort.T, views.needed.T, strict=True)
+    alike = {j: correlation(*pair) for j, pair in enumerate(pairs)}
+    against = {j: one for j, one in alike.items() if one < OPPOSITE}
     advice = "is its sign or its gravity compensation not the model's?"
-    pairs = enumerate(zip(recording.effort.T, views.needed.T, strict=True))
-    needed = {j: correlation(*pair) for j, pair in pairs}
-    return [
-        finding(recording, what, alike, "", advice, joint=j)
-        for j, alike in needed.items()
-        if alike < OPPOSITE
-    ]
+    return findings(recording, "correlation of effort and needed torque", against, "", advice)

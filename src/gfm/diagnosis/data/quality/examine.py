@@ -6,13 +6,8 @@ from collections.abc import Iterable, Sequence
 
 from gfm.core import Trajectory
 from gfm.diagnosis.data.quality import channels, efforts, limits, stamps
-from gfm.diagnosis.data.quality.finding import Finding
-from gfm.diagnosis.data.quality.timing import (
-    EVERYWHERE,
-    as_recordings,
-    predicted_positions,
-    timing_of,
-)
+from gfm.diagnosis.data.quality.finding import EVERYWHERE, Finding
+from gfm.diagnosis.data.quality.timing import as_recordings, predicted_positions, timing_of
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import EffectInstance
 from gfm.sim.plant import Plant, make_plant
@@ -67,21 +62,19 @@ def all_findings(
         for recording in (*recordings, *holdout)
         for finding in findings_of(recording, plants[recording.command_kind])
     ]
-    unseen = [_unrecorded(name, position) for name, position in problem.still.items()]
+    unseen = [
+        Finding(
+            joint=name,
+            what="driven in the model, never recorded: taken to stand still at",
+            value=position,
+            unit="",
+            consequence="fix the joint in the model where the robot held it",
+        )
+        for name, position in problem.still.items()
+    ]
     nominal = predicted_positions(problem)
     corrected = predicted_positions(problem, effects) if effects else None
     return (*unseen, *each, *timing_of(recordings, nominal, corrected, as_recordings(problem)))
-
-
-def _unrecorded(name: str, position: float) -> Finding:
-    return Finding(
-        recording=EVERYWHERE,
-        joint=name,
-        what="driven in the model, never recorded: taken to stand still at",
-        value=position,
-        unit="",
-        consequence="fix the joint in the model where the robot held it",
-    )
 
 
 def doubts(findings: Iterable[Finding], recording: str = EVERYWHERE) -> tuple[str, ...]:

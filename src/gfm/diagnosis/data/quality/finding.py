@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import SupportsIndex
 
 from gfm.core import Trajectory
+
+#: In the place of a recording's name: said of all of them together.
+EVERYWHERE = "all recordings"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,8 +26,8 @@ class Finding:
         spread: Standard deviation of the value, where it was measured several times.
     """
 
-    recording: str
-    joint: str | None
+    recording: str = EVERYWHERE
+    joint: str | None = None
     what: str
     value: float
     unit: str
@@ -41,23 +44,26 @@ class Finding:
         return f"{where}{self.what} {amount} ({self.consequence})"
 
 
-def finding(
+def findings(
     recording: Trajectory,
     what: str,
-    value: float,
+    of: float | Mapping[int, float],
     unit: str,
     consequence: str,
     *,
-    joint: SupportsIndex | None = None,
     doubtful: bool = True,
-) -> Finding:
-    """Returns a finding about a recording, or one of its joints by its number."""
-    return Finding(
-        recording=recording.name,
-        joint=None if joint is None else recording.joint_names[joint],
-        what=what,
-        value=float(value),
-        unit=unit,
-        consequence=consequence,
-        doubtful=doubtful,
-    )
+) -> list[Finding]:
+    """Returns a finding about a recording, or the same about some of its joints, by number."""
+    values = of if isinstance(of, Mapping) else {None: of}
+    return [
+        Finding(
+            recording=recording.name,
+            joint=None if j is None else recording.joint_names[j],
+            what=what,
+            value=float(value),
+            unit=unit,
+            consequence=consequence,
+            doubtful=doubtful,
+        )
+        for j, value in values.items()
+    ]

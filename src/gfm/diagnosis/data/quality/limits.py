@@ -5,15 +5,13 @@ Shape letters: T measurements, J joints.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.core.noise import noise_std
 from gfm.core.rounding import resolution
-from gfm.diagnosis.data.quality.finding import Finding, finding
+from gfm.diagnosis.data.quality.finding import Finding, findings
 from gfm.diagnosis.data.signals import smooth_states
 from gfm.sim.plant import Plant
 
@@ -33,6 +31,8 @@ DEMAND_GOES_ON = 0.15
 MORE = 1.2
 #: A joint is at its limit when it is so close to it, as a share of the range.
 AT_LIMIT = 1e-3
+#: What a flat top means.
+AT_ITS_LIMIT = "the drive is at a limit there: record with smaller commands as well"
 
 
 def cut_off_efforts(recording: Trajectory, effort: Array, drive: Array) -> list[Finding]:
@@ -47,7 +47,7 @@ def cut_off_efforts(recording: Trajectory, effort: Array, drive: Array) -> list[
         drive: What the model's actuators would do, N m, shape (T, J).
     """
     tops = _flat_tops(recording, effort, drive)
-    return _told(recording, "effort has a flat top at", "N m", tops)
+    return findings(recording, "effort has a flat top at", tops, "N m", AT_ITS_LIMIT)
 
 
 def cut_off_speeds(recording: Trajectory) -> list[Finding]:
@@ -65,12 +65,7 @@ def cut_off_speeds(recording: Trajectory) -> list[Finding]:
         for j, top in _flat_tops(recording, speed, command).items()
         if (np.abs(asked[:, j]) > MORE * abs(top)).mean() > PLATEAU
     }
-    return _told(recording, "speed has a flat top at", "rad/s", tops)
-
-
-def _told(recording: Trajectory, what: str, unit: str, tops: Mapping[int, float]) -> list[Finding]:
-    advice = "the drive is at a limit there: record with smaller commands as well"
-    return [finding(recording, what, top, unit, advice, joint=j) for j, top in tops.items()]
+    return findings(recording, "speed has a flat top at", tops, "rad/s", AT_ITS_LIMIT)
 
 
 def _flat_tops(recording: Trajectory, signal: Array, demand: Array) -> dict[int, float]:
@@ -103,22 +98,16 @@ def _plateau(signal: Array, demand: Array, width: float) -> float | None:
 
 def _spread(values: Array) -> float:
     """Returns between what bounds 90 % of some values lie."""
-    low, high = np.percentile(values, [5.0, 95.0])
-    return float(high - low)
+    return float(np.ptp(np.percentile(values, [5.0, 95.0])))
 
 
 def at_range_limit(recording: Trajectory, plant: Plant) -> list[Finding]:
     """Finds joints that lie at, or beyond, a limit of their range in the model."""
-    found = []
-    for j, name in enumerate(recording.joint_names):
-        joint = plant.model.joint(name).id
-        if not plant.model.jnt_limited[joint]:
-            continue
-        low, high = plant.model.jnt_range[joint]
-        margin = AT_LIMIT * (high - low)
-        q = recording.position[:, j]
-        share = float(((q < low + margin) | (q > high - margin)).mean())
-        if share > PLATEAU:
-            advice = "at a limit of its range in the model: an end stop acts, not the drive alone"
-            found.append(finding(recording, "time spent", 100.0 * share, "%", advice, joint=j))
-    return found
+    model, q = plant.model, recording.position
+    joints = [model.joint(name).id for name in recording.joint_names]
+    low, high = model.jnt_range[joints].T
+    margin = AT_LIMIT * (high - low)
+    shares = ((q < low + margin) | (q > high - margin)).mean(axis=0)
+    there = np.flatnonzero((model.jnt_limited[joints] > 0) & (shares > PLATEAU)).tolist()
+    advice = "at a limit of its range in the model: an end stop acts, not the drive alone"
+    return findings(recording, "time spent", {j: 100.0 * shares[j] for j in there}, "%", advice)

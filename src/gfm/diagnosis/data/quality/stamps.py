@@ -11,7 +11,7 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.core.noise import noise_std
 from gfm.core.rounding import resolution
-from gfm.diagnosis.data.quality.finding import Finding, finding
+from gfm.diagnosis.data.quality.finding import Finding, findings
 from gfm.diagnosis.data.signals import slope
 
 #: Standard deviation of the period, as a share of it, from which accelerations suffer.
@@ -36,7 +36,7 @@ def jitter(recording: Trajectory) -> list[Finding]:
     if share < JITTER:
         return []
     advice = "velocities scatter as much: stamp at the measurement, not at the arrival"
-    return [finding(recording, "stamps jitter by", 100.0 * share, "% of the period", advice)]
+    return findings(recording, "stamps jitter by", 100.0 * share, "% of the period", advice)
 
 
 def gaps(recording: Trajectory) -> list[Finding]:
@@ -50,13 +50,13 @@ def gaps(recording: Trajectory) -> list[Finding]:
     jumped = [i for i in places if _jumped(recording, int(i), period_s)]
     lost = np.setdiff1d(places, jumped)
     lengths = np.diff(time_s)
-    found = []
+    found = list[Finding]()
     if len(lost):
         advice = "what happens inside is not seen"
-        found.append(finding(recording, "longest gap", lengths[lost].max(), "s", advice))
+        found += findings(recording, "longest gap", lengths[lost].max(), "s", advice)
     if jumped:
         advice = "the motion goes on as if no time had passed: a stamping clock was set"
-        found.append(finding(recording, "clock jumps by", lengths[jumped].max(), "s", advice))
+        found += findings(recording, "clock jumps by", lengths[jumped].max(), "s", advice)
     return found
 
 
@@ -104,7 +104,7 @@ def repeated(recording: Trajectory) -> list[Finding]:
     if share < REPEATED:
         return []
     advice = "the sensor is read less often than it is logged: up to a period of delay more"
-    return [finding(recording, "measurements told twice", 100.0 * share, "%", advice)]
+    return findings(recording, "measurements told twice", 100.0 * share, "%", advice)
 
 
 def one_stamp_a_cycle(recording: Trajectory) -> list[Finding]:
@@ -118,4 +118,4 @@ def one_stamp_a_cycle(recording: Trajectory) -> list[Finding]:
         "may look like a delay that falls from joint to joint (read_offset_s of an import mapping)"
     )
     what = "one stamp for a cycle of"
-    return [finding(recording, what, 1e3 * period_s, "ms", advice, doubtful=False)]
+    return findings(recording, what, 1e3 * period_s, "ms", advice, doubtful=False)

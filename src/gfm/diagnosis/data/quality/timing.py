@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from gfm.core import CommandKind, Trajectory
-from gfm.core.checks import Array, Stamps
+from gfm.core.checks import Array
 from gfm.diagnosis.data.quality.finding import Finding
 from gfm.diagnosis.data.quality.lateness import Delays, delays
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import EffectInstance
 
-EVERYWHERE = "all recordings"
 #: What lies so many of its errors from zero, and as many seconds, is told.
 ERRORS, LEAST_S = 3.0, 1e-3
 
@@ -32,21 +32,17 @@ def as_recordings(problem: Problem) -> list[Trajectory]:
         Trajectory(
             name=f"segment {i}",
             joint_names=problem.joints,
-            stamp_ns=_stamps_ns(segment.time_s),
+            stamp_ns=np.round(1e9 * segment.time_s).astype(np.int64),
             position=segment.position,
             velocity=None,
             effort=segment.effort,
             command_kind=segment.kind,
-            command_stamp_ns=_stamps_ns(segment.command_time_s),
+            command_stamp_ns=np.round(1e9 * segment.command_time_s).astype(np.int64),
             command=segment.command,
             servo_gain=dict(zip(problem.joints, segment.servo_gain.tolist(), strict=True)),
         )
         for i, segment in enumerate(problem.segments)
     ]
-
-
-def _stamps_ns(time_s: Array) -> Stamps:
-    return np.round(1e9 * time_s).astype(np.int64)
 
 
 def predicted_positions(
@@ -92,62 +88,43 @@ def timing_of(
 def _after_commands(late: Delays, recordings: Sequence[Trajectory]) -> Iterator[Finding]:
     kind = recordings[0].command_kind
     meaning, unknown_s = _LAG, 0.0
-    if kind is CommandKind.EFFORT:
-        meaning, unknown_s = _TORQUE, _half_period_s(recordings)
+    if kind is CommandKind.EFFORT:  # sampled just after their commands, torques seem early
+        meaning = _TORQUE
+        unknown_s = 0.5 * float(np.median([one.period_s for one in recordings]))
     for j in np.flatnonzero(np.isfinite(late.seconds)):
         error_s = max(ERRORS * late.error_s[j], LEAST_S) + unknown_s
-        early = late.seconds[j] < -error_s
+        early = bool(late.seconds[j] < -error_s)
         at_once = kind is CommandKind.EFFORT and abs(late.seconds[j]) <= error_s
         consequence = _EARLY if early else _AT_ONCE if at_once else meaning
-        what = f"answers {kind} commands after"
-        yield _finding(late, int(j), what, consequence, doubtful=bool(early))
-
-
-def _half_period_s(recordings: Sequence[Trajectory]) -> float:
-    """Returns by how much torques seem early where they are sampled just after their commands."""
-    return 0.5 * float(np.median([one.period_s for one in recordings]))
+        told = _in_ms(f"answers {kind} commands after", late.seconds[j], late.spread_s[j])
+        yield replace(told, joint=late.joints[j], consequence=consequence, doubtful=early)
 
 
 def _in_common(late: Delays, model: str) -> Iterator[Finding]:
     known = np.isfinite(late.seconds)
     if known.any():
-        yield Finding(
-            recording=EVERYWHERE,
-            joint=None,
-            what=f"the joints move later than {model} by",
-            value=1e3 * late.common_s,
-            unit="ms",
-            consequence=_ALIKE,
-            doubtful=False,
-            spread=1e3 * float(np.median(late.spread_s[known])),
-        )
+        what, spread_s = f"the joints move later than {model} by", np.median(late.spread_s[known])
+        yield replace(_in_ms(what, late.common_s, spread_s), consequence=_ALIKE)
 
 
 def _joint_by_joint(late: Delays) -> Iterator[Finding]:
     if late.per_joint_s is not None:
-        yield Finding(
-            recording=EVERYWHERE,
-            joint=None,
-            what="lateness changes from joint to joint by",
-            value=1e3 * late.per_joint_s,
-            unit="ms",
-            consequence=_IN_TURN,
-        )
+        told = _in_ms("lateness changes from joint to joint by", late.per_joint_s)
+        yield replace(told, consequence=_IN_TURN, doubtful=True)
         return
     for j in np.flatnonzero(np.isfinite(late.seconds)):
         if abs(late.own_s[j]) > max(ERRORS * late.error_s[j], LEAST_S):
-            what = "moves later than predicted by"
-            yield _finding(late, int(j), what, _OWN, doubtful=False)
+            told = _in_ms("moves later than predicted by", late.seconds[j], late.spread_s[j])
+            yield replace(told, joint=late.joints[j], consequence=_OWN)
 
 
-def _finding(late: Delays, joint: int, what: str, consequence: str, *, doubtful: bool) -> Finding:
+def _in_ms(what: str, late_s: float, spread_s: float | None = None) -> Finding:
+    """Returns what is good to know about all recordings; what follows from it is left open."""
     return Finding(
-        recording=EVERYWHERE,
-        joint=late.joints[joint],
         what=what,
-        value=1e3 * float(late.seconds[joint]),
+        value=1e3 * float(late_s),
         unit="ms",
-        consequence=consequence,
-        doubtful=doubtful,
-        spread=1e3 * float(late.spread_s[joint]),
+        consequence="",
+        doubtful=False,
+        spread=None if spread_s is None else 1e3 * float(spread_s),
     )
