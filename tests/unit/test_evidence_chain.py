@@ -10,13 +10,11 @@ import pytest
 
 from gfm.core import CommandKind
 from gfm.diagnosis.data.segmentation import WHOLE, make_problem
-from gfm.diagnosis.evidence.adequacy import slow_share
-from gfm.diagnosis.evidence.confusable import confusable_sets
+from gfm.diagnosis.evidence.adequacy import energy_by, slow_share
 from gfm.diagnosis.evidence.domains import Agreement, regressed, two_domains
 from gfm.diagnosis.evidence.energy import energy_balance
 from gfm.diagnosis.evidence.links import evidence_chain
-from gfm.diagnosis.evidence.localisation import energy_by
-from gfm.diagnosis.evidence.stopping import stopping
+from gfm.diagnosis.evidence.searched import confusable_sets, stopping
 from gfm.diagnosis.evidence.torques import torque_domain
 from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.inference.score import Difference

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 
 from gfm.core import Status
-from gfm.diagnosis.evidence.adequacy import JointAdequacy, Residual
-from gfm.diagnosis.evidence.confusable import Alternative, ConfusableSet
+from gfm.diagnosis.evidence.adequacy import JointAdequacy, JointRegions, Residual
 from gfm.diagnosis.evidence.domains import Agreement, TwoDomains
 from gfm.diagnosis.evidence.energy import Dissipation, EnergyBalance
 from gfm.diagnosis.evidence.links import EvidenceChain
-from gfm.diagnosis.evidence.localisation import JointRegions
-from gfm.diagnosis.evidence.stopping import StepRow, Stopping
+from gfm.diagnosis.evidence.searched import Alternative, ConfusableSet, StepRow, Stopping
 from gfm.diagnosis.output.result import (
     Diagnosis,
     ErrorSummary,

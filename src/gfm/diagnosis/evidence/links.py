@@ -7,12 +7,10 @@ from dataclasses import dataclass
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.evidence.adequacy import JointAdequacy, adequacy
-from gfm.diagnosis.evidence.confusable import ConfusableSet, confusable_sets
+from gfm.diagnosis.evidence.adequacy import JointAdequacy, JointRegions, adequacy, localisation
 from gfm.diagnosis.evidence.domains import TwoDomains, two_domains
 from gfm.diagnosis.evidence.energy import EnergyBalance, energy_balance
-from gfm.diagnosis.evidence.localisation import JointRegions, localisation
-from gfm.diagnosis.evidence.stopping import Stopping, stopping
+from gfm.diagnosis.evidence.searched import ConfusableSet, Stopping, confusable_sets, stopping
 from gfm.diagnosis.evidence.torques import torque_domain
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.trace import SearchResult

@@ -6,7 +6,7 @@ much of their error the named effects take away.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from gfm.diagnosis.inference.constants import (
     CONFIDENCE,
     LEAST_CONFIDENCE,
 )
-from gfm.diagnosis.inference.fitting import free_parameters
+from gfm.diagnosis.inference.fitting import amounts, free_parameters
 from gfm.diagnosis.inference.intervals import half_widths
 from gfm.diagnosis.output.result import (
     ErrorSummary,
@@ -26,7 +26,7 @@ from gfm.diagnosis.output.result import (
     Suspect,
     Verdict,
 )
-from gfm.diagnosis.search.naming import describe
+from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.trace import Evidence, SearchResult, Step, Tried
 from gfm.effects import EffectInstance
 
@@ -37,6 +37,8 @@ from gfm.effects import EffectInstance
 SPREAD_WIDTH, SPREADS_HELD, SPREADS_ASKED = 2.5, 28, 29
 #: More noise floors than this are left by something else than inexact laws.
 FAR_FROM_NOISE = 10.0
+#: Share of the squared residual from which on a candidate that lost is told.
+LEAST_GAIN = 0.01
 
 
 def closed_share(error: ErrorSummary) -> float:
@@ -108,11 +110,9 @@ def named_effects(
     if not instances:
         return ()
     fitted = found.fit
-    keys = {instance.key for instance in instances}
-    free = free_parameters(fitted.effects)
-    values = np.array([fitted.effects[i].values[name] for i, name in free])
-    widths = half_widths(values, fitted.jacobian, fitted.residual, blocks)
-    by_place = {(fitted.effects[i].key, n): w for (i, n), w in zip(free, widths, strict=True)}
+    widths = half_widths(amounts(fitted.effects), fitted.jacobian, fitted.residual, blocks)
+    free = [(fitted.effects[i].key, name) for i, name in free_parameters(fitted.effects)]
+    by_place = dict(zip(free, widths.tolist(), strict=True))
     holds = fitted.cost <= ADEQUATE_RATIO**2
     named = [
         NamedEffect(
@@ -122,7 +122,7 @@ def named_effects(
                 p.name: _estimate(
                     instance.values[p.name],
                     p.unit,
-                    float(by_place.get((instance.key, p.name), np.inf)),
+                    by_place.get((instance.key, p.name), np.inf),
                     holds=holds and not instance.effect.intermittent,
                 )
                 for p in instance.effect.parameters
@@ -132,7 +132,6 @@ def named_effects(
             evidence=_figures(found, instance),
         )
         for instance in instances
-        if instance.key in keys
     ]
     return tuple(sorted(named, key=lambda one: -one.evidence.get("nats", 0.0)))
 
@@ -165,8 +164,11 @@ def suspects_of(found: SearchResult, named: Sequence[EffectInstance]) -> tuple[S
     taken = {other.key for instance in named for other in found.names_of(instance)}
     doubtful = [
         replace(
-            _suspect(e, f"more likely wrong than right (confidence {_confidence(found, e):.2f})"),
-            gain=_explained(e, found),
+            _suspect(
+                e,
+                f"more likely wrong than right (confidence {_confidence(found, e):.2f})",
+                _explained(e, found),
+            ),
             confidence=round(_confidence(found, e), 3),
             evidence=_figures(found, e),
         )
@@ -174,64 +176,57 @@ def suspects_of(found: SearchResult, named: Sequence[EffectInstance]) -> tuple[S
         if e.key not in taken
     ]
     equal = [
-        replace(
-            _suspect(other, f"equal to {describe(instance)}: the same under another name"),
-            gain=_explained(instance, found),
+        _suspect(
+            other,
+            f"equal to {describe(instance)}: the same under another name",
+            _explained(instance, found),
         )
         for instance in named
         for other in found.names_of(instance)[1:]
     ]
-    rivals = _rivals(found, named)
-    lost = _lost(found)
-    listed: dict[tuple[str, tuple[str, ...]], Suspect] = {}
-    for one in (*equal, *doubtful, *rivals, *lost):
-        key = (one.effect, one.joints)
-        if key not in {i.key for i in named}:
-            listed.setdefault(key, one)
-    return tuple(listed.values())
+    every = (*equal, *doubtful, *_rivals(found, named), *_lost(found))
+    keys = {instance.key for instance in named}
+    return tuple(
+        one
+        for one in first_of_each(every, lambda one: (one.effect, one.joints))
+        if (one.effect, one.joints) not in keys
+    )
 
 
-def _suspect(instance: EffectInstance, reason: str) -> Suspect:
+def _suspect(instance: EffectInstance, reason: str, gain: float) -> Suspect:
     return Suspect(
         effect=instance.effect.name,
         joints=instance.joints,
         reason=reason,
         decided_by=instance.effect.shown_by,
+        gain=float(np.clip(gain, 0.0, 1.0)),
     )
 
 
-def _rivals(found: SearchResult, named: Sequence[EffectInstance]) -> list[Suspect]:
-    """Returns what predicts as well in the place of a named effect, or nearly."""
-    told = []
+def _rivals(found: SearchResult, named: Sequence[EffectInstance]) -> Iterator[Suspect]:
+    """Yields what predicts as well in the place of a named effect, or nearly."""
     for instance in named:
         evidence = found.evidence.get(instance.key)
         if evidence is None or evidence.rival is None or evidence.by is None:
             continue
+        errors = evidence.rival.errors
         if not evidence.rival.clear:
-            how = "equal to" if evidence.rival.errors < 1.0 else "close to"
-            reason = f"{how} {describe(instance)}: {_errors(evidence.rival.errors)} apart"
-            told.append(replace(_suspect(evidence.by, reason), gain=_explained(instance, found)))
-    return told
-
-
-def _errors(errors: float) -> str:
-    return f"{max(errors, 0.0):.1f} standard errors"
+            how = "equal to" if errors < 1.0 else "close to"
+            reason = f"{how} {describe(instance)}: {max(errors, 0.0):.1f} standard errors apart"
+            yield _suspect(evidence.by, reason, _explained(instance, found))
 
 
 def _lost(found: SearchResult) -> list[Suspect]:
     """Returns the candidates that were fitted and lost, best first."""
-    best: dict[tuple[str, tuple[str, ...]], Suspect] = {}
-    for step in found.steps:
-        for tried in step.ranked:
-            if len(tried.new) > 1 or tried is step.chosen:
-                continue
-            instance = tried.new[0]
-            share = 1.0 - tried.fit.cost / step.before
-            if instance.key not in best and share >= 0.01:
-                best[instance.key] = replace(
-                    _suspect(instance, _reason(tried, step)), gain=float(np.clip(share, 0.0, 1.0))
-                )
-    return sorted(best.values(), key=lambda one: -one.gain)
+    lost = [
+        _suspect(tried.new[0], _reason(tried, step), 1.0 - tried.fit.cost / step.before)
+        for step in found.steps
+        for tried in step.ranked
+        if len(tried.new) == 1 and tried is not step.chosen
+    ]
+    told = [one for one in lost if one.gain >= LEAST_GAIN]
+    first = first_of_each(told, lambda one: (one.effect, one.joints))
+    return sorted(first, key=lambda one: -one.gain)
 
 
 def _reason(tried: Tried, step: Step) -> str:
@@ -251,4 +246,4 @@ def _explained(instance: EffectInstance, found: SearchResult) -> float:
         for step in found.steps
         if step.chosen is not None and keys & {e.key for e in step.chosen.new}
     ]
-    return float(np.clip(max(shares, default=0.0), 0.0, 1.0))
+    return max(shares, default=0.0)
