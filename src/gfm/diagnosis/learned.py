@@ -116,7 +116,6 @@ class LearnedProblem(SegmentedProblem):
     domain: TorqueDomain
     learned: Array
     noise: Array
-    segments: tuple[()] = ()
 
     @property
     @override

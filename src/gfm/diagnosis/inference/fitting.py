@@ -5,10 +5,11 @@ Shape letters: N numbers of a residual, P parameters.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Protocol, Self, TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,20 +34,24 @@ DAMPING, MOST_DAMPING = 1e-3, 1e3
 Parameter: TypeAlias = tuple[Key, str]
 
 
-class LeastSquares(Protocol):
+class LeastSquares(ABC):
     """What amounts are fitted to."""
 
+    @abstractmethod
     def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
-        """Returns the residual of every candidate, shape (candidates, N)."""
+        """Returns the residual of every candidate, in units of the noise, (candidates, N)."""
 
     def coarse(self) -> Self:
         """Returns the same, faster and with nothing outlying: good enough for differences."""
+        return self
 
     def limits(self) -> Array | None:
         """Returns beyond what numbers count less in a fit, shape (N,); None where none does."""
+        return None
 
     def differences(self, effects: Sequence[EffectInstance]) -> Array:
         """Returns the changes of free amounts over which derivatives are taken, shape (P,)."""
+        return small_differences(effects)
 
 
 @dataclass(frozen=True, kw_only=True)

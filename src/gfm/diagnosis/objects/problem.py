@@ -23,6 +23,7 @@ from gfm.diagnosis.inference.fitting import free_parameters
 from gfm.diagnosis.inference.score import SegmentShape
 from gfm.diagnosis.objects.segments import ObjectSegment, own_velocity
 from gfm.diagnosis.objects.track import in_plane, turned
+from gfm.diagnosis.residuals.initial_states import without
 from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.effects import EffectInstance
@@ -46,20 +47,13 @@ class ObjectProblem(SegmentedProblem):
 
     Attributes:
         spec: The nominal model.
-        segments: What is predicted.
         noise: Of x, y (m) and yaw (rad), shape (3,).
-        state_basis: Per segment, an orthonormal basis of what its initial state can explain,
-            shape (3 P, up to 6).
-        outlying_from: Residuals from which on they are outlying, in units of the noise.
-        measured: The segments as they were measured, where they have been settled.
     """
 
     spec: mujoco.MjSpec
     segments: tuple[ObjectSegment, ...]
     noise: Array
-    state_basis: tuple[Array, ...] = ()
-    outlying_from: float = np.inf
-    measured: tuple[ObjectSegment, ...] = ()
+    outlying_from: float | None = None
 
     @override
     def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
@@ -75,8 +69,7 @@ class ObjectProblem(SegmentedProblem):
         parts = self._whitened(stage, [segment.setting for segment in self.segments])
         if not self.state_basis:
             return parts
-        bases = self.state_basis
-        return [part - b @ (b.T @ part) for part, b in zip(parts, bases, strict=True)]
+        return [without(*row) for row in zip(parts, self.state_basis, strict=True)]
 
     def _whitened(self, stage: Stage, settings: Sequence[Setting]) -> list[Array]:
         """Returns residuals under some settings, those of all segments, repeated as need be."""
@@ -125,26 +118,13 @@ class ObjectProblem(SegmentedProblem):
         return np.array([STEP * self.sizes[name] for _, name in free_parameters(effects)])
 
     @override
-    def subset(self, keep: Sequence[int]) -> ObjectProblem:
-        return replace(
-            self,
-            segments=tuple(self.segments[i] for i in keep),
-            state_basis=tuple(self.state_basis[i] for i in keep if self.state_basis),
-            measured=tuple(self.measured[i] for i in keep if self.measured),
-        )
-
-    @override
-    def plain(self) -> ObjectProblem:
-        return replace(self, outlying_from=np.inf)
-
-    @override
     def coarse(self) -> ObjectProblem:
         return self.plain()
 
     @override
     def limits(self) -> Array | None:
         count = sum(3 * len(segment.time_s) for segment in self.segments)
-        return np.full(count, self.outlying_from) if np.isfinite(self.outlying_from) else None
+        return None if self.outlying_from is None else np.full(count, self.outlying_from)
 
     @override
     def robust(self, effects: Sequence[EffectInstance]) -> ObjectProblem:
@@ -159,8 +139,7 @@ class ObjectProblem(SegmentedProblem):
     @override
     def settled(self, effects: Sequence[EffectInstance]) -> ObjectProblem:
         # States that suited another model hold this one there: they are looked for from the start.
-        measured = self.measured or self.segments
-        problem = replace(self, segments=measured, measured=measured)
+        problem = self.as_measured()
         for _ in range(ROUNDS):
             problem = problem.nearer(effects)
         return problem
@@ -174,7 +153,8 @@ class ObjectProblem(SegmentedProblem):
         for segment, slopes, left in zip(self.segments, columns, residuals, strict=True):
             step = -np.linalg.lstsq(slopes, left, rcond=1e-3)[0]
             setting = _moved(segment.setting, np.clip(step, -FARTHEST, FARTHEST))
-            moved.append(replace(segment, setting=setting))
+            measured = segment.measured or segment
+            moved.append(replace(segment, setting=setting, measured=measured))
         after = self._whitened(stage, [s.setting for s in moved])
         kept = [
             new if np.sum(b**2) < np.sum(a**2) else old

@@ -53,6 +53,7 @@ class ObjectSegment:
         reference: The pose since which yaw is counted, shape (7,).
         setting: With which it is simulated.
         pushed: Whether the robot touches the object in it.
+        measured: The same as it was measured to begin, where that was fitted.
     """
 
     recording: int
@@ -61,6 +62,7 @@ class ObjectSegment:
     reference: Array
     setting: Setting
     pushed: bool
+    measured: ObjectSegment | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

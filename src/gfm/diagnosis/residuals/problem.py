@@ -35,7 +35,7 @@ from gfm.diagnosis.residuals.initial_states import (
 from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
 from gfm.diagnosis.residuals.rollouts import Rollouts
 from gfm.effects import EffectInstance
-from gfm.sim.segment import Prediction, Segment
+from gfm.sim.segment import Prediction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,7 +53,8 @@ class Problem(Rollouts):
     def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
         """Returns the residual of every candidate, initial states fitted, shape (candidates, N)."""
         rows = zip(candidates, self.predictions(candidates), strict=True)
-        return np.stack([self._bounded(self._fitted(*row)) for row in rows])
+        left = [np.concatenate(self._fitted(*row)) for row in rows]
+        return np.stack([bounded(residual, self.limits()) for residual in left])
 
     def _fitted(
         self, effects: Sequence[EffectInstance], predictions: Sequence[Prediction]
@@ -77,23 +78,17 @@ class Problem(Rollouts):
                 )
         return own
 
-    def _bounded(self, parts: Sequence[Array]) -> Array:
-        return bounded(np.concatenate(parts), self.limits())
-
+    @override
     def limits(self) -> Array | None:
-        """Returns from where on each number is outlying, shape (N,); None where none is."""
         if self.outlying_from is None:
             return None
-        return np.concatenate([self._by_number(self.outlying_from, s) for s in self.segments])
-
-    def _by_number(self, limits: Array, segment: Segment) -> Array:
-        count = len(segment.position)
-        channels = self.size_of(segment) // segment.position.size
-        return np.concatenate([np.tile(limits[c], count) for c in range(channels)])
+        channels = [range(shape.channels) for shape in self.layout()]
+        rows = zip(self.segments, channels, strict=True)
+        each = [np.tile(self.outlying_from[c], len(s.position)) for s, own in rows for c in own]
+        return np.concatenate(each)
 
     @override
     def robust(self, effects: Sequence[EffectInstance]) -> Problem:
-        """Returns the problem with limits from what `effects` leave in a typical segment."""
         residual = self.plain().residuals([effects])[0]
         joints = len(self.joints)
         sizes: list[list[Array]] = [[], []]
@@ -115,12 +110,10 @@ class Problem(Rollouts):
     @property
     @override
     def has_efforts(self) -> bool:
-        """Whether efforts are predicted beside positions."""
         return any(self.size_of(s) > s.position.size for s in self.segments)
 
     @override
     def positions_alone(self) -> Problem:
-        """Returns the problem without efforts."""
         segments = tuple(replace(segment, effort=None) for segment in self.segments)
         rows = zip(self.state_basis, segments, strict=True)
         basis = tuple(orthonormal(part[: segment.position.size]) for part, segment in rows)
@@ -134,10 +127,6 @@ class Problem(Rollouts):
             for segment, prediction in told
             if segment.effort is not None
         )
-
-    @override
-    def plain(self) -> Problem:
-        return replace(self, outlying_from=None)
 
     @override
     def coarse(self) -> Problem:

@@ -71,11 +71,8 @@ class Rollouts(SegmentedProblem):
     Attributes:
         specs: The nominal model by command kind.
         joints: The measured joints.
-        segments: What is predicted.
         noise: Of the sensors.
         after_command: Whether efforts were measured after the command of the same stamp.
-        state_basis: Per segment, an orthonormal basis of what the initial state can explain,
-            shape (T * channels, 2 J).
         given: Effects of the nominal model that its specs cannot say: every candidate has them.
         stepping: How models are simulated, by command kind; as they say where there is none. Where
             a motor is apart from its link, on the model's own step: what rings between them is
@@ -91,7 +88,6 @@ class Rollouts(SegmentedProblem):
     segments: tuple[Segment, ...]
     noise: Noise
     after_command: bool = False
-    state_basis: tuple[Array, ...] = field(default=())
     given: tuple[EffectInstance, ...] = ()
     stepping: Mapping[CommandKind, Stepping] = field(default_factory=dict)
     still: Mapping[str, float] = field(default_factory=dict)
@@ -101,7 +97,6 @@ class Rollouts(SegmentedProblem):
     @property
     @override
     def separated(self) -> set[tuple[str, ...]]:
-        """Joints whose motor the model has apart from the link already, each as a place."""
         model = {joint.name for spec in self.specs.values() for joint in spec.joints}
         return {(name,) for name in self.joints if name + MOTOR_SIDE in model}
 
@@ -194,7 +189,6 @@ class Rollouts(SegmentedProblem):
 
     @override
     def layout(self) -> list[SegmentShape]:
-        """Returns what each segment's numbers are."""
         return [
             SegmentShape(
                 recording=segment.recording,
@@ -206,20 +200,5 @@ class Rollouts(SegmentedProblem):
         ]
 
     @override
-    def subset(self, keep: Sequence[int]) -> Self:
-        """Returns the same problem with some of its segments only."""
-        return replace(
-            self,
-            segments=tuple(self.segments[i] for i in keep),
-            state_basis=tuple(self.state_basis[i] for i in keep) if self.state_basis else (),
-        )
-
-    @override
     def coarse(self) -> Self:
-        """Returns the same with fast integration: good enough for differences of predictions."""
         return replace(self, rough=True)
-
-    def as_measured(self) -> Self:
-        """Returns the problem with every segment begun as it was measured, to the letter."""
-        segments = tuple(segment.measured or segment for segment in self.segments)
-        return replace(self, segments=segments, state_basis=())

@@ -8,20 +8,35 @@ Shape letters: N numbers of a residual, J joints.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Self
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import small_differences
+from gfm.diagnosis.inference.fitting import LeastSquares
 from gfm.diagnosis.inference.score import SegmentShape
 from gfm.effects import EffectInstance
 
 
-class SegmentedProblem(ABC):
-    """Recordings, and the model that should explain them."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SegmentedProblem(LeastSquares):
+    """Recordings, and the model that should explain them.
+
+    Attributes:
+        segments: What is predicted, and how each begins; as they were measured to begin, too, where
+            initial states were fitted.
+        state_basis: Per segment, an orthonormal basis of what its initial state can explain, if
+            that is taken out of the residual, shape (N of the segment, up to states).
+        outlying_from: Residuals from which on they are outlying, in units of the noise; None for
+            none.
+    """
+
+    segments: tuple[Any, ...] = ()
+    state_basis: tuple[Array, ...] = ()
+    outlying_from: Array | float | None = None
 
     if TYPE_CHECKING:  # fields or properties of those that are
 
@@ -30,16 +45,8 @@ class SegmentedProblem(ABC):
             """The measured joints, or what else each measurement has."""
 
         @property
-        def segments(self) -> tuple[object, ...]:
-            """What is predicted, and how each begins."""
-
-        @property
         def given(self) -> tuple[EffectInstance, ...]:
             """Effects that the nominal model has already."""
-
-    @abstractmethod
-    def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
-        """Returns the residual of every candidate, in units of the noise, (candidates, N)."""
 
     @abstractmethod
     def layout(self) -> list[SegmentShape]:
@@ -60,21 +67,18 @@ class SegmentedProblem(ABC):
         del simulated_s
         return list(range(len(self.layout())))
 
-    @abstractmethod
     def subset(self, keep: Sequence[int]) -> Self:
         """Returns the same problem with some of its segments only."""
+        return replace(
+            self,
+            segments=tuple(self.segments[i] for i in keep),
+            state_basis=tuple(self.state_basis[i] for i in keep if self.state_basis),
+        )
 
-    def coarse(self) -> Self:
-        """Returns the same, faster and without limits: good enough for differences."""
-        return self
-
-    def limits(self) -> Array | None:
-        """Returns beyond what numbers count less in a fit, shape (N,); None where none does."""
-        return None
-
-    def differences(self, effects: Sequence[EffectInstance]) -> Array:
-        """Returns the changes of free amounts over which derivatives are taken, shape (P,)."""
-        return small_differences(effects)
+    def as_measured(self) -> Self:
+        """Returns the problem with every segment begun as it was measured, to the letter."""
+        segments = tuple(segment.measured or segment for segment in self.segments)
+        return replace(self, segments=segments, state_basis=())
 
     def robust(self, effects: Sequence[EffectInstance]) -> Self:
         """Returns the problem with limits from what `effects` leave in a typical segment."""
@@ -83,7 +87,7 @@ class SegmentedProblem(ABC):
 
     def plain(self) -> Self:
         """Returns the problem without such limits: what is outlying counts in full."""
-        return self
+        return replace(self, outlying_from=None)
 
     def settled(self, effects: Sequence[EffectInstance]) -> Self:
         """Returns the problem begun as it fits best under `effects`; itself if nothing is free."""
