@@ -117,21 +117,21 @@ def test_friction_is_named_with_its_amount_and_goes_into_the_corrected_model():
 
 def test_nothing_is_named_where_nothing_is_missing():
     found = part(slides(0), slides(1))
-    assert found.effects == ()
+    assert found.found.fit.effects == ()
     assert found.overall.before < 1.25
 
 
 @pytest.mark.slow
 def test_what_brakes_with_the_speed_is_damping_and_no_friction():
     found = part(*(slides(seed, damping=0.4, fastest=2.5) for seed in range(2)))
-    assert [e.effect.name for e in found.effects] == ["object_damping"]
-    assert found.effects[0].values["linear"] == pytest.approx(0.4, rel=0.15)
+    assert [e.effect.name for e in found.found.fit.effects] == ["object_damping"]
+    assert found.found.fit.effects[0].values["linear"] == pytest.approx(0.4, rel=0.15)
 
 
 def test_pyramidal_contacts_are_not_taken_for_friction():
     found = part(slides(0), slides(1), text=FREE.replace("elliptic", "pyramidal"))
     assert found.cone == int(mujoco.mjtCone.mjCONE_ELLIPTIC)
-    assert found.effects == ()
+    assert found.found.fit.effects == ()
     assert any("elliptic" in note for note in found.notes)
 
 

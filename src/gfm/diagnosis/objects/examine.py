@@ -13,7 +13,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis.data.signals import rms
 from gfm.diagnosis.objects.find import find, friction_cost, seen_and_unseen
 from gfm.diagnosis.objects.problem import ObjectProblem, predicted
-from gfm.diagnosis.objects.segments import cut, make_scene
+from gfm.diagnosis.objects.segments import Scene, cut
 from gfm.diagnosis.objects.track import plane_noise, track_of
 from gfm.diagnosis.output.claims import credible, named_effects
 from gfm.diagnosis.output.result import ErrorSummary, EvidencePlot, NamedEffect, Series
@@ -64,11 +64,6 @@ class ObjectPart:
     notes: tuple[str, ...]
 
     @property
-    def effects(self) -> tuple[EffectInstance, ...]:
-        """What was accepted."""
-        return self.found.fit.effects
-
-    @property
     def named(self) -> tuple[NamedEffect, ...]:
         """What of it is more likely right than not."""
         named = named_effects(self.problem.slices(), self.found, credible(self.found))
@@ -86,8 +81,14 @@ def examine_object(
     Raises:
         ConfigError: poses were recorded and the model has no free body, or several.
     """
-    if not _recorded(spec, [*recordings, *holdout]):
+    seen_in = [one.name for one in (*recordings, *holdout) if one.object_track is not None]
+    if not seen_in:
         return None
+    if free_body(spec) is None:
+        raise ConfigError(
+            f"{seen_in[0]}: has poses of an object; the model has no body with a free joint, "
+            "expected one for it"
+        )
     report("looking at the object")
     training = _problem(spec, recordings)
     if training is None:
@@ -99,9 +100,6 @@ def examine_object(
     judged, effects = held or training, found.fit.effects
     before, after = judged.settled(()), replace(judged, spec=best.spec).settled(effects)
     overall, place, yaw = _errors(before.parts(()), after.parts(effects), judged.noise)
-    spots = [
-        BlindSpot(effect=e.name, joints=(), why=UNSEEN[e.name], motion=e.shown_by) for e in unseen
-    ]
     return ObjectPart(
         found=found,
         problem=problem,
@@ -109,7 +107,10 @@ def examine_object(
         errors=(place, yaw),
         cone=int(best.spec.option.cone),
         plots=(_path_plot(before, after, effects),),
-        blind_spots=tuple(spots),
+        blind_spots=tuple(
+            BlindSpot(effect=e.name, joints=(), why=UNSEEN[e.name], motion=e.shown_by)
+            for e in unseen
+        ),
         notes=_notes(problem, own=int(spec.option.cone), held=held is not None),
     )
 
@@ -139,34 +140,18 @@ def _widened(named: NamedEffect) -> NamedEffect:
     return replace(named, parameters=parameters)
 
 
-def _recorded(spec: mujoco.MjSpec, recordings: Sequence[Trajectory]) -> bool:
-    """Returns whether an object's poses were recorded.
-
-    Raises:
-        ConfigError: they were, and the model has no free body, or several.
-    """
-    named = [r.name for r in recordings if r.object_track is not None]
-    if named and free_body(spec) is None:
-        raise ConfigError(
-            f"{named[0]}: has poses of an object; the model has no body with a free joint, "
-            "expected one for it"
-        )
-    return bool(named)
-
-
 def _problem(spec: mujoco.MjSpec, recordings: Sequence[Trajectory]) -> ObjectProblem | None:
     """Returns the segments of recordings as a problem; None where the object never moves."""
-    tracks = [(i, r, track_of(r)) for i, r in enumerate(recordings)]
-    known = [(i, r, track) for i, r, track in tracks if track is not None]
+    known = {i: track for i, one in enumerate(recordings) if (track := track_of(one)) is not None}
     if not known:
         return None
-    noise = plane_noise([track for _, _, track in known])
-    stages = make_stage(spec), make_stage(spec, robot_touches=False)
-    segments = [
-        segment
-        for i, recording, track in known
-        for segment in cut(make_scene(i, recording, track, stages, noise))
+    noise = plane_noise([*known.values()])
+    stage, air = make_stage(spec), make_stage(spec, robot_touches=False)
+    scenes = [
+        Scene(index=i, recording=recordings[i], track=track, stage=stage, air=air, noise=noise)
+        for i, track in known.items()
     ]
+    segments = [segment for scene in scenes for segment in cut(scene)]
     if not segments:
         return None
     spread = np.unique(np.linspace(0, len(segments) - 1, MOST_SEGMENTS).astype(int))
@@ -227,12 +212,11 @@ def _path_plot(
     """Returns the object's measured and predicted path in the longest segment."""
     lengths = [float(np.ptp(s.plane[:, :2], axis=0).max()) for s in before.segments]
     longest = int(np.argmax(lengths))
-    shown = [
-        ("measured", before.segments[longest].plane, "points"),
-        ("nominal model", _path(before, longest, ()), "line"),
-    ]
-    if effects:
-        shown.append(("corrected model", _path(after, longest, effects), "line"))
+    shown = {
+        "measured": before.segments[longest].plane,
+        "nominal model": _path(before, longest, ()),
+        **({"corrected model": _path(after, longest, effects)} if effects else {}),
+    }
     return EvidencePlot(
         title="Path of the object in the longest segment",
         effect=effects[0].effect.name if effects else "",
@@ -240,8 +224,8 @@ def _path_plot(
         x_label="x [m]",
         y_label="y [m]",
         series=tuple(
-            Series(label=label, x=path[:, 0], y=path[:, 1], style=style)
-            for label, path, style in shown
+            Series(label=label, x=x, y=y, style="points" if label == "measured" else "line")
+            for label, (x, y, _) in ((label, path.T) for label, path in shown.items())
         ),
     )
 

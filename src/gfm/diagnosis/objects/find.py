@@ -35,9 +35,8 @@ def find(
     search = Search[ObjectProblem](report=report)
 
     def others(beside: Hypothesis) -> list[Fit]:
-        there = {one.effect.name for one in beside.effects}
-        new = [one for one in seen if one.name not in there]
-        return [_begun(problem, beside.effects, one) for one in new]
+        there = [one.effect for one in beside.effects]
+        return [_begun(problem, beside.effects, one) for one in seen if one not in there]
 
     def one_more(before: Hypothesis[ObjectProblem], _best: Step | None) -> Proposal[ObjectProblem]:
         step = add_of_few(before, others(before))

@@ -9,6 +9,7 @@ Shape letters: P poses, K time steps, R joints of the robot.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import mujoco
@@ -71,50 +72,28 @@ class Scene:
 
     Attributes:
         index: Of the recording.
+        recording: What was recorded.
         track: The object.
-        robot: The joints of the stage as functions of time, R of them.
         stage: Of the nominal model.
         air: The same on which the robot touches nothing.
-        noise: Of x, y and yaw, shape (3,).
-        radius: Of gyration of the object about the vertical, m: a turn as a distance.
+        noise: Of x, y (m) and yaw (rad), shape (3,).
     """
 
     index: int
+    recording: Trajectory
     track: Track
-    robot: BSpline
     stage: Stage
     air: Stage
     noise: Array
-    radius: float
+
+    @cached_property
+    def robot(self) -> BSpline:
+        """The joints of the stage as functions of time, R of them."""
+        return smoothing_spline(self.recording.time_s, _robot(self.recording, self.stage))
 
     def robot_at(self, time_s: Array) -> Array:
         """Returns the robot's joints, shape (..., R)."""
         return np.asarray(self.robot(np.clip(time_s, self.robot.t[0], self.robot.t[-1])))
-
-
-def make_scene(
-    index: int, recording: Trajectory, track: Track, stages: tuple[Stage, Stage], noise: Array
-) -> Scene:
-    """Returns a recording with its robot's motion as a function of time.
-
-    Args:
-        index: Of the recording.
-        recording: What was recorded.
-        track: Its object.
-        stages: Of the nominal model, and the same with a robot that touches nothing.
-        noise: Of x, y (m) and yaw (rad), shape (3,).
-    """
-    stage, air = stages
-    mass, inertia = stage.inertia
-    return Scene(
-        index=index,
-        track=track,
-        robot=smoothing_spline(recording.time_s, _robot(recording, stage)),
-        stage=stage,
-        air=air,
-        noise=noise,
-        radius=float(np.sqrt(inertia / mass)),
-    )
 
 
 def _robot(recording: Trajectory, stage: Stage) -> Array:
@@ -144,7 +123,8 @@ def cut(scene: Scene) -> list[ObjectSegment]:
 def _moving(scene: Scene) -> NDArray[np.bool_]:
     """Returns at which poses the object moves, shape (P,)."""
     time_s, plane = scene.track.time_s, scene.track.plane
-    size = np.array([1.0, 1.0, scene.radius])
+    mass, inertia = scene.stage.inertia
+    size = np.array([1.0, 1.0, np.sqrt(inertia / mass)])  # a turn as a distance
     speed = np.zeros(len(time_s))
     for i, now in enumerate(time_s):
         near = np.abs(time_s - now) <= _half_window_s(scene)
