@@ -16,13 +16,7 @@ from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
 from gfm.core.noise import noise_std, steady_noise, typical_noise
 from gfm.diagnosis.data.signals import smooth_states, starts_at_rest
-from gfm.diagnosis.data.touching import (
-    ENOUGH_AIR_S,
-    Touch,
-    at_ease,
-    in_the_air,
-    resting_pose,
-)
+from gfm.diagnosis.data.touching import ENOUGH_AIR_S, Touch, at_ease, in_the_air, resting_pose
 from gfm.diagnosis.residuals.initial_states import with_state_basis
 from gfm.diagnosis.residuals.problem import Problem, timed
 from gfm.diagnosis.residuals.rollouts import Noise
@@ -36,23 +30,12 @@ from gfm.sim.still import unrecorded, with_still_joints
 
 #: Length of the segments in which effects are looked for. A servo keeps a rollout on track and a
 #: torque does not; in longer ones errors add up, and fits end in the nearest of many valleys.
-SHORT: Mapping[CommandKind, float] = {
-    CommandKind.POSITION: 2.0,
-    CommandKind.VELOCITY: 2.0,
-    CommandKind.EFFORT: 0.5,
-}
+SERVOED = CommandKind.POSITION, CommandKind.VELOCITY
+SHORT = {CommandKind.EFFORT: 0.5, **dict.fromkeys(SERVOED, 2.0)}
 #: Length of those on which amounts are settled, and on which errors are told: what a servo keeps
 #: on track is told from first to last.
-LONG: Mapping[CommandKind, float] = {
-    **SHORT,
-    CommandKind.POSITION: 6.0,
-    CommandKind.VELOCITY: 6.0,
-}
-WHOLE: Mapping[CommandKind, float] = {
-    **SHORT,
-    CommandKind.POSITION: float("inf"),
-    CommandKind.VELOCITY: float("inf"),
-}
+LONG = {**SHORT, **dict.fromkeys(SERVOED, 6.0)}
+WHOLE = {**SHORT, **dict.fromkeys(SERVOED, float("inf"))}
 #: Measurements that a segment has at least.
 LEAST_MEASUREMENTS = 8
 #: First row and the one behind the last.

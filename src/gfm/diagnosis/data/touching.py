@@ -101,17 +101,14 @@ def at_ease(touch: Touch, recording: Trajectory, edges: Array) -> Array:
 
     One that has none before the next edge is left out; the first one stays then.
     """
-    moved = [
-        next((row for row in range(start, end) if _is_at_ease(touch, recording, row)), None)
-        for start, end in pairwise(edges.tolist())
-    ]
+
+    def is_at_ease(row: int) -> bool:
+        return not (_slides(recording, int(recording.stamp_ns[row])) or touch.at(recording, row))
+
+    moved = [next(filter(is_at_ease, range(*ends)), None) for ends in pairwise(edges.tolist())]
     kept = [row for row in moved if row is not None]
     first = [] if moved[0] is not None else [0]
     return np.array([*first, *kept, edges[-1]])
-
-
-def _is_at_ease(touch: Touch, recording: Trajectory, row: int) -> bool:
-    return not (_slides(recording, int(recording.stamp_ns[row])) or touch.at(recording, row))
 
 
 def object_pose(recording: Trajectory, stamp_ns: int) -> Array | None:

@@ -17,7 +17,7 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.signals import rms, smooth_states
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.effects import Effect, EffectInstance, Key, Motion, Scales, Scope
+from gfm.effects import Effect, EffectInstance, Key, Motion, Scales, Scope, Values
 from gfm.effects.effect import sign
 from gfm.sim.commands import commands_between
 from gfm.sim.compensation import compensation_error
@@ -56,6 +56,12 @@ class Place:
     def key(self) -> Key:
         """What makes two candidates the same."""
         return self.effect.name, self.joints
+
+    def instance(self, values: Values) -> EffectInstance:
+        """Returns the effect there, in some amount."""
+        return EffectInstance(
+            effect=self.effect, joints=self.joints, values=values, least=self.least
+        )
 
 
 def places(

@@ -6,7 +6,7 @@ Shape letters: N numbers of a residual.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -32,14 +32,6 @@ class Screened(NamedTuple):
 
     instance: EffectInstance
     gain: Difference
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Response:
-    """A candidate's best amount, and what it changes of the residual, shape (N,)."""
-
-    instance: EffectInstance
-    change: Array
 
 
 def open_to(
@@ -83,7 +75,7 @@ def screen(
         told = replace(base, cost=0.0, residual=left)
         return difference(blocks, predictive(blocks, told), start)
 
-    found = [Screened(one.instance, weighed(left)) for one, left in _tried(part, responses, base)]
+    found = [Screened(one, weighed(left)) for one, left in _tried(part, responses, base)]
     return sorted(found, key=lambda s: -s.gain.nats)
 
 
@@ -111,13 +103,16 @@ def _refitted(base: Fit) -> Fit:
 
 def _responses(
     problem: SegmentedProblem, candidates: Sequence[Place], scales: Sequence[Scales], base: Fit
-) -> list[_Response]:
-    """Returns what each candidate explains to first order beside `base`, its valleys apart."""
+) -> list[tuple[EffectInstance, Array]]:
+    """Returns candidates in their best amounts, their valleys apart, and what that explains.
+
+    To first order, of the residual beside `base`, shape (N,).
+    """
     groups = list(probes(problem, candidates, scales))
     basis = orthonormal(base.jacobian)
     residual = base.residual - basis @ (basis.T @ base.residual)
     weights = slopes(base.residual, problem.limits())[:, None]
-    best: dict[tuple[object, ...], tuple[float, _Response]] = {}
+    best: dict[tuple[object, ...], tuple[float, EffectInstance, Array]] = {}
     for place, group, changes in _changes(problem.coarse(), groups, base.effects):
         columns = weights * changes
         beside = columns - basis @ (basis.T @ columns)
@@ -130,8 +125,8 @@ def _responses(
         apart = (*place.effect.fixed, *place.effect.valleys)
         variant = (place.key, *(group[0].values[name] for name in apart))
         if variant not in best or left < best[variant][0]:
-            best[variant] = left, _Response(instance=instance, change=-explained)
-    return [response for _, response in best.values()]
+            best[variant] = left, instance, explained
+    return [(instance, explained) for _, instance, explained in best.values()]
 
 
 def _changes(
@@ -159,8 +154,8 @@ def _on_same_steps(items: Sequence[T], effect: Callable[[T], Effect]) -> list[li
 
 
 def _tried(
-    problem: SegmentedProblem, found: Sequence[_Response], base: Fit
-) -> Iterator[tuple[_Response, Array]]:
+    problem: SegmentedProblem, found: Sequence[tuple[EffectInstance, Array]], base: Fit
+) -> Iterator[tuple[EffectInstance, Array]]:
     """Yields candidates with what they leave: to first order, or by a rollout if that is less.
 
     Of the rollout, the share that fits best: where the first order says too much, less of it may
@@ -168,16 +163,16 @@ def _tried(
     """
     basis, fast, limits = orthonormal(base.jacobian), problem.coarse(), problem.limits()
     full = unbounded(base.residual, limits)
-    for alike in _on_same_steps(found, lambda one: one.instance.effect):
-        sets = [base.effects, *((*base.effects, one.instance) for one in alike)]
+    for alike in _on_same_steps(found, lambda one: one[0].effect):
+        sets = [base.effects, *((*base.effects, instance) for instance, _ in alike)]
         before, *after = fast.residuals(sets)
-        for one, rolled in zip(alike, after, strict=True):
+        for (instance, explained), rolled in zip(alike, after, strict=True):
             # What fast integration alone changes is no gain of a candidate.
             moved = rolled - before
             best = -float(moved @ full) / max(float(moved @ moved), 1e-12)
             shares = [bounded(full + share * moved, limits) for share in (1.0, best)]
             lefts = [left - basis @ (basis.T @ left) for left in shares]
-            yield one, min(*lefts, base.residual + one.change, key=np.linalg.norm)
+            yield instance, min(*lefts, base.residual - explained, key=np.linalg.norm)
 
 
 def probes(
@@ -187,13 +182,7 @@ def probes(
     for place in candidates:
         first = problem.joints.index(place.joints[0]) if place.joints else 0
         for group in place.effect.probes(scales[first]):
-            yield (
-                place,
-                [
-                    EffectInstance(effect=place.effect, joints=place.joints, values=values)
-                    for values in group
-                ],
-            )
+            yield place, [place.instance(values) for values in group]
 
 
 def weigh(
@@ -211,10 +200,7 @@ def weigh(
         explained = np.zeros_like(residual)  # half a damping is twice the speed: a rollout tells
     if values is None or not np.isfinite(explained).all():
         return None
-    instance = EffectInstance(
-        effect=place.effect, joints=place.joints, values=values, least=place.least
-    )
-    return instance, np.asarray(explained)
+    return place.instance(values), np.asarray(explained)
 
 
 def _taken_off(place: Place, probe: EffectInstance, amplitude: float) -> dict[str, float] | None:

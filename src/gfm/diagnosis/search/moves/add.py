@@ -37,7 +37,8 @@ def add(
 
     Of what is simulated quickly: see `add_costly`.
     """
-    return _add(before, _tier(candidates, costly=False), scales, report, in_time)
+    quick = [place for place in candidates if not takes_long(place.effect)]
+    return _add(before, quick, scales, report, in_time)
 
 
 def add_costly(
@@ -56,19 +57,13 @@ def add_costly(
     if not (worth_more(before, chosen) and in_time()):
         return None
     ranked = best.ranked if best is not None and best.move is Move.ADD else ()
-    tier = _tier(candidates, costly=True)
-    return _add(
-        before, tier, scales, report, in_time, ranked, 0.0 if best is None else gain_of(best)
-    )
+    slow = [place for place in candidates if takes_long(place.effect)]
+    return _add(before, slow, scales, report, in_time, ranked, gain_of(best))
 
 
 def gain_of(step: Step | None) -> float:
     """Returns by how much better a step predicts, nats; nothing where it chose nothing."""
     return 0.0 if step is None or step.chosen is None else step.chosen.gain.nats
-
-
-def _tier(candidates: Sequence[Place], *, costly: bool) -> list[Place]:
-    return [place for place in candidates if takes_long(place.effect) is costly]
 
 
 def takes_long(effect: Effect) -> bool:
@@ -100,12 +95,16 @@ def _add(
         whole = [o.new for o in tried if is_whole(o.new[0].effect)]
         kinds += [(*one, *kind) for one in whole[:1] for kind in kinds]
         tried += [_tried(before, kind, report) for kind in kinds]
-    both = [*ranked, *_with_front_fitted_out(before, tried)]
+    return _best_first(before, [*ranked, *_with_front_fitted_out(before, tried)])
+
+
+def _best_first(before: Hypothesis, tried: Sequence[Tried]) -> Step:
+    """Returns the step that adds the best of what was tried."""
     return Step(
         move=Move.ADD,
         before=before.fit.cost,
-        ranked=tuple(sorted(both, key=lambda one: -one.gain.nats)),
-        chosen=best_of(before.blocks, both),
+        ranked=tuple(sorted(tried, key=lambda one: -one.gain.nats)),
+        chosen=best_of(before.blocks, tried),
     )
 
 
@@ -131,16 +130,11 @@ def _is_worth_a_fit(
 
 def add_of_few(before: Hypothesis, begun: Sequence[Fit]) -> Step:
     """Returns the step that adds the best of a few effects, each begun beside those there are."""
-    tried = [_beside(before, before.fitted_out(one)) for one in begun]
-    return Step(
-        move=Move.ADD,
-        before=before.fit.cost,
-        ranked=tuple(sorted(tried, key=lambda one: -one.gain.nats)),
-        chosen=best_of(before.blocks, tried),
-    )
+    return _best_first(before, [beside(before, before.fitted_out(one)) for one in begun])
 
 
-def _beside(before: Hypothesis, fitted: Fit) -> Tried:
+def beside(before: Hypothesis, fitted: Fit) -> Tried:
+    """Returns a fit of more effects than there were before, as it was weighed."""
     new = fitted.effects[len(before.effects) :]
     return Tried(new=new, fit=fitted, gain=before.gain_of(fitted))
 
@@ -154,7 +148,7 @@ def _with_front_fitted_out(before: Hypothesis, tried: Sequence[Tried]) -> list[T
     first = first_of_each(ranked, lambda one: tuple(e.key for e in one.new))[:FRONT]
     first = [one for one in first if not _separates_motor(one.new)]  # they have them already
     rest = [one for one in ranked if all(one is not other for other in first)]
-    own = [_beside(before, before.fitted_out(one.fit)) for one in first]
+    own = [beside(before, before.fitted_out(one.fit)) for one in first]
     return sorted([*own, *rest], key=lambda one: -one.gain.nats)
 
 
@@ -241,7 +235,7 @@ def _tried(
     best: Fit = min(fits, key=lambda f: f.cost)
     if _separates_motor(new):
         best = before.fitted_out(best)  # a motor that rings has states that nothing else knows of
-    return _beside(before, best)
+    return beside(before, best)
 
 
 def _separates_motor(effects: Sequence[EffectInstance]) -> bool:

@@ -10,8 +10,7 @@ Shape letters: G values of a grid, J joints.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -20,42 +19,25 @@ from gfm.diagnosis.inference.fitting import ROUGH, Fit, acting, fit
 from gfm.diagnosis.residuals.outliers import bounded
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis
-from gfm.diagnosis.search.trace import Move, Step, Tried
+from gfm.diagnosis.search.moves.add import beside
+from gfm.diagnosis.search.trace import Move, Step
 from gfm.effects import EffectInstance, Scales, Scope, find_effect
 
 #: Times that the grid is gone through.
 PASSES = 2
 #: Shares of a typical size at which amounts are tried, and of what a model says that is taken off.
 SHARES, TAKEN_OFF = (0.0, 0.1, 0.3, 1.0, 3.0), (-1.0, -0.7, -0.4)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Common:
-    """An effect that a model may lack on any joint.
-
-    Attributes:
-        name: Of the effect, which has one parameter.
-        none: Its value without the effect.
-        grid: Values to begin with, for a joint with these scales.
-    """
-
-    name: str
-    none: float
-    grid: Callable[[Scales], Sequence[float]]
-
-
-#: A soft servo looks late: how late commands are is told last.
-COMMON = (
-    Common(name="actuator_gain", none=1.0, grid=lambda _: (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)),
-    Common(name="coulomb_friction", none=0.0, grid=lambda s: [x * s.torque_nm for x in SHARES]),
-    Common(
-        name="viscous_friction",
-        none=0.0,
-        grid=lambda s: [x * s.torque_nm / s.velocity_rad_s for x in SHARES],
-    ),
-    Common(name="armature", none=0.0, grid=lambda s: [x * s.inertia for x in SHARES]),
-    Common(name="command_delay", none=0.0, grid=lambda _: (0.0, 0.01, 0.02, 0.04, 0.08)),
-)
+#: Effects of one parameter that a model may lack on any joint, with the values to begin with for a
+#: joint with some scales. A soft servo looks late: how late commands are is told last.
+COMMON: Mapping[str, Callable[[Scales], Sequence[float]]] = {
+    "actuator_gain": lambda _: (0.01, 0.03, 0.1, 0.3, 1.0, 3.0),
+    "coulomb_friction": lambda s: [x * s.torque_nm for x in SHARES],
+    "viscous_friction": lambda s: [x * s.torque_nm / s.velocity_rad_s for x in SHARES],
+    "armature": lambda s: [x * s.inertia for x in SHARES],
+    "command_delay": lambda _: (0.0, 0.01, 0.02, 0.04, 0.08),
+}
+#: What the robot has of them without: as much as the model says, and once its gain.
+NONE = dict.fromkeys(COMMON, 0.0) | {"actuator_gain": 1.0}
 #: A joint that sticks hides what else it lacks, and a fit does not find its way out of that: one
 #: begins without dry friction.
 BEGUN_WITHOUT = ("", "coulomb_friction")
@@ -74,9 +56,7 @@ def common_errors(
     report(f"fitting {len(new)} effects together")
     fits = [_fitted_together(before, one) for one in begun]
     fitted = min(fits, key=lambda f: f.cost)
-    tried = Tried(
-        new=fitted.effects[len(before.effects) :], fit=fitted, gain=before.gain_of(fitted)
-    )
+    tried = beside(before, fitted)
     good = tried.gain.clear and bool(new)
     return Step(
         move=Move.COMMON_ERRORS,
@@ -111,33 +91,33 @@ def _from_grid(
     places = [
         p for p in candidates if p.key not in taken and (set(p.joints) & set(before.open_joints))
     ]
-    chosen = {one.name: np.full(len(problem.joints), one.none) for one in COMMON}
+    chosen = {name: np.full(len(problem.joints), none) for name, none in NONE.items()}
     for _ in range(PASSES):
-        for one in [one for one in COMMON if one.name != without]:
-            grid = _grid(one, places, problem.joints, scales)
+        for name in [name for name in COMMON if name != without]:
+            grid = _grid(name, places, problem.joints, scales)
             sets = [
-                (*before.effects, *_instances(places, problem.joints, {**chosen, one.name: row}))
+                (*before.effects, *_instances(places, problem.joints, {**chosen, name: row}))
                 for row in grid
             ]
             left = bounded(problem.coarse().residuals(sets), problem.limits())
             costs = np.stack([problem.joint_costs(r) for r in left])
-            if find_effect(one.name).scope is not Scope.JOINT:
+            if find_effect(name).scope is not Scope.JOINT:
                 costs[:] = costs.mean(axis=1, keepdims=True)
-            chosen[one.name] = grid[costs.argmin(axis=0), np.arange(len(scales))]
+            chosen[name] = grid[costs.argmin(axis=0), np.arange(len(scales))]
     return tuple(_instances(places, problem.joints, chosen))
 
 
 def _grid(
-    one: Common, places: Sequence[Place], joints: Sequence[str], scales: Sequence[Scales]
+    name: str, places: Sequence[Place], joints: Sequence[str], scales: Sequence[Scales]
 ) -> Array:
     """Returns the values to try on each joint, shape (G, J), what can be taken off among them."""
     least = {
         place.joints: min(place.least.values())
         for place in places
-        if place.effect.name == one.name and place.least
+        if place.effect.name == name and place.least
     }
     rows = [
-        [*one.grid(scale), *(-x * least.get((joint,), 0.0) for x in TAKEN_OFF)]
+        [*COMMON[name](scale), *(-x * least.get((joint,), 0.0) for x in TAKEN_OFF)]
         for joint, scale in zip(joints, scales, strict=True)
     ]
     return np.array(rows).T
@@ -147,19 +127,8 @@ def _instances(
     places: Sequence[Place], joints: Sequence[str], values: dict[str, Array]
 ) -> list[EffectInstance]:
     """Returns the effects with these amounts by joint."""
-    found = []
-    for place in places:
-        name = place.effect.name
-        if name not in values:
-            continue
-        amount = float(values[name][joints.index(place.joints[0])])
-        parameter = place.effect.parameters[0].name
-        found.append(
-            EffectInstance(
-                effect=place.effect,
-                joints=place.joints,
-                values={parameter: amount},
-                least=place.least,
-            )
-        )
-    return found
+    return [
+        place.instance({place.effect.parameters[0].name: float(own[joints.index(place.joints[0])])})
+        for place in places
+        if (own := values.get(place.effect.name)) is not None
+    ]
