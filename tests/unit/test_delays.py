@@ -11,7 +11,7 @@ from gfm.core import CommandKind
 from gfm.diagnosis.data.segmentation import make_problem
 from gfm.diagnosis.inference.fitting import at_bound, fit
 from gfm.diagnosis.residuals.problem import timed
-from gfm.diagnosis.search.equals import Recorded, equals_of, looked_for, recorded
+from gfm.diagnosis.search.naming import Recorded, equals_of, looked_for, recorded
 from gfm.effects import EffectInstance, effect_library, find_effect
 from gfm.effects.plugins import USUAL_SCALES
 from gfm.sim.plant import native_spec, stepping_spec

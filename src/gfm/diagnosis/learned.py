@@ -29,11 +29,10 @@ from gfm.diagnosis.inference.score import SegmentShape
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.search.candidates import Place, joint_scales, places
-from gfm.diagnosis.search.equals import Recorded, looked_for
 from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis
 from gfm.diagnosis.search.moves.add import add, add_costly
 from gfm.diagnosis.search.moves.reduce import rivals_of
-from gfm.diagnosis.search.naming import fitly_named
+from gfm.diagnosis.search.naming import Recorded, fitly_named, looked_for
 from gfm.diagnosis.search.steps import Proposal, Search, effects_of
 from gfm.diagnosis.search.trace import Step
 from gfm.effects import EffectInstance, Scales, effect_library

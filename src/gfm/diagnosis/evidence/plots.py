@@ -15,7 +15,14 @@ from gfm.core.checks import Array
 from gfm.diagnosis.evidence.torques import without_law
 from gfm.diagnosis.output.result import EvidencePlot, Series
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.candidates import TorqueView, has_law, joined, law_along, torque_views
+from gfm.diagnosis.search.candidates import (
+    TorqueView,
+    has_law,
+    joined,
+    law_along,
+    torque_views,
+    minus_laws,
+)
 from gfm.effects import EffectInstance
 
 #: Points of a cloud at most.
@@ -46,7 +53,7 @@ def law_plots(
     if not lawful:
         return []
     view = joined(torque_views(problem, recordings, without_law(instances)))
-    left = _left(instances, problem.joints, view)
+    left = minus_laws(view.missing, instances, problem.joints, view)
     beside = ", the other effects in it" if len(instances) > 1 else ""
     return [_law_plot(one, problem.joints, view, left, beside) for one in lawful]
 
@@ -60,14 +67,7 @@ def torque_left(
     effort, where there is one.
     """
     view = joined(torque_views(problem, recordings, without_law(instances)))
-    return _left(instances, problem.joints, view)
-
-
-def _left(instances: Sequence[EffectInstance], joints: Sequence[str], view: TorqueView) -> Array:
-    left = view.missing
-    for instance in instances:
-        left = left - law_along(instance, joints, view)
-    return left
+    return minus_laws(view.missing, instances, problem.joints, view)
 
 
 def _law_plot(

@@ -21,7 +21,14 @@ import numpy as np
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.signals import smooth_states
-from gfm.diagnosis.search.candidates import TorqueView, has_law, joined, law_along, torque_view
+from gfm.diagnosis.search.candidates import (
+    TorqueView,
+    has_law,
+    joined,
+    law_along,
+    torque_view,
+    minus_laws,
+)
 from gfm.effects import EffectInstance
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
 from gfm.sim.plant import Plant, make_plant
@@ -86,10 +93,7 @@ class TorqueDomain:
     def missing(self, effects: Sequence[EffectInstance] = ()) -> Array:
         """Returns the torque that the model with `effects` lacks, block means, N m, (B, J)."""
         left = self.view_with(without_law(effects)).missing
-        for instance in effects:
-            if has_law(instance):
-                left = left - self.law(instance)
-        return self.blocks(left)
+        return self.blocks(minus_laws(left, effects, self.joints, self.view))
 
     def response(self, instance: EffectInstance) -> Array:
         """Returns the torque that an effect adds along the motion, block means, N m, (B, J).

@@ -156,7 +156,7 @@ def _nearer(
         ringing: Springs whose motors have states of their own.
     """
     predictions = problem.predictions([effects])[0]
-    left = [problem.whitened(*row) for row in zip(problem.segments, predictions, strict=True)]
+    left = problem.whitened(predictions)
     before = [mean_square(residual) for residual in left]
     for _ in range(RINGING_STEPS if ringing else 1):
         segments, trying = list(problem.segments), list(range(len(left)))
@@ -232,8 +232,7 @@ def state_columns(
 
 
 def _whitened(problem: Rollouts, effects: Sequence[EffectInstance]) -> list[Array]:
-    predictions = problem.predictions([effects])[0]
-    return [problem.whitened(s, p) for s, p in zip(problem.segments, predictions, strict=True)]
+    return problem.whitened(problem.predictions([effects])[0])
 
 
 def _moved(segment: Segment, change: Array) -> Segment:

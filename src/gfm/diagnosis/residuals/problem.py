@@ -60,7 +60,7 @@ class Problem(Rollouts):
         self, effects: Sequence[EffectInstance], predictions: Sequence[Prediction]
     ) -> list[Array]:
         """Returns what is left of each segment without what its initial state can explain."""
-        parts = [self.whitened(s, p) for s, p in zip(self.segments, predictions, strict=True)]
+        parts = self.whitened(predictions)
         if not self.state_basis:
             return parts
         own = [without(part, b) for part, b in zip(parts, self.state_basis, strict=True)]
@@ -110,7 +110,7 @@ class Problem(Rollouts):
     @property
     @override
     def has_efforts(self) -> bool:
-        return any(self.size_of(s) > s.position.size for s in self.segments)
+        return any(shape.channels > 1 for shape in self.layout())
 
     @override
     def positions_alone(self) -> Problem:
@@ -169,7 +169,7 @@ class Problem(Rollouts):
             simulated_s: Recorded time, s.
             of_each: Segments of each recording that are taken in any case.
         """
-        by_recording = sorted(range(len(self.segments)), key=lambda i: self._turn(i))
+        by_recording = sorted(range(len(self.segments)), key=self._turn)
         return self.first(by_recording, simulated_s, of_each)
 
     def first(self, order: Sequence[int], simulated_s: float, of_each: int = 0) -> list[int]:

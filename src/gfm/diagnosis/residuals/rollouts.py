@@ -174,18 +174,19 @@ class Rollouts(SegmentedProblem):
             plants.append([make_plant(spec, self.joints, (*self.given, *c)) for c in candidates])
         return plants
 
-    def whitened(self, segment: Segment, prediction: Prediction) -> Array:
-        """Returns measured minus predicted in units of the noise, position before effort."""
-        channels = [(segment.position - prediction.position) / self.noise.position]
-        if segment.effort is not None and segment.effort_noise is not None:
-            channels.append((segment.effort - prediction.effort) / segment.effort_noise)
-        flat = np.concatenate([channel.ravel() for channel in channels])
-        return np.asarray(np.clip(np.nan_to_num(flat, nan=LARGEST), -LARGEST, LARGEST))
+    def whitened(self, predictions: Sequence[Prediction]) -> list[Array]:
+        """Returns measured minus predicted in units of the noise, segment by segment, (N,) each.
 
-    def size_of(self, segment: Segment) -> int:
-        """Returns how many numbers a segment has, N."""
-        both = segment.effort is not None and segment.effort_noise is not None
-        return segment.position.size * (2 if both else 1)
+        Position before effort.
+        """
+        parts = []
+        for segment, prediction in zip(self.segments, predictions, strict=True):
+            channels = [(segment.position - prediction.position) / self.noise.position]
+            if segment.effort is not None and segment.effort_noise is not None:
+                channels.append((segment.effort - prediction.effort) / segment.effort_noise)
+            flat = np.concatenate([channel.ravel() for channel in channels])
+            parts.append(np.clip(np.nan_to_num(flat, nan=LARGEST), -LARGEST, LARGEST))
+        return parts
 
     @override
     def layout(self) -> list[SegmentShape]:
@@ -193,7 +194,7 @@ class Rollouts(SegmentedProblem):
             SegmentShape(
                 recording=segment.recording,
                 duration_s=float(segment.time_s[-1]),
-                channels=self.size_of(segment) // segment.position.size,
+                channels=1 if segment.effort is None or segment.effort_noise is None else 2,
                 measurements=len(segment.position),
             )
             for segment in self.segments

@@ -121,15 +121,10 @@ class _Trial:
         return bool((change <= np.maximum(most[0], most[1] * size)).all())
 
     def _left(self, stepping: Stepping) -> Array | None:
-        if stepping not in self.left:
-            self.left[stepping] = self._simulated(stepping)
-        return self.left[stepping]
-
-    def _simulated(self, stepping: Stepping) -> Array | None:
         """Returns what is left, in units of the noise; None where the simulation breaks off."""
-        kinds = dict.fromkeys(self.problem.specs, stepping)
-        told = replace(self.problem, stepping=kinds).predictions([self.effects])[0]
-        if any(prediction.diverged for prediction in told):
-            return None
-        rows = zip(self.problem.segments, told, strict=True)
-        return np.concatenate([self.problem.whitened(*row) for row in rows])
+        if stepping not in self.left:
+            kinds = dict.fromkeys(self.problem.specs, stepping)
+            told = replace(self.problem, stepping=kinds).predictions([self.effects])[0]
+            off = any(prediction.diverged for prediction in told)
+            self.left[stepping] = None if off else np.concatenate(self.problem.whitened(told))
+        return self.left[stepping]

@@ -173,9 +173,15 @@ def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
     )
 
 
-def _whole_segment(recording: Trajectory) -> Segment:
-    """Returns a recording as one segment, for asking which commands were in force."""
-    return Segment(
+def _mean_commands(plant: Plant, recording: Trajectory) -> Array:
+    """Returns the mean command around each measurement, over the time between two, shape (T, J).
+
+    Measurements and commands are in step with each other: the command at a measurement would always
+    be the beginning, or the end, of a step in which a servo's torque falls as the joint follows.
+    """
+    half_s = 0.5 * float(np.median(np.diff(recording.time_s)))
+    start, end = recording.time_s - half_s, recording.time_s + half_s
+    segment = Segment(
         time_s=recording.time_s,
         position=recording.position,
         effort=None,
@@ -186,17 +192,7 @@ def _whole_segment(recording: Trajectory) -> Segment:
         initial_velocity=np.zeros(len(recording.joint_names)),
         servo_gain=np.ones(len(recording.joint_names)),
     )
-
-
-def _mean_commands(plant: Plant, recording: Trajectory) -> Array:
-    """Returns the mean command around each measurement, over the time between two, shape (T, J).
-
-    Measurements and commands are in step with each other: the command at a measurement would always
-    be the beginning, or the end, of a step in which a servo's torque falls as the joint follows.
-    """
-    half_s = 0.5 * float(np.median(np.diff(recording.time_s)))
-    start, end = recording.time_s - half_s, recording.time_s + half_s
-    return commands_between(plant, _whole_segment(recording), start, end)
+    return commands_between(plant, segment, start, end)
 
 
 def torque_views(
@@ -228,6 +224,15 @@ def law_along(instance: EffectInstance, joints: Sequence[str], view: TorqueView)
         torque[:, first] = instance.effect.torque(motion, instance.values)
         torque[:, second] = -torque[:, [first] * len(second)]
     return torque
+
+
+def minus_laws(
+    missing: Array, effects: Sequence[EffectInstance], joints: Sequence[str], view: TorqueView
+) -> Array:
+    """Returns a missing torque, N m, shape (T, J), without what laws of effects say of it."""
+    for instance in effects:
+        missing = missing - law_along(instance, joints, view)
+    return missing
 
 
 def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:

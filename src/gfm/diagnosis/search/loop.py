@@ -18,13 +18,12 @@ from gfm.core import Trajectory
 from gfm.diagnosis.inference.fitting import Fit, nothing
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import Place, joint_scales, places, torque_views
-from gfm.diagnosis.search.equals import equals_of, looked_for, recorded
 from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis, settled_hypothesis
 from gfm.diagnosis.search.moves.add import add, add_costly, gain_of, worth_more
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.intermittent import gain_in, intermittent, with_segments
 from gfm.diagnosis.search.moves.reduce import rivals_of
-from gfm.diagnosis.search.naming import fitly_named, twins
+from gfm.diagnosis.search.naming import equals_of, fitly_named, looked_for, recorded, twins
 from gfm.diagnosis.search.nominal_parameters import with_room
 from gfm.diagnosis.search.steps import Proposal, Search, effects_of
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step

@@ -1,22 +1,32 @@
-"""Names of effects, also of what recordings cannot tell apart: one law under two names."""
+"""Names of effects, also of what recordings cannot tell apart: one law under two names.
+
+A constant torque is one, where friction could be it. A delay is another: it moves positions,
+efforts, or both, against the commands (`gfm.effects.effect.Shift`). What is not seen of that in
+given recordings, nothing tells apart there.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import mujoco
 import numpy as np
 
 from gfm.core import CommandKind
+from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import Fit, free_parameters
-from gfm.effects import EffectInstance, effect_library
+from gfm.diagnosis.residuals.problem import Problem
+from gfm.effects import Effect, EffectInstance, effect_library, find_effect
+from gfm.effects.effect import Shift
 
 Ranked = TypeVar("Ranked")
 OFFSET, ASYMMETRY = "torque_offset", "asymmetric_friction"
 #: Effects that are dry friction themselves.
 DRY = ("coulomb_friction", "stribeck_friction", "load_dependent_friction")
+#: Shifts that differ by less are the same, s.
+SAME_S = 1e-9
 
 
 def fitly_named(fit: Fit, specs: Mapping[CommandKind, mujoco.MjSpec]) -> Fit:
@@ -51,12 +61,11 @@ def _dry_friction(
 
 def twin_of(instance: EffectInstance) -> EffectInstance:
     """Returns the same torque under its other name."""
-    library = effect_library()
     if instance.effect.name == OFFSET:
-        values = {"difference": -2.0 * instance.values["torque"]}
-        return EffectInstance(effect=library[ASYMMETRY], joints=instance.joints, values=values)
-    values = {"torque": -0.5 * instance.values["difference"]}
-    return EffectInstance(effect=library[OFFSET], joints=instance.joints, values=values)
+        other, values = ASYMMETRY, {"difference": -2.0 * instance.values["torque"]}
+    else:
+        other, values = OFFSET, {"torque": -0.5 * instance.values["difference"]}
+    return EffectInstance(effect=find_effect(other), joints=instance.joints, values=values)
 
 
 def twins(effects: Sequence[EffectInstance]) -> list[tuple[EffectInstance, EffectInstance]]:
@@ -76,3 +85,110 @@ def describe(instance: EffectInstance) -> str:
     """Returns an effect and its place in words."""
     where = f" on {', '.join(instance.joints)}" if instance.joints else ""
     return f"{instance.effect.name.replace('_', ' ')}{where}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """What there is in recordings that tells delays apart.
+
+    Attributes:
+        has_efforts: Whether drive torques were measured.
+        has_feedback: Whether servos follow the commands; commanded torques feel no motion.
+        command_period_s: Of commanded torques, where efforts show the command before that of their
+            own stamp, else zero: it is measured a moment earlier, or later by less than a period.
+    """
+
+    has_efforts: bool
+    has_feedback: bool = True
+    command_period_s: float = 0.0
+
+
+def recorded(problem: Problem) -> Recorded:
+    """Returns what there is in the recordings of a problem that tells delays apart.
+
+    Beside which command efforts were taken is that of the problem, see `timed`.
+    """
+    feedback = any(s.kind is not CommandKind.EFFORT for s in problem.segments)
+    periods = [
+        float(np.median(np.diff(s.command_time_s)))
+        for s in problem.segments
+        if s.same_stamp_s > 0.0 and len(s.command_time_s) > 1
+    ]
+    beside = len(periods) == len(problem.segments) and not problem.after_command
+    alike = beside and not feedback and problem.has_efforts
+    return Recorded(
+        has_efforts=problem.has_efforts,
+        has_feedback=feedback,
+        command_period_s=min(periods) if alike else 0.0,
+    )
+
+
+def equals_of(instance: EffectInstance, seen: Recorded) -> tuple[EffectInstance, ...]:
+    """Returns the other names, with their amounts, of a delay that recordings show just so.
+
+    None of what is no delay, of what is a law of its own there (a servo whose feedback is late),
+    and of what does not show at all.
+    """
+    shift = _shift(instance.effect, seen)
+    if shift is None or not (moved := _moved(shift, _amount(instance), seen)).any():
+        return ()
+    others = [one for one in effect_library().values() if one.name != instance.effect.name]
+    named = [_named(other, instance, moved, seen) for other in others]
+    return tuple(one for one in named if one is not None)
+
+
+def looked_for(effects: Iterable[Effect], seen: Recorded) -> list[Effect]:
+    """Returns the effects without those delays that are other names of some before them.
+
+    And without those that do not show. Whatever their amounts: one whose smaller amounts only are
+    those of another stays.
+    """
+    kept: list[Effect] = []
+    for effect in effects:
+        shift, extremes = _shift(effect, seen), _extremes(effect)
+        if shift is not None:
+            shows = any(_moved(shift, _amount(one), seen).any() for one in extremes)
+            equal = ({e.effect for e in equals_of(one, seen)} for one in extremes)
+            if not shows or all(names & set(kept) for names in equal):
+                continue
+        kept.append(effect)
+    return kept
+
+
+def _shift(effect: Effect, seen: Recorded) -> Shift | None:
+    """Returns what a delay moves; None where it is none."""
+    own = effect.shift
+    return None if own is None or (own.feedback and seen.has_feedback) else own
+
+
+def _moved(shift: Shift, amount: float, seen: Recorded) -> Array:
+    """Returns by how much positions and efforts are seen to move against commands, s, (2,)."""
+    efforts = shift.efforts * amount if seen.has_efforts else 0.0
+    unseen = 0.0 <= efforts < seen.command_period_s
+    return np.array([shift.positions * amount, 0.0 if unseen else efforts])
+
+
+def _named(
+    other: Effect, instance: EffectInstance, moved: Array, seen: Recorded
+) -> EffectInstance | None:
+    """Returns the delay that moves as much under another name; None where it cannot."""
+    shift = _shift(other, seen)
+    if shift is None:
+        return None
+    amount = float(moved[0] if shift.positions else moved[1])
+    values = {other.parameters[0].name: amount}
+    alike = np.abs(_moved(shift, amount, seen) - moved).max() < SAME_S
+    if not (alike and other.admissible(values)):
+        return None
+    return EffectInstance(effect=other, joints=instance.joints, values=values)
+
+
+def _amount(instance: EffectInstance) -> float:
+    return float(instance.values[instance.effect.parameters[0].name])
+
+
+def _extremes(effect: Effect) -> list[EffectInstance]:
+    """Returns a delay at its bounds, where that is something."""
+    first = effect.parameters[0]
+    ends = [value for value in (first.lower, first.upper) if value != 0.0]
+    return [EffectInstance(effect=effect, joints=(), values={first.name: end}) for end in ends]
