@@ -17,8 +17,7 @@ from gfm.diagnosis.search.hypothesis import columns_of, hypothesis, parameters_o
 from gfm.diagnosis.search.moves.add import add, best_of
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.reduce import exchange, gains_of_each, remove, rivals_of
-from gfm.diagnosis.search.steps import Proposal, Search
-from gfm.diagnosis.search.support import support
+from gfm.diagnosis.search.steps import Proposal, Search, support
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.effects import EffectInstance, find_effect
 from pendulum import MODEL, PERIOD_S, swung

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gfm.diagnosis.data.quality import stamps
+from gfm.diagnosis.data.quality import channels
 from gfm.experiments.objections.units import absurd_rate
 
 PERIOD_S = 0.01
@@ -19,7 +19,7 @@ def wave(time_s: np.ndarray) -> np.ndarray:
     return np.sin(3.0 * time_s)
 
 
-@pytest.mark.parametrize("check", [stamps.jitter, stamps.gaps, stamps.repeated])
+@pytest.mark.parametrize("check", [channels.jitter, channels.gaps, channels.repeated])
 def test_nothing_is_found_in_even_stamps(make, check):
     assert check(make(times(), wave(times()))) == []
 
@@ -29,7 +29,7 @@ def test_jitter_is_told_as_a_share_of_the_period(make, share, found):
     scatter = np.random.default_rng(0).uniform(-0.5, 0.5, 1000) * PERIOD_S
     # Differences of independent errors have twice their variance; a uniform one has 1/12.
     time_s = times() + share * np.sqrt(6.0) * scatter
-    told = stamps.jitter(make(time_s, wave(time_s)))
+    told = channels.jitter(make(time_s, wave(time_s)))
     assert bool(told) is found
     if found:
         assert told[0].value == pytest.approx(100 * share, rel=0.1)
@@ -51,14 +51,14 @@ def test_rates_that_no_robot_has_are_refused(make, rate_hz, refused):
 
 def test_messages_lost_in_a_motion_are_a_gap(make):
     kept = np.delete(np.arange(1000), slice(500, 530))
-    told = stamps.gaps(make(times()[kept], wave(times()[kept])))
+    told = channels.gaps(make(times()[kept], wave(times()[kept])))
     assert [one.what for one in told] == ["longest gap"]
     assert told[0].value == pytest.approx(0.31)
 
 
 def test_a_motion_that_takes_no_time_tells_of_a_clock_that_jumped(make):
     time_s = times() + np.where(np.arange(1000) >= 520, 0.4, 0.0)
-    told = stamps.gaps(make(time_s, wave(times())))
+    told = channels.gaps(make(time_s, wave(times())))
     assert [one.what for one in told] == ["clock jumps by"]
     assert told[0].value == pytest.approx(0.41)
 
@@ -67,19 +67,19 @@ def test_a_gap_in_a_rest_is_not_called_a_clock_that_jumped(make):
     noise = 1e-4 * np.random.default_rng(0).standard_normal(1000)
     time_s = times() + np.where(np.arange(1000) >= 500, 0.4, 0.0)
     rest = np.where(np.abs(np.arange(1000) - 500) < 100, 0.3, wave(times()))
-    assert [one.what for one in stamps.gaps(make(time_s, rest + noise))] == ["longest gap"]
+    assert [one.what for one in channels.gaps(make(time_s, rest + noise))] == ["longest gap"]
 
 
 @pytest.mark.parametrize("factor", [2, 3])
 def test_a_sensor_slower_than_the_log_is_found(make, factor):
     held = wave(times())[factor * (np.arange(1000) // factor)]
-    (told,) = stamps.repeated(make(times(), held))
+    (told,) = channels.repeated(make(times(), held))
     assert told.value == pytest.approx(100.0 * (1.0 - 1.0 / factor), abs=1.0)
 
 
 def test_a_coarse_encoder_in_slow_motion_is_no_slow_sensor(make):
     rounded = 1e-3 * np.round(0.02 * wave(times()) / 1e-3)
-    assert stamps.repeated(make(times(), rounded)) == []
+    assert channels.repeated(make(times(), rounded)) == []
 
 
 def test_sticking_and_slipping_is_no_slow_sensor(make):
@@ -88,17 +88,17 @@ def test_sticking_and_slipping_is_no_slow_sensor(make):
     position = 1e-3 * np.cumsum(np.where(moves, rng.integers(4, 9, 1000), 0))
     for start in range(0, 1000, 50):
         position[start : start + 9] = position[start]
-    assert stamps.repeated(make(times(), position)) == []
+    assert channels.repeated(make(times(), position)) == []
 
 
 def test_one_stamp_for_all_is_told_where_reading_takes_time(make):
     slow = 0.02 * np.arange(200)
     many = np.stack([wave(slow)] * 3, axis=1)
-    (told,) = stamps.one_stamp_a_cycle(make(slow, many))
+    (told,) = channels.one_stamp_a_cycle(make(slow, many))
     assert told.value == pytest.approx(20.0)
     assert not told.doubtful
-    assert stamps.one_stamp_a_cycle(make(slow, wave(slow))) == []
+    assert channels.one_stamp_a_cycle(make(slow, wave(slow))) == []
     fast = 0.001 * np.arange(200)
-    assert stamps.one_stamp_a_cycle(make(fast, np.stack([wave(fast)] * 3, axis=1))) == []
+    assert channels.one_stamp_a_cycle(make(fast, np.stack([wave(fast)] * 3, axis=1))) == []
     own = make(slow, many, command_stamp_ns=np.arange(200) * 20_000_000 + 7)
-    assert stamps.one_stamp_a_cycle(own) == []
+    assert channels.one_stamp_a_cycle(own) == []

@@ -20,8 +20,8 @@ from gfm.diagnosis.search.candidates import (
     has_law,
     joined,
     law_along,
-    torque_views,
     minus_laws,
+    torque_views,
 )
 from gfm.effects import EffectInstance
 

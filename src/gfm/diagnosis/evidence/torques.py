@@ -26,8 +26,8 @@ from gfm.diagnosis.search.candidates import (
     has_law,
     joined,
     law_along,
-    torque_view,
     minus_laws,
+    torque_view,
 )
 from gfm.effects import EffectInstance
 from gfm.effects.friction import SIGN_WIDTH_RAD_S

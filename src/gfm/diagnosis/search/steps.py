@@ -12,16 +12,27 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Generic, TypeAlias
 
-from gfm.diagnosis.inference.fitting import acting, along_valley, measured
+import numpy as np
+
+from gfm.core.checks import Array
+from gfm.diagnosis.inference.constants import UNWEIGHED
+from gfm.diagnosis.inference.fitting import acting, along_valley, always, each_left_out, measured
 from gfm.diagnosis.inference.score import Difference
+from gfm.diagnosis.inference.steadiness import apart
 from gfm.diagnosis.residuals.clock import Clock, OutOfTimeError
-from gfm.diagnosis.search.hypothesis import Hypothesis, P, hypothesis
+from gfm.diagnosis.residuals.outliers import slopes
+from gfm.diagnosis.search.hypothesis import Hypothesis, P, columns_of, hypothesis
 from gfm.diagnosis.search.moves.add import gain_of
-from gfm.diagnosis.search.moves.reduce import Compared, RivalsOf, exchange, remove
+from gfm.diagnosis.search.moves.reduce import (
+    Compared,
+    RivalsOf,
+    exchange,
+    gains_of_each,
+    remove,
+)
 from gfm.diagnosis.search.naming import describe
-from gfm.diagnosis.search.support import support
 from gfm.diagnosis.search.trace import Evidence, Step
-from gfm.effects import EffectInstance, Key
+from gfm.effects import EffectInstance, Key, Scope
 
 #: Steps at most.
 MOST_STEPS = 24
@@ -163,3 +174,66 @@ def in_words(step: Step) -> str:
 def effects_of(step: Step) -> tuple[EffectInstance, ...]:
     """Returns the effects with which a search goes on after a step."""
     return () if step.chosen is None else step.chosen.fit.effects
+
+
+def support(
+    here: Hypothesis, compared: Sequence[Compared], held: Mapping[Key, Difference]
+) -> dict[Key, Evidence]:
+    """Returns what speaks for each effect of a hypothesis.
+
+    Args:
+        here: The hypothesis.
+        compared: Its effects beside their best rivals.
+        held: What spoke for those that a few segments judge, there: all others know nothing of it.
+    """
+    rivals = {one.instance.key: one for one in compared}
+    left, parts = _left_by_joint(here), _apart(here)
+    told = {}
+    for without, instance in gains_of_each(here):
+        beside = rivals.get(instance.key, Compared(instance=instance))
+        unweighed = Difference(UNWEIGHED * without.nats, without.error)
+        told[instance.key] = Evidence(
+            without=held.get(instance.key, without),
+            rival=beside.over if beside.weighed else unweighed,
+            by=beside.rival,
+            left=_left_of(instance, here.problem.joints, left),
+            apart=parts[instance.key],
+        )
+    return told
+
+
+def _left_by_joint(here: Hypothesis) -> Array:
+    """Returns the squared gap of each joint before and after, in units of the noise, (2, J)."""
+    plain = here.problem.plain()
+    costs = [plain.joint_costs(r) for r in plain.residuals([(), here.effects])]
+    return np.maximum(np.stack(costs) - 1.0, 1e-9)
+
+
+def _left_of(instance: EffectInstance, joints: Sequence[str], gaps: Array) -> float:
+    """Returns the share of the squared gap, shape (2, J), that is left where an effect acts."""
+    local = instance.effect.scope in (Scope.JOINT, Scope.PAIR)
+    rows = [joints.index(name) for name in (instance.joints if local else joints)]
+    return float(gaps[1][rows].sum() / gaps[0][rows].sum())
+
+
+def _apart(here: Hypothesis) -> dict[Key, float]:
+    """Returns by what share of itself each effect differs between parts of the data."""
+    fitted, blocks = here.fit, here.blocks
+    rests, _ = each_left_out(fitted.effects)
+    whole, *rest = here.problem.plain().residuals([fitted.effects, *rests])
+    weights = slopes(fitted.residual, here.problem.limits())
+    rows = [piece.ravel() for piece in blocks.pieces]
+    order = [np.flatnonzero(blocks.recording == one) for one in np.unique(blocks.recording)]
+    told, steady = dict[Key, float](), always(fitted)
+    for instance, without in zip(fitted.effects, rest, strict=True):
+        own = columns_of(fitted, instance)
+        beside = own | steady  # what acts now and then, a part may not know
+        told[instance.key] = apart(
+            fitted.jacobian[:, beside],
+            fitted.residual,
+            rows,
+            order,
+            own[beside],
+            (without - whole) * weights,
+        )
+    return told

@@ -19,7 +19,7 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.efforts import OPPOSITE, Views
+from gfm.diagnosis.data.quality.limits import OPPOSITE, Views
 from gfm.diagnosis.data.signals import correlation, smooth_states
 from gfm.experiments.objections.objection import Objection
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gfm.core import Trajectory
-from gfm.diagnosis.data.quality.efforts import views_of
+from gfm.diagnosis.data.quality.limits import views_of
 from gfm.experiments.objections import channels, units
 from gfm.experiments.objections.efforts import wrong_effort
 from gfm.experiments.objections.objection import Objection

@@ -1,25 +1,43 @@
-"""Every check of a recording, in one place."""
+"""Every check of recordings: of each, and of the lateness that they show together.
+
+Lateness is told in numbers with a spread, and with what they can and cannot mean.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
-from gfm.core import Trajectory
-from gfm.diagnosis.data.quality import channels, efforts, limits, stamps
+import numpy as np
+
+from gfm.core import CommandKind, Trajectory
+from gfm.core.checks import Array
+from gfm.diagnosis.data.quality import channels, limits
 from gfm.diagnosis.data.quality.finding import EVERYWHERE, Finding
-from gfm.diagnosis.data.quality.timing import as_recordings, predicted_positions, timing_of
+from gfm.diagnosis.data.quality.lateness import Delays, delays
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import EffectInstance
 from gfm.sim.plant import Plant, make_plant
+
+#: What lies so many of its errors from zero, and as many seconds, is told.
+ERRORS, LEAST_S = 3.0, 1e-3
+
+_LAG = "dead time and the lag of servo and load together: no delay as such"
+_TORQUE = "transport or stamping: nothing else lies between a commanded and a measured torque"
+_AT_ONCE = "within a period of the measurements, and its error: as good as at once"
+_EARLY = "an effect before its cause: commands are stamped late, or by another clock"
+_ALIKE = "a delay either way, an offset of clocks, a slower servo, missing friction: all look alike"
+_OWN = "beyond what all joints share: this joint's own delay, or a lag that the model lacks"
+_IN_TURN = "joints read one after the other under one stamp: give read_offset_s in the mapping"
 
 
 def findings_of(recording: Trajectory, plant: Plant) -> tuple[Finding, ...]:
     """Returns what is doubtful, or good to know, about a recording."""
     return (
-        *stamps.jitter(recording),
-        *stamps.gaps(recording),
-        *stamps.repeated(recording),
-        *stamps.one_stamp_a_cycle(recording),
+        *channels.jitter(recording),
+        *channels.gaps(recording),
+        *channels.repeated(recording),
+        *channels.one_stamp_a_cycle(recording),
         *channels.still(recording),
         *channels.echoed(recording),
         *limits.cut_off_speeds(recording),
@@ -33,10 +51,10 @@ def findings_of(recording: Trajectory, plant: Plant) -> tuple[Finding, ...]:
 def _of_efforts(recording: Trajectory, plant: Plant) -> list[Finding]:
     if recording.effort is None:
         return []
-    views = efforts.views_of(recording, plant)
+    views = limits.views_of(recording, plant)
     return [
         *limits.cut_off_efforts(recording, recording.effort, views.drive),
-        *efforts.doubtful_efforts(recording, views),
+        *limits.doubtful_efforts(recording, views),
     ]
 
 
@@ -80,3 +98,107 @@ def all_findings(
 def doubts(findings: Iterable[Finding], recording: str = EVERYWHERE) -> tuple[str, ...]:
     """Returns what puts a recording in doubt, in words; by default what is said of all."""
     return tuple(f.words for f in findings if f.doubtful and f.recording == recording)
+
+
+def as_recordings(problem: Problem) -> list[Trajectory]:
+    """Returns the segments of a problem as recordings."""
+    return [
+        Trajectory(
+            name=f"segment {i}",
+            joint_names=problem.joints,
+            stamp_ns=np.round(1e9 * segment.time_s).astype(np.int64),
+            position=segment.position,
+            velocity=None,
+            effort=segment.effort,
+            command_kind=segment.kind,
+            command_stamp_ns=np.round(1e9 * segment.command_time_s).astype(np.int64),
+            command=segment.command,
+            servo_gain=dict(zip(problem.joints, segment.servo_gain.tolist(), strict=True)),
+        )
+        for i, segment in enumerate(problem.segments)
+    ]
+
+
+def predicted_positions(
+    problem: Problem, effects: Sequence[EffectInstance] = ()
+) -> list[Array | None]:
+    """Returns what a model predicts for each of its segments, rad, shape (T, J).
+
+    None where the simulation broke off.
+    """
+    predictions = problem.predictions([effects])[0]
+    return [None if one.diverged else one.position for one in predictions]
+
+
+def timing_of(
+    recordings: Sequence[Trajectory],
+    nominal: Sequence[Array | None],
+    corrected: Sequence[Array | None] | None = None,
+    parts: Sequence[Trajectory] | None = None,
+) -> tuple[Finding, ...]:
+    """Returns what is to be said about lateness, over all recordings of a robot.
+
+    Args:
+        recordings: Of one robot.
+        nominal: What the nominal model predicts, see `predicted_positions`.
+        corrected: What the corrected one predicts; None where nothing was corrected. What is said
+            of single joints is said against the last of the two.
+        parts: What is predicted; the recordings themselves where it is not given.
+    """
+    parts = recordings if parts is None else parts
+    found: list[Finding] = []
+    for kind in CommandKind:
+        of_kind = [r for r in recordings if r.command_kind is kind]
+        if of_kind:
+            found += _after_commands(delays(of_kind), of_kind)
+    late = delays(parts, nominal)
+    found += _in_common(late, "the model")
+    if corrected is not None:
+        late = delays(parts, corrected)
+        found += _in_common(late, "the corrected model")
+    return (*found, *_joint_by_joint(late))
+
+
+def _after_commands(late: Delays, recordings: Sequence[Trajectory]) -> Iterator[Finding]:
+    kind = recordings[0].command_kind
+    meaning, unknown_s = _LAG, 0.0
+    if kind is CommandKind.EFFORT:  # sampled just after their commands, torques seem early
+        meaning = _TORQUE
+        unknown_s = 0.5 * float(np.median([one.period_s for one in recordings]))
+    for j in np.flatnonzero(np.isfinite(late.seconds)):
+        error_s = max(ERRORS * late.error_s[j], LEAST_S) + unknown_s
+        early = bool(late.seconds[j] < -error_s)
+        at_once = kind is CommandKind.EFFORT and abs(late.seconds[j]) <= error_s
+        consequence = _EARLY if early else _AT_ONCE if at_once else meaning
+        told = _in_ms(f"answers {kind} commands after", late.seconds[j], late.spread_s[j])
+        yield replace(told, joint=late.joints[j], consequence=consequence, doubtful=early)
+
+
+def _in_common(late: Delays, model: str) -> Iterator[Finding]:
+    known = np.isfinite(late.seconds)
+    if known.any():
+        what, spread_s = f"the joints move later than {model} by", np.median(late.spread_s[known])
+        yield replace(_in_ms(what, late.common_s, spread_s), consequence=_ALIKE)
+
+
+def _joint_by_joint(late: Delays) -> Iterator[Finding]:
+    if late.per_joint_s is not None:
+        told = _in_ms("lateness changes from joint to joint by", late.per_joint_s)
+        yield replace(told, consequence=_IN_TURN, doubtful=True)
+        return
+    for j in np.flatnonzero(np.isfinite(late.seconds)):
+        if abs(late.own_s[j]) > max(ERRORS * late.error_s[j], LEAST_S):
+            told = _in_ms("moves later than predicted by", late.seconds[j], late.spread_s[j])
+            yield replace(told, joint=late.joints[j], consequence=_OWN)
+
+
+def _in_ms(what: str, late_s: float, spread_s: float | None = None) -> Finding:
+    """Returns what is good to know about all recordings; what follows from it is left open."""
+    return Finding(
+        what=what,
+        value=1e3 * float(late_s),
+        unit="ms",
+        consequence="",
+        doubtful=False,
+        spread=None if spread_s is None else 1e3 * float(spread_s),
+    )
