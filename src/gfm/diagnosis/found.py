@@ -94,11 +94,8 @@ def find_in(
         return Found(recordings=recordings, short=short, long=long, result=None, lack=lack)
     everything = all_segments(specs, recordings, short.noise, given=given)
     result, long = search(short, long, everything, recordings, report, time_left)
-    beside = (*given, *credible(result))
-    pushing, pushed = (
-        all_segments(specs, recordings, short.noise, given=beside, touching=True),
-        None,
-    )
+    beside, pushed = (*given, *credible(result)), None
+    pushing = all_segments(specs, recordings, short.noise, given=beside, touching=True)
     if pushing.pushing:
         report("looking at what the robot feels of the object")
         pushed = search_object(prepared(pushing, SEARCHED_S), recordings, report, time_left)

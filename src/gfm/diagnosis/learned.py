@@ -223,11 +223,10 @@ def _searched(
     under_way = Search[LearnedProblem](report=lambda _: None)
 
     def proposal(before: Hypothesis[LearnedProblem], step: Step) -> Proposal[LearnedProblem]:
-        def after() -> Hypothesis[LearnedProblem]:
-            fitted = fit(before.problem, effects_of(step))
-            return hypothesis(before.problem, fitted, before.nominal)
-
-        return Proposal(step=step, after=after)
+        problem, effects = before.problem, effects_of(step)
+        return Proposal(
+            step=step, after=lambda: hypothesis(problem, fit(problem, effects), before.nominal)
+        )
 
     def quick(before: Hypothesis[LearnedProblem], _best: Step | None) -> Proposal[LearnedProblem]:
         return proposal(before, add(before, candidates, scales, under_way.report))

@@ -35,7 +35,7 @@ def both_say(diagnosis: Diagnosis) -> list[BothSay]:
 
 
 def _rows(diagnosis: Diagnosis) -> Iterator[BothSay]:
-    found = {(one.effect, one.joints): one for one in diagnosis.effects}
+    found = {one.key: one for one in diagnosis.effects}
     learned = {one.instance.key: one for one in (diagnosis.gfm.names if diagnosis.gfm else ())}
     for key in dict.fromkeys([*learned, *found]):
         mine, other = learned.get(key), found.get(key)
@@ -64,7 +64,7 @@ def learned_sentence(diagnosis: Diagnosis) -> str:
     share = words.percent(told.named_share)
     if not told.names:
         return "No named effect explains what was learned: it stays a learned force."
-    found = {(one.effect, one.joints) for one in diagnosis.effects}
+    found = {one.key for one in diagnosis.effects}
     learned = {one.instance.key for one in told.names}
     named = f"Names explain {share} of the learned forces"
     if learned == found:

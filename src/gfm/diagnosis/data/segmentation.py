@@ -152,15 +152,13 @@ def _rows(
         }, True
     if touching and not judges:
         return {i: [] for i in runs}, False
-    at_rest = {i: _begun_at_ease(touch, run, min(window_s, short_s)) for i, run in runs.items()}
+    at_rest = {}
+    for i, run in runs.items():
+        ends = [end for _, end in windows(run, (0, len(run.time_s)), min(window_s, short_s))]
+        at_rest[i] = list(pairwise(at_ease(touch, run, np.array([0, *ends])).tolist()))
     if touching:
         at_rest = {i: [(a, b) for a, b in at_rest[i] if touches[i][a:b].any()] for i in runs}
     return at_rest, False
-
-
-def _begun_at_ease(touch: Touch, run: Trajectory, window_s: float) -> list[Rows]:
-    ends = [end for _, end in windows(run, (0, len(run.time_s)), window_s)]
-    return list(pairwise(at_ease(touch, run, np.array([0, *ends])).tolist()))
 
 
 def windows(recording: Trajectory, piece: Rows, window_s: float) -> list[Rows]:

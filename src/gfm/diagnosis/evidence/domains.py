@@ -18,7 +18,7 @@ import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.evidence.torques import TorqueDomain
-from gfm.diagnosis.search.naming import describe, first_of_each, twins
+from gfm.diagnosis.search.naming import Placed, describe, first_of_each, twins
 from gfm.diagnosis.search.trace import Move, SearchResult
 from gfm.effects import EffectInstance, Key
 
@@ -45,12 +45,10 @@ class Agreement(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TwoDomains:
+class TwoDomains(Placed):
     """One candidate before both witnesses.
 
     Attributes:
-        effect: Name.
-        joints: Where.
         named: Whether it is part of the verdict.
         rollout_share: Of the squared position residual that effects found before it leave, the
             share that it explains on training recordings; None where it was not weighed by itself.
@@ -62,8 +60,6 @@ class TwoDomains:
         rival: The candidate that the torque prefers, where it does, in words.
     """
 
-    effect: str
-    joints: tuple[str, ...]
     named: bool
     rollout_share: float | None
     torque_share: float

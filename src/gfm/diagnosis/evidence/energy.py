@@ -19,6 +19,7 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.evidence.torques import TorqueDomain, without_law
 from gfm.diagnosis.search.candidates import has_law
+from gfm.diagnosis.search.naming import Placed
 from gfm.diagnosis.search.nominal_parameters import covers
 from gfm.effects import EffectInstance
 from gfm.effects.effect import sign
@@ -41,11 +42,9 @@ EVEN = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dissipation:
+class Dissipation(Placed):
     """Mean power that one named effect takes out of the robot, W; negative if it puts in."""
 
-    effect: str
-    joints: tuple[str, ...]
     power_w: float
     only_takes: bool
 
@@ -119,7 +118,7 @@ def _powers(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> list[flo
     plants, view = domain.plants(effects), domain.view_with(effects)
     motion = np.stack([view.position, view.velocity, view.drive], axis=1)
     works = [_works(plants[one.command_kind], one, own) for one, own in domain.of_each(motion)]
-    return [sum(work) / _duration_s(domain) for work in zip(*works, strict=True)]
+    return [sum(work) / domain.duration_s for work in zip(*works, strict=True)]
 
 
 def _works(plant: Plant, recording: Trajectory, motion: Array) -> tuple[float, ...]:
@@ -147,11 +146,7 @@ def _works(plant: Plant, recording: Trajectory, motion: Array) -> tuple[float, .
 
 def _mean_power(domain: TorqueDomain, power: Array) -> float:
     """Returns the mean of powers at all measurements, shape (T of all, J), W."""
-    return sum(_work(one, own) for one, own in domain.of_each(power)) / _duration_s(domain)
-
-
-def _duration_s(domain: TorqueDomain) -> float:
-    return sum(recording.duration_s for recording in domain.recordings)
+    return sum(_work(one, own) for one, own in domain.of_each(power)) / domain.duration_s
 
 
 def _work(recording: Trajectory, power: Array) -> float:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from gfm.diagnosis.inference.constants import CLEARLY
 from gfm.diagnosis.inference.fitting import at_bound
 from gfm.diagnosis.search.hypothesis import parameters_of
-from gfm.diagnosis.search.naming import describe, twins
+from gfm.diagnosis.search.naming import Placed, describe, twins
 from gfm.diagnosis.search.trace import Move, SearchResult, Step
 from gfm.effects import EffectInstance
 
@@ -123,20 +123,16 @@ def _reason(found: SearchResult) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Alternative:
+class Alternative(Placed):
     """Another name for what was found.
 
     Attributes:
-        effect: Name.
-        joints: Where.
         errors: By how many standard errors the named effect predicts better; 0 for the same law
             under another name.
         told_by: The motion that shows it, in words.
         more_parameters: How many more it has.
     """
 
-    effect: str
-    joints: tuple[str, ...]
     errors: float
     told_by: str
     more_parameters: int = 0
@@ -148,18 +144,14 @@ class Alternative:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConfusableSet:
+class ConfusableSet(Placed):
     """A named effect with its alternatives.
 
     Attributes:
-        effect: Name.
-        joints: Where.
         alternatives: Nearest first.
         shown_by: The motion that shows it itself, in words.
     """
 
-    effect: str
-    joints: tuple[str, ...]
     alternatives: tuple[Alternative, ...]
     shown_by: str
 

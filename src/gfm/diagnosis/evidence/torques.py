@@ -76,6 +76,11 @@ class TorqueDomain:
         """All recordings as torques under the nominal model, drives as the model has them."""
         return self._view(())
 
+    @property
+    def duration_s(self) -> float:
+        """Of all recordings together."""
+        return sum(recording.duration_s for recording in self.recordings)
+
     def view_with(self, effects: Sequence[EffectInstance]) -> TorqueView:
         """Returns all recordings as torques under the model with `effects` in it."""
         return self._view(effects) if effects else self.view

@@ -18,6 +18,7 @@ from scipy.optimize import lsq_linear
 from gfm.core.checks import Array
 from gfm.diagnosis.residuals.outliers import slopes
 from gfm.effects import EffectInstance, Key
+from gfm.effects import Parameter as EffectParameter
 
 #: Gauss-Newton steps of a fit, and the relative gain below which it ends.
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
@@ -191,12 +192,11 @@ def each_left_out(
 
 def free_parameters(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:
     """Returns the parameters that are fitted; a number of periods is found by search instead."""
-    return [
-        (i, p.name)
-        for i, instance in enumerate(effects)
-        for p in instance.effect.parameters
-        if p.name not in instance.effect.fixed
-    ]
+    return [(i, p.name) for i, instance in enumerate(effects) for p in _free(instance)]
+
+
+def _free(instance: EffectInstance) -> list[EffectParameter]:
+    return [p for p in instance.effect.parameters if p.name not in instance.effect.fixed]
 
 
 def always(fitted: Fit) -> NDArray[np.bool_]:
@@ -211,12 +211,11 @@ def always(fitted: Fit) -> NDArray[np.bool_]:
 
 def at_bound(instance: EffectInstance) -> bool:
     """Returns whether a fitted parameter is none, or ran into its bound: any beyond would do."""
-    found = [p for p in instance.effect.parameters if p.name not in instance.effect.fixed]
     return any(
         min(abs(instance.values[p.name] - p.lower), abs(p.upper - instance.values[p.name]))
         < max(AT_BOUND * min(p.upper - p.lower, abs(instance.values[p.name]) + 1e-9), p.least)
         or abs(instance.values[p.name]) < p.least
-        for p in found
+        for p in _free(instance)
     )
 
 
@@ -247,12 +246,7 @@ def with_amounts(effects: Sequence[EffectInstance], vector: Array) -> tuple[Effe
 
 def bounds_of(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
     """Returns the least and the largest value of every free parameter, shape (P,) each."""
-    both = [
-        (effects[i].least.get(name, p.lower), p.upper)
-        for i, name in free_parameters(effects)
-        for p in effects[i].effect.parameters
-        if p.name == name
-    ]
+    both = [(e.least.get(p.name, p.lower), p.upper) for e in effects for p in _free(e)]
     return np.array([low for low, _ in both]), np.array([high for _, high in both])
 
 

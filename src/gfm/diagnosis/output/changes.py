@@ -9,20 +9,19 @@ from itertools import groupby
 import numpy as np
 
 from gfm.diagnosis.inference.constants import CLEARLY
+from gfm.diagnosis.search.naming import Placed
 from gfm.diagnosis.search.sets import Course
-from gfm.effects import Key, find_effect
+from gfm.effects import find_effect
 
 #: What people call effects whose names say less.
 _CALLED = {"coulomb_friction": "dry friction", "actuator_gain": "drive torque"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class SetAmount:
+class SetAmount(Placed):
     """One amount of one effect in all sets, as added to what the model has.
 
     Attributes:
-        effect: Name in the effect library.
-        joints: Where it acts.
         parameter: Which of its amounts.
         unit: SI.
         course: Whether its effect repeats, drifts or changes from set to set.
@@ -38,8 +37,6 @@ class SetAmount:
         credible: Whether its effect is more likely right than wrong, by one set at least.
     """
 
-    effect: str
-    joints: tuple[str, ...]
     parameter: str
     unit: str
     course: Course
@@ -52,11 +49,6 @@ class SetAmount:
     low: float
     high: float
     credible: bool
-
-    @property
-    def key(self) -> Key:
-        """The effect, and where."""
-        return self.effect, self.joints
 
 
 @dataclass(frozen=True, kw_only=True)

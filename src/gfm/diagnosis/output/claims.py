@@ -186,11 +186,7 @@ def suspects_of(found: SearchResult, named: Sequence[EffectInstance]) -> tuple[S
     ]
     every = (*equal, *doubtful, *_rivals(found, named), *_lost(found))
     keys = {instance.key for instance in named}
-    return tuple(
-        one
-        for one in first_of_each(every, lambda one: (one.effect, one.joints))
-        if (one.effect, one.joints) not in keys
-    )
+    return tuple(one for one in first_of_each(every, lambda one: one.key) if one.key not in keys)
 
 
 def _suspect(instance: EffectInstance, reason: str, gain: float) -> Suspect:
@@ -225,8 +221,7 @@ def _lost(found: SearchResult) -> list[Suspect]:
         if len(tried.new) == 1 and tried is not step.chosen
     ]
     told = [one for one in lost if one.gain >= LEAST_GAIN]
-    first = first_of_each(told, lambda one: (one.effect, one.joints))
-    return sorted(first, key=lambda one: -one.gain)
+    return sorted(first_of_each(told, lambda one: one.key), key=lambda one: -one.gain)
 
 
 def _reason(tried: Tried, step: Step) -> str:

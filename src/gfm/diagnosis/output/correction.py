@@ -60,8 +60,11 @@ def corrected_model(
         or (compensated and compensations(model, [instance]))
     ]
     before = [_as_named(instance) for instance in given]
+    foot = [FOOTLINE, DISCRETE] if implicit else [FOOTLINE]
+    added = [HEADLINE, *(_line(effect, new) for effect in named), *foot] if named else []
+    lines = [*added, *(f"{BEFORE} {_line(effect, before)}" for effect in before)]
     return ModelPair(
-        xml=_corrected_xml(spec, changed, _lines(named, new, before, implicit), implicit),
+        xml=_corrected_xml(spec, changed, lines, implicit),
         effects=(*before, *new),
     )
 
@@ -118,18 +121,6 @@ def _make_findable(spec: mujoco.MjSpec) -> None:
         spec.meshdir = str(folder / spec.meshdir)
     if spec.textures:
         spec.texturedir = str(folder / spec.texturedir)
-
-
-def _lines(
-    named: Sequence[NamedEffect],
-    beside: Sequence[NamedEffect],
-    before: Sequence[NamedEffect],
-    implicit: bool,
-) -> list[str]:
-    """Returns what was added, and what stood beside the model before, a line for each effect."""
-    foot = [FOOTLINE, DISCRETE] if implicit else [FOOTLINE]
-    added = [HEADLINE, *(_line(effect, beside) for effect in named), *foot] if named else []
-    return [*added, *(f"{BEFORE} {_line(effect, before)}" for effect in before)]
 
 
 def _line(effect: NamedEffect, beside: Sequence[NamedEffect]) -> str:

@@ -15,6 +15,7 @@ from gfm.diagnosis.data.quality.finding import Finding
 from gfm.diagnosis.evidence.links import EvidenceChain
 from gfm.diagnosis.learned import LearnedReport
 from gfm.diagnosis.output.changes import Changes
+from gfm.diagnosis.search.naming import Placed
 from gfm.effects import EffectInstance, find_effect
 from gfm.excitation.blind_spots import BlindSpot
 
@@ -50,20 +51,16 @@ class ParameterEstimate:
 
 
 @dataclass(frozen=True, kw_only=True)
-class NamedEffect:
+class NamedEffect(Placed):
     """One effect that the data support.
 
     Attributes:
-        effect: Name in the effect library.
-        joints: Where it acts; empty for an effect of the whole robot.
         parameters: Estimates by parameter name.
         confidence: 0..1.
         native: Whether plain MuJoCo expresses it in `corrected.xml`.
         evidence: The figures from which its confidence comes.
     """
 
-    effect: str
-    joints: tuple[str, ...]
     parameters: Mapping[str, ParameterEstimate]
     confidence: float
     native: bool
@@ -79,12 +76,10 @@ class NamedEffect:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Suspect:
+class Suspect(Placed):
     """A candidate that was weighed and not accepted.
 
     Attributes:
-        effect: Name in the effect library.
-        joints: Where it would act.
         reason: Why it was not accepted, in words with figures.
         decided_by: The motion that would decide, in words; empty where none is needed.
         gain: Share of the squared residual that it alone would explain, 0..1.
@@ -92,8 +87,6 @@ class Suspect:
         evidence: The figures from which that comes.
     """
 
-    effect: str
-    joints: tuple[str, ...]
     reason: str
     decided_by: str = ""
     gain: float = 0.0

@@ -75,13 +75,9 @@ def _in_words(*alike: NamedEffect) -> str:
         amounts.append(f"{name.replace('_', ' ')} {' to '.join(ends)} {unit}".rstrip())
     joints = ", ".join(joint for effect in alike for joint in effect.joints)
     where = f" on {joints}" if joints else ""
-    return f"{first.effect.replace('_', ' ')}{where} ({_first_of(amounts)})"
-
-
-def _first_of(amounts: Sequence[str]) -> str:
-    """Returns as many amounts as a sentence bears; all of them stand in the table below it."""
-    shown = ", ".join(amounts[:IN_A_SENTENCE])
-    return shown if len(amounts) <= IN_A_SENTENCE else f"{shown}, ..."
+    more = ["..."] if len(amounts) > IN_A_SENTENCE else []  # all of them stand in the table below
+    shown = ", ".join([*amounts[:IN_A_SENTENCE], *more])
+    return f"{first.effect.replace('_', ' ')}{where} ({shown})"
 
 
 def notes_on(

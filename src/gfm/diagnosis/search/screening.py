@@ -68,7 +68,9 @@ def screen(
     base = _rows_of(before, sample)
     responses = _responses(part, candidates, scales, base)
     blocks = blocks_of(part)
-    start = predictive(blocks, _refitted(base))
+    basis = orthonormal(base.jacobian)
+    refitted = replace(base, residual=base.residual - basis @ (basis.T @ base.residual))
+    start = predictive(blocks, refitted)
 
     def weighed(left: Array) -> Difference:
         # Its amount is that of all parts: left out, a few segments would be told by one or two.
@@ -93,12 +95,6 @@ def _rows_of(before: Hypothesis, segments: Sequence[int]) -> Fit:
         jacobian=fitted.jacobian[mask],
         residual=residual,
     )
-
-
-def _refitted(base: Fit) -> Fit:
-    """Returns a fit with the amounts that fit its rows best, to first order."""
-    basis = orthonormal(base.jacobian)
-    return replace(base, residual=base.residual - basis @ (basis.T @ base.residual))
 
 
 def _responses(

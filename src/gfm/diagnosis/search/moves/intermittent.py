@@ -67,7 +67,12 @@ def intermittent(
     others = first_of_each(always, lambda e: e.key)[:OTHERS]
     tried = [_tried(alone, before.effects, one, report) for one in (*own, *others)]
     ranked = tuple(sorted(tried, key=lambda one: -one.gain.nats))
-    good = [one for one in ranked[:1] if one.gain.clear and _now_and_then(one.new[0])]
+    # What acts always is no matter of a few segments.
+    good = [
+        one
+        for one in ranked[:1]
+        if one.gain.clear and one.new[0].effect.intermittent and not at_bound(one.new[0])
+    ]
     step = Step(
         move=Move.INTERMITTENT,
         before=alone.fit.cost,
@@ -95,11 +100,6 @@ def _alone(part: Problem, effects: Sequence[EffectInstance], nominal: Array) -> 
     held = replace(part, given=(*part.given, *effects)).settled(()).robust(())
     blocks = blocks_of(held, each_segment=True)
     return replace(hypothesis(held, nothing(held), nominal), blocks=blocks)
-
-
-def _now_and_then(instance: EffectInstance) -> bool:
-    """Returns whether an effect acts now and then only: what acts always is no matter of a few."""
-    return instance.effect.intermittent and not at_bound(instance)
 
 
 def _tried(
