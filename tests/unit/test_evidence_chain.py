@@ -173,9 +173,9 @@ def test_what_an_effect_adds_is_its_law_or_what_it_changes_in_the_model(rubbing)
 
 def test_a_drive_that_was_switched_off_exerts_nothing(rubbing):
     off = replace(rubbing[0], servo_gain={"j": 0.0})
-    assert not torque_domain(SPECS, [off]).signals().drive.any()
+    assert not torque_domain(SPECS, [off]).signals()["drive"].any()
     half = replace(rubbing[0], servo_gain={"j": 0.5})
-    assert torque_domain(SPECS, [half]).signals().drive.any()
+    assert torque_domain(SPECS, [half]).signals()["drive"].any()
 
 
 def test_a_dense_recording_is_looked_at_over_its_whole_length(rubbing):

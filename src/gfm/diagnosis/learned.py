@@ -170,7 +170,7 @@ def learned_report(
     domain = torque_domain(problem.specs, recordings, problem.given)
     along = np.stack([_forces(problem, one, domain.recordings) for one in members])
     mean = along.mean(axis=0)
-    drive = domain.signals().drive
+    drive = domain.blocks(domain.view.drive)
     told = LearnedProblem(
         domain=domain,
         learned=domain.moving() * domain.blocks(mean),

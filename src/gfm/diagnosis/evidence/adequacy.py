@@ -9,14 +9,13 @@ Shape letters: T measurements of a segment, B blocks, J joints.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.data.signals import correlation
-from gfm.diagnosis.evidence.torques import Signals
 
 #: RMS error, in noise floors, that is as small as noise.
 ADEQUATE_RATIO = 1.25
@@ -101,7 +100,7 @@ def adequacy(
     noise: Array,
     errors: tuple[Sequence[Array], Sequence[Array]],
     missing: tuple[Array, Array],
-    signals: Signals,
+    signals: Mapping[str, Array],
 ) -> tuple[JointAdequacy, ...]:
     """Returns what both models leave, joint by joint.
 
@@ -123,12 +122,12 @@ def adequacy(
 
 
 def _residual(
-    joint: int, noise: Array, errors: Sequence[Array], missing: Array, signals: Signals
+    joint: int, noise: Array, errors: Sequence[Array], missing: Array, signals: Mapping[str, Array]
 ) -> Residual:
     own = [error[:, joint] for error in errors]
     ratio = float(np.sqrt(np.mean(np.concatenate(own) ** 2)) / noise[joint])
     slow = slow_share(own)
-    told = {n: correlation(missing[:, joint], getattr(signals, n)[:, joint]) for n in WORDS}
+    told = {n: correlation(missing[:, joint], signals[n][:, joint]) for n in WORDS}
     strongest = max(told, key=lambda name: abs(told[name]))
     is_noise = ratio <= ADEQUATE_RATIO or slow <= WHITE
     says = not is_noise and abs(told[strongest]) >= GOES_WITH
@@ -181,7 +180,7 @@ class JointRegions:
 
 
 def localisation(
-    left: Sequence[JointAdequacy], missing: Array, signals: Signals
+    left: Sequence[JointAdequacy], missing: Array, signals: Mapping[str, Array]
 ) -> tuple[JointRegions, ...]:
     """Returns where what the nominal model lacks lies, joint by joint.
 
@@ -193,9 +192,9 @@ def localisation(
     ratios = np.array([(one.before.ratio, one.after.ratio) for one in left])
     before, after = (_shares(np.where(s > NOISE, s - 1.0, 0.0)) for s in ratios.T**2)
     by = {
-        "speed": np.abs(signals.velocity),
-        "position": signals.position,
-        "drive": np.abs(signals.drive),
+        "speed": np.abs(signals["velocity"]),
+        "position": signals["position"],
+        "drive": np.abs(signals["drive"]),
     }
     return tuple(
         JointRegions(

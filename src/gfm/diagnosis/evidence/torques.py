@@ -45,17 +45,6 @@ RATE_HZ, MOST_SAMPLES = 100.0, 6000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Signals:
-    """Block means of everything that a missing torque may go with, shape (B, J) each."""
-
-    position: Array
-    velocity: Array
-    sign_of_velocity: Array
-    drive: Array
-    command_change: Array
-
-
-@dataclass(frozen=True, kw_only=True)
 class TorqueDomain:
     """Recordings as torques under one nominal model.
 
@@ -113,16 +102,17 @@ class TorqueDomain:
         """Returns an effect's law along the motions, N m, shape (T of all, J); zero without one."""
         return law_along(instance, self.joints, self.view)
 
-    def signals(self) -> Signals:
-        """Returns the motion, what drives it and how commands change."""
+    def signals(self) -> dict[str, Array]:
+        """Returns everything that a missing torque may go with, block means, shape (B, J) each."""
         changes = [np.gradient(r.held_command, r.time_s, axis=0) for r in self.recordings]
-        return Signals(
-            position=self.blocks(self.view.position),
-            velocity=self.blocks(self.view.velocity),
-            sign_of_velocity=self.blocks(np.sign(self.view.velocity)),
-            drive=self.blocks(self.view.drive),
-            command_change=self.blocks(np.concatenate(changes)),
-        )
+        along = {
+            "position": self.view.position,
+            "velocity": self.view.velocity,
+            "sign_of_velocity": np.sign(self.view.velocity),
+            "drive": self.view.drive,
+            "command_change": np.concatenate(changes),
+        }
+        return {name: self.blocks(rows) for name, rows in along.items()}
 
     def moving(self) -> Array:
         """Returns 1 where a joint moves in a block and 0 where it rests, shape (B, J)."""

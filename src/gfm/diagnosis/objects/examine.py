@@ -10,12 +10,12 @@ import numpy as np
 
 from gfm.core import ConfigError, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.signals import rms
 from gfm.diagnosis.objects.find import find, friction_cost, seen_and_unseen
 from gfm.diagnosis.objects.problem import ObjectProblem, predicted
 from gfm.diagnosis.objects.segments import Scene, cut
 from gfm.diagnosis.objects.track import plane_noise, track_of
 from gfm.diagnosis.output.claims import credible, named_effects
+from gfm.diagnosis.output.errors import error_summary
 from gfm.diagnosis.output.result import ErrorSummary, EvidencePlot, NamedEffect, Series
 from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance
@@ -28,8 +28,6 @@ MOST_SEGMENTS = 16
 #: How far amounts are off although all fits: contacts of MuJoCo slide 1 % farther or less far than
 #: friction says. As a share of the amount, and of the coefficient of friction by so much.
 CONTACT_SHARE, CONTACT_FRICTION = 0.05, 0.005
-#: Name of the object where a joint's would stand.
-OBJECT = "object"
 #: Why poses alone do not tell something.
 UNSEEN = {
     "object_mass": "with the robot's motion given, no recorded pose depends on it",
@@ -179,12 +177,7 @@ def _errors(
     left, rest = (np.concatenate(parts).reshape(-1, 3) for parts in (before, after))
     told = ((slice(3), np.ones(3), "noise"), (slice(2), noise[:2], "m"), (2, noise[2:], "rad"))
     return tuple(
-        ErrorSummary(
-            before=rms([size * left[:, columns]]),
-            after=rms([size * rest[:, columns]]),
-            noise_floor=rms([size]),
-            unit=unit,
-        )
+        error_summary([size * left[:, columns]], [size * rest[:, columns]], size, unit)
         for columns, size, unit in told
     )
 
@@ -220,7 +213,7 @@ def _path_plot(
     return EvidencePlot(
         title="Path of the object in the longest segment",
         effect=effects[0].effect.name if effects else "",
-        joint=OBJECT,
+        joint="object",
         x_label="x [m]",
         y_label="y [m]",
         series=tuple(

@@ -28,11 +28,7 @@ class RolloutErrors:
     @property
     def summary(self) -> ErrorSummary:
         """The three numbers of the verdict."""
-        return ErrorSummary(
-            before=rms(self.before),
-            after=rms(self.after),
-            noise_floor=rms([self.problem.noise.position]),
-        )
+        return error_summary(self.before, self.after, self.problem.noise.position, "rad")
 
     @property
     def joints(self) -> tuple[JointError, ...]:
@@ -62,6 +58,13 @@ class RolloutErrors:
             )
             for i, recording in enumerate(recordings)
         ]
+
+
+def error_summary(
+    before: Sequence[Array], after: Sequence[Array], noise: Array, unit: str
+) -> ErrorSummary:
+    """Returns root mean squares of errors under both models, and of the noise, in some unit."""
+    return ErrorSummary(before=rms(before), after=rms(after), noise_floor=rms([noise]), unit=unit)
 
 
 def rollout_errors(

@@ -74,8 +74,7 @@ def screen(
 
     def weighed(left: Array) -> Difference:
         # Its amount is that of all parts: left out, a few segments would be told by one or two.
-        told = replace(base, cost=0.0, residual=left)
-        return difference(blocks, predictive(blocks, told), start)
+        return difference(blocks, predictive(blocks, replace(base, residual=left)), start)
 
     found = [Screened(one, weighed(left)) for one, left in _tried(part, responses, base)]
     return sorted(found, key=lambda s: -s.gain.nats)
@@ -87,14 +86,8 @@ def _rows_of(before: Hypothesis, segments: Sequence[int]) -> Fit:
     mask = np.zeros(slices[-1].stop, dtype=bool)
     for i in segments:
         mask[slices[i]] = True
-    fitted = before.fit
-    residual = fitted.residual[mask]
-    return Fit(
-        effects=fitted.effects,
-        cost=mean_square(residual),
-        jacobian=fitted.jacobian[mask],
-        residual=residual,
-    )
+    residual, jacobian = before.fit.residual[mask], before.fit.jacobian[mask]
+    return replace(before.fit, cost=mean_square(residual), jacobian=jacobian, residual=residual)
 
 
 def _responses(
@@ -104,7 +97,13 @@ def _responses(
 
     To first order, of the residual beside `base`, shape (N,).
     """
-    groups = list(probes(problem, candidates, scales))
+    groups = [
+        (place, [place.instance(values) for values in group])
+        for place in candidates
+        for group in place.effect.probes(
+            scales[problem.joints.index(place.joints[0]) if place.joints else 0]
+        )
+    ]
     basis = orthonormal(base.jacobian)
     residual = base.residual - basis @ (basis.T @ base.residual)
     weights = slopes(base.residual, problem.limits())[:, None]
@@ -169,16 +168,6 @@ def _tried(
             shares = [bounded(full + share * moved, limits) for share in (1.0, best)]
             lefts = [left - basis @ (basis.T @ left) for left in shares]
             yield instance, min(*lefts, base.residual - explained, key=np.linalg.norm)
-
-
-def probes(
-    problem: SegmentedProblem, candidates: Sequence[Place], scales: Sequence[Scales]
-) -> Iterator[tuple[Place, list[EffectInstance]]]:
-    """Yields candidates with amounts that are tried together, to be weighed, see `weigh`."""
-    for place in candidates:
-        first = problem.joints.index(place.joints[0]) if place.joints else 0
-        for group in place.effect.probes(scales[first]):
-            yield place, [place.instance(values) for values in group]
 
 
 def weigh(
