@@ -74,24 +74,16 @@ class Fit:
 
 def nothing(problem: LeastSquares) -> Fit:
     """Returns the fit without any effect: the nominal model."""
-    residual = problem.residuals([()])[0]
-    return Fit(
-        effects=(),
-        cost=mean_square(residual),
-        jacobian=np.zeros((len(residual), 0)),
-        residual=residual,
-    )
+    return measured(problem, ())
 
 
 def measured(problem: LeastSquares, effects: Sequence[EffectInstance]) -> Fit:
     """Returns `effects` with the values that they have as a fit."""
-    if not effects:
-        return nothing(problem)
-    residual = problem.residuals([effects])[0]
-    jacobian = derivatives(problem, tuple(effects), residual)
-    return Fit(
-        effects=tuple(effects), cost=mean_square(residual), jacobian=jacobian, residual=residual
-    )
+    effects, residual = tuple(effects), problem.residuals([effects])[0]
+    jacobian = np.zeros((len(residual), 0))
+    if effects:
+        jacobian = derivatives(problem, effects, residual)
+    return Fit(effects=effects, cost=mean_square(residual), jacobian=jacobian, residual=residual)
 
 
 def fit(

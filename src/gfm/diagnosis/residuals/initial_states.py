@@ -111,15 +111,45 @@ def _slow(segment: Segment, columns: Array) -> Array:
     return np.asarray(savgol_filter(series, window, SLOW_ORDER, axis=1).reshape(columns.shape))
 
 
+def without_states(
+    problem: Rollouts, effects: Sequence[EffectInstance], predictions: Sequence[Prediction]
+) -> list[Array]:
+    """Returns what is left of each segment without what its initial state can explain, (N,) each.
+
+    Args:
+        problem: Whose segments they are.
+        effects: Of the model.
+        predictions: What it predicts for each segment.
+    """
+    parts = problem.whitened(predictions)
+    if not problem.state_basis:
+        return parts
+    own = [without(part, b) for part, b in zip(parts, problem.state_basis, strict=True)]
+    ringing = ringing_springs(problem, effects)
+    if not ringing:
+        return own
+    columns = state_columns(problem, effects, motor_steps(len(problem.joints), ringing))
+    rows = zip(problem.segments, own, columns, problem.state_basis, predictions, strict=True)
+    for i, (segment, part, motors, basis, prediction) in enumerate(rows):
+        if not led(segment):
+            beside = without(motors, basis)
+            change = rung(segment, part, beside, room_of(segment, prediction, ringing))
+            own[i] = min(part, part + beside @ change, key=np.linalg.norm)
+    return own
+
+
 def freely_settled(problem: R, effects: Sequence[EffectInstance]) -> R:
-    """Returns a problem that no servo leads, with initial states that fit best, and their bases.
+    """Returns a problem with initial states that fit best where no servo leads, and their bases.
 
     Segments that are followed as they begin stay as they are.
     """
+    free = [i for i, segment in enumerate(problem.segments) if not led(segment)]
+    if not free:
+        return problem
     ringing, joints = ringing_springs(problem, effects), len(problem.joints)
     steps = np.concatenate([_link_steps(joints), motor_steps(joints, ringing)])
     segments, bases = list(problem.segments), dict(enumerate(problem.state_basis))
-    left = enumerate(_whitened(problem, effects))
+    left = zip(free, _whitened(problem.subset(free), effects), strict=True)
     open_ = [i for i, r in left if i not in bases or mean_square(r) >= FOLLOWED]
     for _ in range(RINGING_ROUNDS if ringing else STATE_ROUNDS):
         if not open_:

@@ -22,20 +22,13 @@ from typing_extensions import override
 from gfm.core.checks import Array
 from gfm.diagnosis.residuals.initial_states import (
     freely_settled,
-    led,
-    motor_steps,
     orthonormal,
-    ringing_springs,
-    room_of,
-    rung,
-    state_columns,
     with_state_basis,
-    without,
+    without_states,
 )
 from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
 from gfm.diagnosis.residuals.rollouts import Rollouts
 from gfm.effects import EffectInstance
-from gfm.sim.segment import Prediction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,30 +46,8 @@ class Problem(Rollouts):
     def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
         """Returns the residual of every candidate, initial states fitted, shape (candidates, N)."""
         rows = zip(candidates, self.predictions(candidates), strict=True)
-        left = [np.concatenate(self._fitted(*row)) for row in rows]
+        left = [np.concatenate(without_states(self, *row)) for row in rows]
         return np.stack([bounded(residual, self.limits()) for residual in left])
-
-    def _fitted(
-        self, effects: Sequence[EffectInstance], predictions: Sequence[Prediction]
-    ) -> list[Array]:
-        """Returns what is left of each segment without what its initial state can explain."""
-        parts = self.whitened(predictions)
-        if not self.state_basis:
-            return parts
-        own = [without(part, b) for part, b in zip(parts, self.state_basis, strict=True)]
-        ringing = ringing_springs(self, effects)
-        if not ringing:
-            return own
-        columns = state_columns(self, effects, motor_steps(len(self.joints), ringing))
-        rows = zip(self.segments, own, columns, self.state_basis, predictions, strict=True)
-        for i, (segment, part, motors, basis, prediction) in enumerate(rows):
-            if not led(segment):
-                beside = without(motors, basis)
-                room = room_of(segment, prediction, ringing)
-                own[i] = min(
-                    part, part + beside @ rung(segment, part, beside, room), key=np.linalg.norm
-                )
-        return own
 
     @override
     def limits(self) -> Array | None:
@@ -101,7 +72,7 @@ class Problem(Rollouts):
 
     def position_errors(self, effects: Sequence[EffectInstance]) -> list[Array]:
         """Returns measured minus predicted position, initial state fitted, per segment (T, J)."""
-        parts = self._fitted(effects, self.predictions([effects])[0])
+        parts = without_states(self, effects, self.predictions([effects])[0])
         return [
             part[: s.position.size].reshape(s.position.shape) * self.noise.position
             for s, part in zip(self.segments, parts, strict=True)
@@ -151,15 +122,7 @@ class Problem(Rollouts):
         Where nothing leads a joint back, what a segment begins with counts to its end, and by more
         than to first order. A servo forgets it: its segments stay as they are.
         """
-        free = [i for i, s in enumerate(self.segments) if not led(s)]
-        problem = timed(self, effects)
-        if not free:
-            return problem
-        part = freely_settled(problem.subset(free), effects)
-        segments, bases = list(problem.segments), list(problem.state_basis)
-        for i, segment, basis in zip(free, part.segments, part.state_basis, strict=True):
-            segments[i], bases[i] = segment, basis
-        return replace(problem, segments=tuple(segments), state_basis=tuple(bases))
+        return freely_settled(timed(self, effects), effects)
 
     @override
     def sample(self, simulated_s: float, of_each: int = 0) -> list[int]:
