@@ -22,33 +22,6 @@ LAW_SHARE = 0.002
 UNSEEN = 1e-3
 
 
-def covariance(jacobian: Array, residual: Array, segments: Sequence[slice]) -> Array:
-    """Returns the covariance of least-squares estimates, shape (P, P).
-
-    The sandwich estimator over blocks: right also where the residual is coloured or its size
-    differs from what was assumed (White 1980; blocks as in Newey and West 1987).
-
-    Args:
-        jacobian: Derivative of the residual, shape (N, P).
-        residual: At the optimum, shape (N,).
-        segments: Segments of the residual that are independent of each other.
-    """
-    bread = np.linalg.pinv(jacobian.T @ jacobian)
-    scores = [
-        jacobian[rows].T @ residual[rows] for block in segments for rows in _blocks(block, segments)
-    ]
-    count = len(scores)
-    meat = np.sum([np.outer(score, score) for score in scores], axis=0) * count / max(count - 1, 1)
-    return np.asarray(bread @ meat @ bread)
-
-
-def _blocks(segment: slice, segments: Sequence[slice]) -> list[slice]:
-    """Returns a segment cut into its share of the blocks."""
-    pieces = max(BLOCKS // len(segments), 1)
-    edges = np.linspace(segment.start, segment.stop, pieces + 1).astype(int)
-    return [slice(a, b) for a, b in pairwise(edges) if b > a]
-
-
 def half_widths(
     values: Array, jacobian: Array, residual: Array, segments: Sequence[slice]
 ) -> Array:
@@ -66,14 +39,29 @@ def standard_errors(
 ) -> Array:
     """Returns the standard error of each parameter, infinite where nothing depends on it, (P,).
 
+    By the sandwich estimator over blocks: right also where the residual is coloured or its size
+    differs from what was assumed (White 1980; blocks as in Newey and West 1987).
+
     Args:
         values: The estimates, shape (P,).
         jacobian: Derivative of the residual, shape (N, P).
         residual: At the optimum, shape (N,).
         segments: Segments of the residual that are independent of each other.
     """
-    variance = np.maximum(np.diag(covariance(jacobian, residual, segments)), 0.0)
+    bread = np.linalg.pinv(jacobian.T @ jacobian)
+    rows = [rows for one in segments for rows in _blocks(one, segments)]
+    scores = [jacobian[block].T @ residual[block] for block in rows]
+    meat = np.sum([np.outer(score, score) for score in scores], axis=0)
+    meat = meat * len(scores) / max(len(scores) - 1, 1)
+    variance = np.maximum(np.diag(bread @ meat @ bread), 0.0)
     deviations = np.sqrt(variance + (LAW_SHARE * values) ** 2)
     unseen = np.linalg.norm(jacobian, axis=0) * np.maximum(np.abs(values), UNSEEN) < UNSEEN
     deviations[unseen] = np.inf
     return deviations
+
+
+def _blocks(segment: slice, segments: Sequence[slice]) -> list[slice]:
+    """Returns a segment cut into its share of the blocks."""
+    pieces = max(BLOCKS // len(segments), 1)
+    edges = np.linspace(segment.start, segment.stop, pieces + 1).astype(int)
+    return [slice(a, b) for a, b in pairwise(edges) if b > a]

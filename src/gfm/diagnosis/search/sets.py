@@ -193,7 +193,8 @@ class Sets:
     def _fitted(self, here: OverSets, courses: tuple[Course, ...], steps: int) -> OverSets:
         """Returns another hypothesis, fitted by so many Gauss-Newton steps at most."""
         effects = self._nearby(here, courses).fit.effects
-        residual = self._residual(effects)
+        own = [problem.residuals([part])[0] for problem, part in self._of_sets(effects)]
+        residual = np.concatenate(own)
         gain = 1.0 - mean_square(residual) / mean_square(here.fit.residual)
         if courses == here.courses and gain < FIT_TOLERANCE:
             return here
@@ -231,9 +232,6 @@ class Sets:
         """Returns each set's problem and its part of the effects of all sets."""
         count = len(self.effects)
         return [(p, effects[k * count : (k + 1) * count]) for k, p in enumerate(self.problems)]
-
-    def _residual(self, effects: tuple[EffectInstance, ...]) -> Array:
-        return np.concatenate([p.residuals([own])[0] for p, own in self._of_sets(effects)])
 
     def _derivatives(self, effects: tuple[EffectInstance, ...], residual: Array) -> Array:
         """Returns the derivatives of all residuals by all amounts, shape (N, K P)."""
