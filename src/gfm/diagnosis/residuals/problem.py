@@ -45,9 +45,9 @@ class Problem(Rollouts):
     @override
     def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
         """Returns the residual of every candidate, initial states fitted, shape (candidates, N)."""
-        rows = zip(candidates, self.predictions(candidates), strict=True)
+        rows, limits = zip(candidates, self.predictions(candidates), strict=True), self.limits()
         left = [np.concatenate(without_states(self, *row)) for row in rows]
-        return np.stack([bounded(residual, self.limits()) for residual in left])
+        return np.stack([bounded(residual, limits) for residual in left])
 
     @override
     def limits(self) -> Array | None:

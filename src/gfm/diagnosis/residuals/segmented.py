@@ -26,8 +26,8 @@ class SegmentedProblem(LeastSquares):
     """Recordings, and the model that should explain them.
 
     Attributes:
-        segments: What is predicted, and how each begins; as they were measured to begin, too, where
-            initial states were fitted.
+        segments: What is predicted, and how each begins. Where that was fitted, each has itself
+            as it was measured.
         state_basis: Per segment, an orthonormal basis of what its initial state can explain, if
             that is taken out of the residual, shape (N of the segment, up to states).
         outlying_from: Residuals from which on they are outlying, in units of the noise; None for
