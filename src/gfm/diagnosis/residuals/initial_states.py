@@ -196,12 +196,10 @@ def _nearer(
         for share in RINGING_SHARES if ringing else STATE_SHARES:
             moved = [_moved(problem.segments[i], share * changes[i]) for i in trying]
             part = replace(problem.subset(trying), segments=tuple(moved))
-            after = dict(zip(trying, _whitened(part, effects), strict=True))
-            better = {i for i in trying if mean_square(after[i]) < mean_square(left[i])}
-            for i, segment in zip(trying, moved, strict=True):
-                if i in better:
-                    segments[i], left[i] = segment, after[i]
-            trying = [i for i in trying if i not in better]
+            for i, segment, after in zip([*trying], moved, _whitened(part, effects), strict=True):
+                if mean_square(after) < mean_square(left[i]):
+                    segments[i], left[i] = segment, after
+                    trying.remove(i)
             if not trying:
                 break
         problem = replace(problem, segments=tuple(segments))
