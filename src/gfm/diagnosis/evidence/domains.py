@@ -18,6 +18,7 @@ import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.evidence.torques import TorqueDomain
+from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.search.naming import Placed, describe, first_of_each, twins
 from gfm.diagnosis.search.trace import Move, SearchResult
 from gfm.effects import EffectInstance, Key
@@ -162,7 +163,7 @@ def regressed(torque: Array, own: Array, others: Sequence[Array]) -> tuple[float
     """
     if others:
         basis = np.linalg.qr(np.stack(others, axis=1))[0]
-        torque, own = (x - basis @ (basis.T @ x) for x in (torque, own))
+        torque, own = (without(x, basis) for x in (torque, own))
     power, size = float(torque @ torque), float(own @ own)
     if power <= 0.0 or size <= 0.0:
         return 0.0, 0.0

@@ -300,11 +300,9 @@ def _step(jacobian: Array, residual: Array, damping: float, low: Array, high: Ar
     return np.asarray(np.clip(lsq_linear(rows, target, inside).x / size, low, high))
 
 
-def orthonormal(columns: Array) -> Array:
-    """Returns an orthonormal basis of what columns span, shape (N, P)."""
-    if columns.shape[1] == 0:
-        return columns
-    return np.asarray(np.linalg.qr(columns)[0])
+def without(values: Array, basis: Array) -> Array:
+    """Returns values, shape (N, ...), without what an orthonormal basis (N, P) explains of them."""
+    return np.asarray(values - basis @ (basis.T @ values))
 
 
 def mean_square(residual: Array) -> float:

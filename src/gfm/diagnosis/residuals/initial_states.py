@@ -19,7 +19,7 @@ from scipy.signal import savgol_filter
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import mean_square
+from gfm.diagnosis.inference.fitting import mean_square, without
 from gfm.diagnosis.residuals.rollouts import Rollouts
 from gfm.effects import EffectInstance
 from gfm.sim.motor_sides import Spring, springs
@@ -76,11 +76,6 @@ def room_of(segment: Segment, prediction: Prediction, ringing: Sequence[Spring])
         now = segment.initial_motor[:, joints]
     most, sizes = np.stack([angles, speeds]), np.array(STATE_STEP)[:, None]
     return np.stack([((-most - now) / sizes).ravel(), ((most - now) / sizes).ravel()])
-
-
-def without(values: Array, basis: Array) -> Array:
-    """Returns columns without what an orthonormal basis explains of them."""
-    return np.asarray(values - basis @ (basis.T @ values))
 
 
 def rung(segment: Segment, part: Array, columns: Array, room: Array) -> Array:

@@ -16,6 +16,7 @@ import numpy as np
 from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.signals import rms, smooth_states
+from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import Effect, EffectInstance, Key, Motion, Scales, Scope, Values
 from gfm.effects.effect import sign
@@ -294,7 +295,7 @@ def cogging_orders(view: TorqueView, joint: int) -> tuple[int, ...]:
     kept: dict[int, None] = {}
     for smooth in ([*friction, q], friction):
         basis = np.linalg.qr(np.stack(smooth, axis=1))[0]
-        rest = r - basis @ (basis.T @ r)
+        rest = without(r, basis)
         powers = {order: _power(order * q, rest, basis) for order in orders}
         best = sorted(powers, key=lambda order: -powers[order])
         kept |= dict.fromkeys(best[:COGGING_KEPT])
@@ -303,8 +304,7 @@ def cogging_orders(view: TorqueView, joint: int) -> tuple[int, ...]:
 
 def _power(angle: Array, rest: Array, basis: Array) -> float:
     """Returns the sum of squares of `rest` that sines of an angle explain beside a basis."""
-    waves = np.stack([np.sin(angle), np.cos(angle)], axis=1)
-    waves -= basis @ (basis.T @ waves)
+    waves = without(np.stack([np.sin(angle), np.cos(angle)], axis=1), basis)
     fitted = waves @ np.linalg.lstsq(waves, rest, rcond=None)[0]
     return float(fitted @ fitted)
 

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import Fit, mean_square, orthonormal
+from gfm.diagnosis.inference.fitting import Fit, mean_square, without
 from gfm.diagnosis.inference.score import Difference, blocks_of, difference, predictive
 from gfm.diagnosis.residuals.outliers import bounded, slopes, unbounded
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
@@ -68,9 +68,8 @@ def screen(
     base = _rows_of(before, sample)
     responses = _responses(part, candidates, scales, base)
     blocks = blocks_of(part)
-    basis = orthonormal(base.jacobian)
-    refitted = replace(base, residual=base.residual - basis @ (basis.T @ base.residual))
-    start = predictive(blocks, refitted)
+    basis = np.linalg.qr(base.jacobian)[0]
+    start = predictive(blocks, replace(base, residual=without(base.residual, basis)))
 
     def weighed(left: Array) -> Difference:
         # Its amount is that of all parts: left out, a few segments would be told by one or two.
@@ -104,14 +103,12 @@ def _responses(
             scales[problem.joints.index(place.joints[0]) if place.joints else 0]
         )
     ]
-    basis = orthonormal(base.jacobian)
-    residual = base.residual - basis @ (basis.T @ base.residual)
+    basis = np.linalg.qr(base.jacobian)[0]
+    residual = without(base.residual, basis)
     weights = slopes(base.residual, problem.limits())[:, None]
     best: dict[tuple[object, ...], tuple[float, EffectInstance, Array]] = {}
     for place, group, changes in _changes(problem.coarse(), groups, base.effects):
-        columns = weights * changes
-        beside = columns - basis @ (basis.T @ columns)
-        weighed = weigh(place, group, beside, residual)
+        weighed = weigh(place, group, without(weights * changes, basis), residual)
         if weighed is None:
             continue
         instance, explained = weighed
@@ -156,7 +153,7 @@ def _tried(
     Of the rollout, the share that fits best: where the first order says too much, less of it may
     explain all. The effects of `base` make up for it to first order.
     """
-    basis, fast, limits = orthonormal(base.jacobian), problem.coarse(), problem.limits()
+    basis, fast, limits = np.linalg.qr(base.jacobian)[0], problem.coarse(), problem.limits()
     full = unbounded(base.residual, limits)
     for alike in _on_same_steps(found, lambda one: one[0].effect):
         sets = [base.effects, *((*base.effects, instance) for instance, _ in alike)]
@@ -166,7 +163,7 @@ def _tried(
             moved = rolled - before
             best = -float(moved @ full) / max(float(moved @ moved), 1e-12)
             shares = [bounded(full + share * moved, limits) for share in (1.0, best)]
-            lefts = [left - basis @ (basis.T @ left) for left in shares]
+            lefts = [without(left, basis) for left in shares]
             yield instance, min(*lefts, base.residual - explained, key=np.linalg.norm)
 
 
