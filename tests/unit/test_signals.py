@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gfm.diagnosis.data.signals import smooth_states, starts_at_rest
+from gfm.diagnosis.data.signals import rms, smooth_states, starts_at_rest
 
 TIME_S = 0.01 * np.arange(40.0)
 
@@ -23,3 +23,8 @@ def test_a_joint_rests_where_its_slope_is_noise():
     moving = still + 0.01 * TIME_S
     resting = starts_at_rest(TIME_S, np.stack([still, moving], axis=1), np.full(2, noise))
     assert resting.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("parts", [[], [np.empty((0, 3))]], ids=["no arrays", "an empty one"])
+def test_nothing_has_no_root_mean_square(parts):
+    assert np.isnan(rms(parts))

@@ -61,9 +61,8 @@ def starts_at_rest(time_s: Array, position: Array, noise: Array) -> Array:
 
 def rms(parts: Sequence[Array]) -> float:
     """Returns the root mean square of all numbers in some arrays; NaN where there are none."""
-    if not parts:
-        return float("nan")
-    return float(np.sqrt(np.mean(np.concatenate([part.ravel() for part in parts]) ** 2)))
+    numbers = np.concatenate([np.empty(0), *(part.ravel() for part in parts)])
+    return float(np.sqrt(np.mean(numbers**2))) if len(numbers) else float("nan")
 
 
 def correlation(one: Array, other: Array) -> float:
