@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from gfm.cli import main
+from gfm.diagnosis.output.correction import model_pair
+from gfm.effects import EffectInstance, find_effect
 from gfm.envs.evaluation import evaluate
 from gfm.envs.matching_task import POSITION_MATCHING
 from gfm.envs.registry import nominal_cell
@@ -14,6 +16,7 @@ from gfm.experiments import adapt
 from gfm.experiments.evaluate import EvaluationRequest, load_arm
 from gfm.policies import shipped_policy
 from gfm.recording.weights_file import read_weights
+from gfm.report.files import model_texts, write_texts
 from gfm.rl.policy_numpy import GaussianPolicy
 
 TASK = POSITION_MATCHING.name
@@ -22,13 +25,10 @@ TASK = POSITION_MATCHING.name
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
     """The cell with a payload on the hand that nothing compensates."""
-    spec = nominal_cell(TASK)
-    load = spec.body("right_hand").add_body(pos=[0.0, 0.0, 0.1], mass=0.6, inertia=[1e-4] * 3)
-    load.explicitinertial = True
-    spec.compile()
-    path = tmp_path / "corrected.xml"
-    path.write_text(spec.to_xml())
-    return path
+    amounts = {"mass": 0.6, "com_x": 0.0, "com_y": 0.0, "com_z": 0.1}
+    payload = EffectInstance(effect=find_effect("payload"), joints=("right_j6",), values=amounts)
+    write_texts(tmp_path, model_texts("corrected", model_pair(nominal_cell(TASK), (payload,))))
+    return tmp_path / "corrected.xml"
 
 
 def words(model: Path, out: Path, *more: str) -> list[str]:
@@ -72,6 +72,6 @@ def test_under_a_payload_the_adapted_policy_reaches_more(tmp_path: Path, model: 
     reached = []
     for path in (shipped_policy(TASK), out):
         policy = GaussianPolicy.from_weights(read_weights(path))
-        attempts = evaluate(POSITION_MATCHING, arm, policy.mean_action, trials=2, seed=0)
+        attempts = evaluate(POSITION_MATCHING, arm, policy.mean_action, trials=5, seed=0)
         reached.append(int(attempts.reached.sum()))
     assert reached[1] > reached[0]
