@@ -15,19 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from gfm.core import Clock, CommandKind, Weights
+from gfm.core import Clock, Weights
 from gfm.core.checks import Array32
 from gfm.envs.arm import ArmProblem
 from gfm.envs.inverse_dynamics import ArmState, InverseDynamics
 from gfm.envs.matching import Matching
 from gfm.envs.matching_task import TASKS, MatchingTask
-from gfm.envs.registry import EnvironmentSettings, arm_problem, as_trained, furnished
-from gfm.experiments.evaluate import policy_for
+from gfm.envs.registry import as_trained, furnished
+from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for
 from gfm.experiments.progress import Phase, RunProgress
 from gfm.recording.weights_file import read_weights, write_weights
 from gfm.rl.distillation import Student
 from gfm.rl.policy_numpy import GaussianPolicy
-from gfm.service.assets import load_assets
 
 _ADAPT = "adapt the policy"
 #: Instances that act together, and control periods in which they do.
@@ -95,10 +94,8 @@ def adapt_policy(
 
 def _load_arm(task: str, model: Path | None) -> ArmProblem:
     """Returns the cell of a model's file, the nominal one by default, as it is trained on."""
-    models = {} if model is None else {CommandKind.VELOCITY: str(model)}
-    settings = EnvironmentSettings(models=models)
-    assets = load_assets(settings, lambda spec: as_trained(furnished(task, spec), task))
-    return arm_problem(task, settings, assets)
+    request = EvaluationRequest(task=task, model=model)
+    return load_arm(request, lambda spec: as_trained(furnished(task, spec), task))
 
 
 class Lesson:

@@ -29,7 +29,7 @@ from gfm.report.evaluation import (
 )
 from gfm.report.files import write_texts
 from gfm.rl.policy_numpy import GaussianPolicy
-from gfm.service.assets import load_assets
+from gfm.service.assets import Complete, load_assets
 
 _POLICY = ("policy.npz", "checkpoints/policy.npz")
 
@@ -108,13 +108,18 @@ def policy_path(given: Path) -> Path:
     raise BadInputError(f"policy {given}: a folder without {' or '.join(_POLICY)}")
 
 
-def load_arm(request: EvaluationRequest) -> ArmProblem:
-    """Returns the cell that a request names."""
+def load_arm(request: EvaluationRequest, complete: Complete | None = None) -> ArmProblem:
+    """Returns the cell that a request names.
+
+    Args:
+        request: Names it.
+        complete: Makes a model fit for the task; by default it only furnishes the cell.
+    """
     settings = EnvironmentSettings(
         models={CommandKind.VELOCITY: str(request.model)} if request.model else {},
         control=ControlSettings(ensemble=tuple(str(path) for path in request.forces)),
     )
-    assets = load_assets(settings, partial(furnished, request.task))
+    assets = load_assets(settings, complete or partial(furnished, request.task))
     return arm_problem(request.task, settings, assets)
 
 
