@@ -32,13 +32,15 @@ def swung(
     delay=0.0,
     gain=1.0,
     limit=np.inf,
+    loss=0.0,
     inertia=0.0,
     start=0.0,
 ) -> Trajectory:
     """Returns what it does when `told` positions every 10 ms, shape (T,).
 
-    Beside its servo (times `gain`, `delay` late, of at most `limit` N m) and gravity a `torque` of
-    its state acts, and `inertia` comes on top of what MODEL has.
+    Beside its servo (times `gain`, `delay` late, of at most `limit` N m, less a share of `loss` for
+    every N m) and gravity a `torque` of its state acts, and `inertia` comes on top of what MODEL
+    has.
     """
     stamps = PERIOD_S * np.arange(len(told))
 
@@ -46,7 +48,8 @@ def swung(
         index = int(np.floor((time_s - delay) / PERIOD_S + 1e-9))
         q, v = state
         servo = gain * (STIFFNESS * (told[max(index, 0)] - q) - DAMPING * v)
-        drive = min(max(servo, -limit), limit)
+        limited = min(max(servo, -limit), limit)
+        drive = limited * (1.0 - loss * abs(limited))
         gravity = -MASS * 9.81 * LENGTH * np.sin(q)
         return [v, (drive + gravity + torque(q, v)) / (MASS * LENGTH**2 + ROTOR + inertia)]
 

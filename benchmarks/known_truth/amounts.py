@@ -52,6 +52,7 @@ _PLACES: Mapping[str, Mapping[str, str]] = {
     "torque_offset": {"torque": "offset"},
     "cogging_torque": {"amplitude": "cogging", "per_revolution": "order", "phase": "phase"},
     "encoder_offset": {"offset": "encoder"},
+    "drive_loss": {"coefficient": "loss"},
 }
 
 
@@ -60,8 +61,8 @@ class Amounts:
     """Amounts of every effect, on every joint of every robot; most are nought.
 
     Attributes are named after what they are; those that are no torques: `scale` of the drive (1 is
-    nominal), `limit` of its torque (infinite), `fading` the Stribeck velocity, `separated` the
-    joint whose motor is a side of its own (-1 for none).
+    nominal), `limit` of its torque (infinite), `loss` of it for every N m, `fading` the Stribeck
+    velocity, `separated` the joint whose motor is a side of its own (-1 for none).
     """
 
     level: Array
@@ -83,6 +84,7 @@ class Amounts:
     order: Array
     phase: Array
     encoder: Array
+    loss: Array
     coupled: Array
     gravity: Array
     payload: list[tuple[int, float, Array]]

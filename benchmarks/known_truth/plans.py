@@ -123,6 +123,7 @@ VOCABULARY = (
     "backlash",
     "joint_elasticity",
     "encoder_offset",
+    "drive_loss",
 )
 
 #: Two effects at once, and whether they share a joint.

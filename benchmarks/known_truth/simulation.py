@@ -33,6 +33,8 @@ _SWEEPS = 12
 _SOFTER = 0.4
 #: Where a slipping load comes to lie, in multiples of where it was.
 _SLID = 0.3
+#: Share of its torque that a drive loses at most.
+_MOST_LOST = 0.5
 
 
 def simulate(runs: Sequence[Run], settling_s: float = SETTLING_S) -> list[Course]:
@@ -313,9 +315,12 @@ class _Robots:
         torque -= self._damping * speed
         free = np.abs(torque) < self._has.limit
         torque = np.clip(torque, -self._has.limit, self._has.limit)
+        lost = self._has.loss * np.abs(torque)
+        torque *= 1.0 - np.minimum(lost, _MOST_LOST)
+        left = free * np.where(lost < _MOST_LOST, 1.0 - 2.0 * lost, 1.0 - _MOST_LOST)
         for i, j, law in self._strange:
             torque[i, j] = law.drive(step * self._step_s, float(torque[i, j]))
-        return torque, free * self._stiffness, free * self._damping
+        return torque, left * self._stiffness, left * self._damping
 
     def _compensation(self, q: Array) -> Array:
         """Returns what the controller adds against the gravity that it believes in, (B, J)."""

@@ -148,6 +148,7 @@ DRAWS: Mapping[str, Draw] = {
     "backlash": _linear("gap", 0.004, 0.02, lambda _: 1.0),
     "joint_elasticity": _elasticity,
     "encoder_offset": _signed(_linear("offset", 0.01, 0.06, lambda _: 1.0)),
+    "drive_loss": _linear("coefficient", 0.1, 0.4, lambda p: 1.0 / p.torque),
     "cubic_spring": _with(
         _linear("stiffness", 0.3, 0.8, lambda p: p.torque / p.reach**3),
         rest=lambda p, _: p.robot.rest[p.joint],

@@ -153,6 +153,10 @@ FREE = {
     "nothing": free(IDEAL, HIGH),
     "asymmetric": ASYMMETRIC,
     "loaded": LOADED,
+    "lossy": replace(
+        free(IDEAL, HIGH, hidden("drive_loss", 0, coefficient=0.1)),
+        control=(np.array([2.0]), np.array([0.0])),
+    ),
     "stays": free(IDEAL, LOW, hidden("coulomb_friction", 0, torque=1.01 * WEIGHT * np.sin(0.1))),
     "slips": free(IDEAL, LOW, hidden("coulomb_friction", 0, torque=0.9 * WEIGHT * np.sin(0.1))),
     **{effect.effect: free(IDEAL, HIGH, effect) for effect, _ in LAWS},
@@ -212,6 +216,13 @@ def test_friction_that_depends_on_the_load_grows_with_the_drive(
     rubbed = float(np.sum(-0.3 * np.abs(drive_torque) * np.abs(turned)))
     assert abs(rubbed) > 0.02
     assert gained(course) == pytest.approx(float(np.sum(drive_torque * turned)) + rubbed, rel=0.01)
+
+
+def test_what_a_drive_loses_is_missing_in_its_effort(swung: dict[str, Course]) -> None:
+    course = swung["lossy"]
+    np.testing.assert_allclose(course.effort[1:, 0], 2.0 * (1.0 - 0.1 * 2.0))
+    worked = float(np.sum(course.effort[1:, 0] * np.diff(course.position[:, 0])))
+    assert gained(course) == pytest.approx(worked, rel=0.01)
 
 
 def test_coupled_friction_takes_from_one_joint_what_it_gives_the_other() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import final
 
 import mujoco
@@ -25,6 +25,9 @@ from gfm.effects.elements import add_cogging, add_constant_torque
 
 #: Activations that follow the command with a first-order lag.
 LAGS = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
+
+#: Share of a drive's torque that is lost at most.
+MOST_LOST = 0.5
 
 
 @final
@@ -52,6 +55,31 @@ class ActuatorGain(Effect):
         # To first order a weak drive looks like minus infinity of it: keep the sign of the answer.
         values["scale"] = max(values["scale"], 0.2)
         return values
+
+
+@final
+class DriveLoss(Effect):
+    """The stronger a drive, the less of it arrives: its supply sags, its stages lose voltage.
+
+    To first order in the torque, and at most a half. MuJoCo cannot express it.
+    """
+
+    name = "drive_loss"
+    needs_drive = True
+    costly = True
+    native = False
+    confused_with = ("torque_saturation",)
+    parameters = (Parameter(name="coefficient", unit="N^-1 m^-1", lower=0.0, upper=1e3),)
+    shown_by = "strong drive torques beside weak ones"
+
+    @override
+    def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
+        return [[{"coefficient": 0.1 / max(scales.servo_nm, 1e-9)}]]
+
+    @override
+    def drive_change(self, motion: Motion, values: Mapping[str, Array]) -> Array | None:
+        share = np.minimum(values["coefficient"] * np.abs(motion.drive), MOST_LOST)
+        return np.asarray(-share * motion.drive)
 
 
 @final

@@ -9,6 +9,7 @@ An effect changes a model in one or more of these ways, and the simulation of a 
 * `effort_apart_s` says that efforts were measured at other times than positions of their stamps;
 * `extra_friction` is a level that MuJoCo cannot express and that is therefore set at every step;
 * `torque` is, where `stepwise` says so, put on the joint at every step, for the same reason;
+* `drive_change` is what a drive gives beside its model's torque, also told at every step;
 * `compensation` says how a controller that cancels gravity errs under it.
 
 Amounts are always *added* to what the model already has.
@@ -220,6 +221,18 @@ class Effect(ABC):
 
         Args:
             motion: The joint in N simulations.
+            values: Each parameter, shape (N,).
+        """
+        del motion, values
+        return None
+
+    def drive_change(self, motion: Motion, values: Mapping[str, Array]) -> Array | None:
+        """Returns what the drive gives beside its model's torque now, N m, shape (N,).
+
+        None for nothing. Efforts are measured with it.
+
+        Args:
+            motion: The joint in N simulations, its drive as in the model.
             values: Each parameter, shape (N,).
         """
         del motion, values

@@ -16,8 +16,10 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 #: What an effect can change; one that changes none of them is no effect.
 _WAYS = (
     *("apply", "retime", "lag_s", "servo_late_s", "effort_apart_s"),
-    *("extra_friction", "compensation"),
+    *("extra_friction", "drive_change", "compensation"),
 )
+#: Those of them that are asked for at every step.
+_STEPPED = ("extra_friction", "drive_change")
 #: Over what a law may be drawn.
 SIGNALS = ("velocity", "position", "drive")
 #: An ordinary joint, on which probes are tried.
@@ -98,7 +100,8 @@ def _ways(kind: type[Effect]) -> Iterable[tuple[str, str]]:
         yield "is stepwise and has no torque", "the torque to be put on the joint at every step"
     if not kind.stepwise and all(getattr(kind, way) is getattr(Effect, way) for way in _WAYS):
         yield "changes nothing", f"stepwise, or one of {', '.join(_WAYS)}"
-    if kind.native and (kind.stepwise or kind.extra_friction is not Effect.extra_friction):
+    stepped = any(getattr(kind, way) is not getattr(Effect, way) for way in _STEPPED)
+    if kind.native and (kind.stepwise or stepped):
         yield "is native and evaluated at every step", "native = False"
 
 

@@ -11,6 +11,7 @@ from gfm.effects.drive import (
     ActuatorGain,
     ActuatorLag,
     CoggingTorque,
+    DriveLoss,
     TorqueOffset,
     TorqueSaturation,
 )
@@ -43,6 +44,7 @@ _KINDS: tuple[type[Effect], ...] = (
     GravityDirection,
     Armature,
     ActuatorGain,
+    DriveLoss,
     CommandDelay,
     ServoDelay,
     PositionDelay,

@@ -70,6 +70,7 @@ FAMILIES = (
         shape=load_reversals,
         shows=(
             "load_dependent_friction",
+            "drive_loss",
             "coulomb_friction",
             "asymmetric_friction",
             "torque_offset",

@@ -129,6 +129,9 @@ EFFECTS = {
     "gravity_direction": EffectWords(law="the base is tilted: gravity points elsewhere"),
     "armature": EffectWords(law="inertia of the motor side, seen at the joint"),
     "actuator_gain": EffectWords(law="drive torque times scale (1 = as in the model)"),
+    "drive_loss": EffectWords(
+        law="the stronger the drive, the less arrives: drive · (1 − coefficient · |drive|)"
+    ),
     "command_delay": EffectWords(law="commands take effect later"),
     "servo_delay": EffectWords(law="the drive's torque acts later, feedback included"),
     "position_delay": EffectWords(law="reported positions are those of a moment ago"),

@@ -18,7 +18,13 @@ from gfm.core.checks import Array
 from gfm.effects import EffectInstance
 from gfm.sim.compensation import ErringCompensation
 from gfm.sim.layout import Indices, Layout, make_layout
-from gfm.sim.plant import compensations, drive_matrix, misled_already, with_servo_gain
+from gfm.sim.plant import (
+    compensations,
+    drive_dofs,
+    drive_matrix,
+    misled_already,
+    with_servo_gain,
+)
 from gfm.sim.step_laws import StepLaws, acts_at_every_step, step_laws
 
 
@@ -128,7 +134,7 @@ class HybridModel:
         drive = drive_matrix(self.any_model, joints)
         if not drive.any():
             raise ConfigError("the models do not tell their drives' torques; see `stepping_spec`")
-        places = (self.layout.qpos, self.layout.dof)
+        places = (self.layout.qpos, self.layout.dof, drive_dofs(self.any_model, joints))
         return step_laws([self.effects] * count, joints, places, drive)
 
     def erring_compensation(self) -> ErringCompensation | None:

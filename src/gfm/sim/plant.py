@@ -240,6 +240,14 @@ def drive_matrix(model: mujoco.MjModel, joints: Sequence[str]) -> NDArray[np.flo
     return matrix
 
 
+def drive_dofs(model: mujoco.MjModel, joints: Sequence[str]) -> NDArray[np.intp]:
+    """Returns where the drive of each joint acts in qvel: on the motor's side, (J,)."""
+    sides = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, n + MOTOR_SIDE) for n in joints)
+    links = (model.joint(name).id for name in joints)
+    ids = [link if side < 0 else side for side, link in zip(sides, links, strict=True)]
+    return np.asarray(model.jnt_dofadr[ids], np.intp)
+
+
 def _mark(model: mujoco.MjModel, row: NDArray[np.float64], sensor: str, weight: float) -> None:
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, sensor)
     if index >= 0:

@@ -16,14 +16,15 @@ import numpy as np
 from mujoco import batch, rollout
 
 from gfm.core.checks import Array
+from gfm.effects import EffectInstance
 from gfm.sim.commands import commands_at, stepping_commands
 from gfm.sim.compensation import CompensationError, compensation_error
 from gfm.sim.instants import sensors_at, states_at, states_before
 from gfm.sim.late_servos import Feedback, LateServos, late_servos
 from gfm.sim.motor_sides import ahead_of_link, motor_of
-from gfm.sim.plant import Plant, with_servo_gain
+from gfm.sim.plant import Plant, drive_dofs, with_servo_gain
 from gfm.sim.segment import Prediction, Segment
-from gfm.sim.step_laws import middle_of_step, step_laws
+from gfm.sim.step_laws import Moment, StepLaws, middle_of_step, step_laws
 
 #: Memory that one call of the batched rollout may fill, bytes.
 CHUNK_BYTES = 200e6
@@ -302,7 +303,15 @@ def _efforts(
         plant, error = jobs[i].plant, jobs[i].compensation
         beside = 0.0 if error is None else error.drive[:, plant.dof]
         efforts[i] = here @ plant.drive.T + beside
+        if (laws := _laws(plant, [plant.effects])) is not None:
+            efforts[i] += laws.drive_changes(_moments(plant.model, states[i], here))
     return efforts
+
+
+def _moments(model: mujoco.MjModel, states: Array, sensordata: Array) -> Moment:
+    """Returns the states of one simulation, shape (T, S), as so many moments."""
+    qpos, qvel = np.split(states[:, 1 : 1 + model.nq + model.nv], [model.nq], axis=1)
+    return Moment(qpos=qpos, qvel=qvel, sensordata=sensordata)
 
 
 def _step_by_step(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
@@ -320,8 +329,7 @@ def _step_by_step(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
     controls = _controls(jobs, steps).swapaxes(0, 1)
     forces = np.stack([_forces(job, steps) for job in jobs], axis=1)
     plant = jobs[0].plant
-    places, own = (plant.qpos, plant.dof), [job.plant.effects for job in jobs]
-    laws = step_laws(own, plant.joints, places, plant.drive)
+    laws = _laws(plant, [job.plant.effects for job in jobs])
     constant = np.stack([job.model.dof_frictionloss for job in jobs])
     friction, applied = sims.expand("dof_frictionloss"), sims.bind("qfrc_applied")
     qacc, step_s = sims.bind("qacc"), jobs[0].model.opt.timestep
@@ -344,6 +352,12 @@ def _step_by_step(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
             if feedback is not None:
                 feedback.note(k, qpos, qvel)
         return _predictions(jobs, initial, rows, settings, feedback)
+
+
+def _laws(plant: Plant, effects: Sequence[Sequence[EffectInstance]]) -> StepLaws | None:
+    """Returns the laws among the effects of each job, all of plants like one; None without any."""
+    places = (plant.qpos, plant.dof, drive_dofs(plant.model, plant.joints))
+    return step_laws(effects, plant.joints, places, plant.drive)
 
 
 def _feedback(jobs: list[_Job], initial: Array, steps: int) -> Feedback | None:

@@ -27,7 +27,8 @@ def acts_at_every_step(instance: EffectInstance) -> bool:
     motion = Motion(position=still, velocity=still, drive=still, other_velocity=still)
     values = {name: np.array([value]) for name, value in instance.values.items()}
     effect = instance.effect
-    return effect.stepwise or effect.extra_friction(motion, values) is not None
+    told = (effect.extra_friction(motion, values), effect.drive_change(motion, values))
+    return effect.stepwise or any(one is not None for one in told)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,12 +88,14 @@ class StepLaws:
         qpos: Of the joints in qpos, shape (J,).
         dof: Of the joints in qvel, shape (J,).
         drive: From sensor data to the drive torque of each joint, shape (J, M).
+        drive_dof: Where the drives act in qvel, shape (J,).
     """
 
     laws: tuple[StepLaw, ...]
     qpos: NDArray[np.intp]
     dof: NDArray[np.intp]
     drive: Array
+    drive_dof: NDArray[np.intp]
 
     def levels(self, constant: Array, now: Moment) -> Array:
         """Returns the levels of dry friction for the coming step, N m, shape (N, nv).
@@ -110,6 +113,7 @@ class StepLaws:
     def forces(self, now: Moment) -> Array:
         """Returns the generalized forces to be applied in the coming step, N m, shape (N, nv)."""
         force = np.zeros_like(now.qvel)
+        force[:, self.drive_dof] += self.drive_changes(now)
         laws = [law for law in self.laws if law.effect.stepwise]
         for law, motion in zip(laws, self._motions(laws, now), strict=True):
             # A stepwise law takes its amounts in all simulations at once.
@@ -120,11 +124,23 @@ class StepLaws:
                     force[:, self.dof[other]] -= torque
         return force
 
+    def drive_changes(self, now: Moment) -> Array:
+        """Returns what the drives give beside their models' torques, N m, shape (N, J)."""
+        drive = np.asarray(now.sensordata) @ self.drive.T
+        changes = np.zeros_like(drive)
+        for law, motion in zip(self.laws, self._seen(self.laws, now, drive), strict=True):
+            change = law.effect.drive_change(motion, law.values)
+            changes[:, law.joints[0]] += 0.0 if change is None else change
+        return changes
+
     def _motions(self, laws: Sequence[StepLaw], now: Moment) -> list[Motion]:
-        """Returns what each law sees."""
+        """Returns what each law sees, of the drives what they give."""
         if not laws:
             return []
         drive = np.asarray(now.sensordata) @ self.drive.T
+        return self._seen(laws, now, drive + self.drive_changes(now))
+
+    def _seen(self, laws: Sequence[StepLaw], now: Moment, drive: Array) -> list[Motion]:
         velocity = now.qvel[:, self.dof]
         return [
             Motion(
@@ -140,7 +156,7 @@ class StepLaws:
 def step_laws(
     effects: Sequence[Sequence[EffectInstance]],
     joints: Sequence[str],
-    places: tuple[NDArray[np.intp], NDArray[np.intp]],
+    places: tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]],
     drive: Array,
 ) -> StepLaws | None:
     """Returns the laws among the effects of N simulations; None where there are none.
@@ -148,7 +164,7 @@ def step_laws(
     Args:
         effects: Of each simulation: the same ones in the same places and order, in other amounts.
         joints: Their names.
-        places: Of the joints in qpos and in qvel, shape (J,) each.
+        places: Of the joints in qpos and in qvel, and of their drives in qvel, shape (J,) each.
         drive: From sensor data to the drive torque of each joint, shape (J, M).
 
     Raises:
@@ -156,7 +172,10 @@ def step_laws(
     """
     columns = zip(*([e for e in own if acts_at_every_step(e)] for own in effects), strict=True)
     laws = tuple(_law(column, joints) for column in columns)
-    return StepLaws(laws=laws, qpos=places[0], dof=places[1], drive=drive) if laws else None
+    if not laws:
+        return None
+    qpos, dof, drive_dof = places
+    return StepLaws(laws=laws, qpos=qpos, dof=dof, drive=drive, drive_dof=drive_dof)
 
 
 def _law(column: Sequence[EffectInstance], joints: Sequence[str]) -> StepLaw:
