@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array, Array32
+from gfm.effects.effect import angle
 from gfm.envs.arm import CONTROL_PERIOD_S, ArmProblem
 from gfm.envs.inverse_dynamics import ArmState, InverseDynamics
 from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings, arm_problem, nominal_cell
@@ -53,6 +55,11 @@ def late(spec: mujoco.MjSpec) -> None:
     for actuator in spec.actuators:
         actuator.delay = 0.1
         actuator.nsample = 60
+
+
+def shifted(spec: mujoco.MjSpec) -> None:
+    """Lets the encoder of right_j1 read more than there is."""
+    spec.joint("right_j1").ref += angle(spec, spec.joint("right_j1"), 0.05)
 
 
 def moving(nominal: ArmProblem) -> tuple[ArmState, Array32]:
@@ -99,6 +106,16 @@ def test_the_joints_go_where_they_would_have_gone(change: Change) -> None:
     )
     assert before > 0.02
     assert after < 0.1 * before
+
+
+def test_another_zero_of_the_encoders_changes_no_action() -> None:
+    nominal, other = arm(), arm(shifted)
+    state, action = moving(nominal)
+    qpos = state.qpos.copy()
+    qpos[:, other.model.layout.qpos] += other.zero
+    assert other.zero[1] == pytest.approx(0.05)
+    found = InverseDynamics(nominal, other, N)(replace(state, qpos=qpos), action)
+    np.testing.assert_allclose(found, action, atol=1e-5)
 
 
 def test_an_action_stays_within_its_limits() -> None:

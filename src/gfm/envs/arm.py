@@ -86,6 +86,11 @@ class ArmProblem:
         rng = np.random.default_rng(_VARIANTS_SEED)  # every actor draws from the same ones
         return randomised_models(self.nominal, settings.variants, settings.randomisation, rng)
 
+    @cached_property
+    def zero(self) -> Array:
+        """What the encoders read where the published arm is at zero, rad, shape (J,)."""
+        return np.asarray(self.nominal.qpos0[self.model.layout.qpos])
+
 
 def common_period_s(periods_s: Sequence[float], timestep_s: float) -> float:
     """Returns the longest time that fits into all periods, in whole time steps."""

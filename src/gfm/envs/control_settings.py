@@ -8,6 +8,7 @@ import msgspec
 from msgspec import Meta
 
 from gfm.core import ConfigError
+from gfm.envs.sensing import Sensing
 
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
@@ -51,6 +52,7 @@ class ControlSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         variants: How many such models are drawn once, for episodes to choose from.
         ensemble: Generalized force models, files or names of some that come with gfm; each episode
             draws one of them.
+        sensing: How well the robot measures what a policy sees; exactly by default.
     """
 
     curriculum: Curriculum = Curriculum()
@@ -59,6 +61,7 @@ class ControlSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     ranges: str = ""
     variants: Annotated[int, Meta(ge=1)] = 64
     ensemble: tuple[str, ...] = ()
+    sensing: Sensing | None = None
 
     def __post_init__(self) -> None:
         if self.ranges and self.randomisation > 0.0:

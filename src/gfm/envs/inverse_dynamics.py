@@ -9,7 +9,7 @@ Shape letters: N instances, J joints.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -64,15 +64,20 @@ class InverseDynamics:
         self._own = _OnePeriod(own, num_envs, nthread)
         self._other = _OnePeriod(other, num_envs * (self._joints + 1), nthread)
         self._unit = CONTROL_PERIOD_S * other.velocity_limit
+        #: By how much more the other model's encoders read.
+        self._more = other.zero - own.zero
+        self._angles = other.model.layout.qpos
 
     def __call__(self, state: ArmState, action: Array32) -> Array32:
         """Returns such actions, shape (N, J).
 
         Args:
-            state: Where the instances stand, alike on both models.
+            state: Where the instances stand, by the encoders of the other model.
             action: As chosen for the policy's own model, in [-1, 1], shape (N, J).
         """
-        wanted = self._own.ends(state, action)
+        qpos = state.qpos.copy()
+        qpos[:, self._angles] -= self._more
+        wanted = self._own.ends(replace(state, qpos=qpos), action) + self._more
         copies = ArmState(
             **{
                 name: np.repeat(array, self._joints + 1, axis=0)

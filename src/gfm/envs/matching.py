@@ -14,7 +14,7 @@ from typing_extensions import override
 
 from gfm.core import ConfigError, EnvironmentSpec
 from gfm.core.checks import Array, Array32
-from gfm.envs.arm import Arm, ArmProblem
+from gfm.envs.arm import CONTROL_PERIOD_S, Arm, ArmProblem
 from gfm.envs.batched import BatchedEnvironment, Transition
 from gfm.envs.episodes import Episodes
 from gfm.envs.matching_task import (
@@ -26,6 +26,7 @@ from gfm.envs.matching_task import (
 )
 from gfm.envs.matching_view import MatchingView, Scene
 from gfm.envs.outcomes import Outcome, Outcomes
+from gfm.envs.sensing import Sensors
 from gfm.sim.cell import END_EFFECTOR_SITE
 from gfm.sim.kinematics import SiteKinematics, body_axes
 from gfm.sim.sawyer import READY
@@ -78,6 +79,10 @@ class Matching(BatchedEnvironment):
         self._rng = np.random.default_rng(seed)
         self._arm = Arm(arm, num_envs, self._rng, nthread)
         self._tip = SiteKinematics(arm.nominal, END_EFFECTOR_SITE)
+        sensing = arm.settings.sensing
+        self._sensors = (
+            None if sensing is None else Sensors(sensing, num_envs, CONTROL_PERIOD_S, self._rng)
+        )
         self._view = MatchingView(task, arm.velocity_limit, num_envs)
         self._episodes = Episodes(num_envs, horizon or task.steps)
         self._outcomes = Outcomes(num_envs)
@@ -112,7 +117,10 @@ class Matching(BatchedEnvironment):
 
     def scene(self) -> Scene:
         """Returns where tool and object are now."""
-        pose = self._arm.qpos[:, self._problem.model.layout.object_qpos]
+        return self._scene(self._object_pose())
+
+    def _scene(self, pose: Array) -> Scene:
+        """Returns where the tool is now, and objects in poses of shape (N, 7)."""
         return Scene(
             tip=self._tip.positions(self._arm.qpos),
             position=pose[:, :3].copy(),
@@ -130,20 +138,27 @@ class Matching(BatchedEnvironment):
     @override
     def reset(self, ids: NDArray[np.intp] | None = None) -> Array32:
         chosen = self._episodes.start(ids)
-        starts = random_starts(self._task, len(chosen), self._rng)
-        self._arm.reset(chosen, self._problem.model.layout.as_qpos(*starts))
+        joints, pose = random_starts(self._task, len(chosen), self._rng)
+        layout, zero = self._problem.model.layout, self._problem.zero
+        self._arm.reset(chosen, layout.as_qpos(joints + zero, pose))
         self._goal[chosen] = self._next_goals(chosen)
         self._outcomes.start(chosen)
+        if self._sensors is not None:
+            self._sensors.begin(chosen, self._object_pose())
         scene = self.scene()
-        self._view.begin(chosen, *self._joints(), scene)
+        seen = self._seen(scene)
+        self._view.begin(chosen, *self._joints(), seen)
         self._potential[chosen] = self._potentials(scene)[chosen]
-        return self._view.observation(scene, self._goal)
+        return self._view.observation(seen, self._goal)
 
     @override
     def step(self, action: Array32) -> Transition:
         diverged = self._arm.step(self._episodes.checked(action, self.spec.action_size))
         scene, task, goal = self.scene(), self._task, self._goal
-        self._view.see(*self._joints(), scene)
+        if self._sensors is not None:
+            self._sensors.see(self._object_pose())
+        seen = self._seen(scene)
+        self._view.see(*self._joints(), seen)
         failure = failures(scene, diverged)
         failed = failure != Outcome.RUNNING
         ended = self._episodes.tick(failed)
@@ -151,7 +166,7 @@ class Matching(BatchedEnvironment):
         self._outcomes.judge(reached, failure, ended)
         before, self._potential = self._potential, self._potentials(scene)
         return Transition(
-            observation=self._view.observation(scene, goal),
+            observation=self._view.observation(seen, goal),
             reward=reward(self._potential - before, reached, failed).astype(np.float32),
             discount=np.where(failed, 0.0, 1.0).astype(np.float32),
             ended=ended,
@@ -162,10 +177,20 @@ class Matching(BatchedEnvironment):
             return np.asarray(self._fixed_goals[chosen])
         return self._task.random_goals(len(chosen), self._rng)
 
+    def _object_pose(self) -> Array:
+        """Returns where the objects are: m and quaternion w x y z, shape (N, 7)."""
+        return np.asarray(self._arm.qpos[:, self._problem.model.layout.object_qpos])
+
+    def _seen(self, scene: Scene) -> Scene:
+        """Returns a scene as a policy sees it."""
+        return scene if self._sensors is None else self._scene(self._sensors.object_pose)
+
     def _joints(self) -> tuple[Array, Array]:
-        """Returns joint positions and velocities, shape (N, J) each."""
+        """Returns joint positions and velocities as a policy sees them, shape (N, J) each."""
         layout = self._problem.model.layout
-        return self._arm.qpos[:, layout.qpos], self._arm.qvel[:, layout.dof]
+        angles = self._arm.qpos[:, layout.qpos] - self._problem.zero
+        joints = angles, self._arm.qvel[:, layout.dof]
+        return joints if self._sensors is None else self._sensors.joints(*joints)
 
     def _potentials(self, scene: Scene) -> Array:
         return self._task.potential(scene.tip, scene.position, scene.axes, self._goal)

@@ -2,7 +2,8 @@
 
 The inverse dynamics of the corrected model (`gfm.envs.inverse_dynamics`) tell the action that
 leads where the policy wanted to go. They need the whole state of a simulation; the policy learns
-from them to do the same from what it sees, where it comes itself. Nothing is rewarded.
+from them to do the same from what a robot's sensors tell, where it comes itself. Nothing is
+rewarded.
 """
 
 from __future__ import annotations
@@ -77,7 +78,8 @@ def adapt_policy(
     """
     task = TASKS[request.task]
     weights = read_weights(request.policy)
-    own, other = (_load_arm(request.task, model) for model in (request.own, request.model))
+    own = _load_arm(request.task, request.own)
+    other = _load_arm(request.task, request.model, sensed=True)
     policy_for(request.policy, weights, Matching(task, other, 1).spec)
     lesson = Lesson(task, own, other, weights, request.seed)
     phase = Phase(name=_ADAPT, expected_s=_SECONDS)
@@ -92,9 +94,9 @@ def adapt_policy(
     console.print(f"policy: {request.out}", soft_wrap=True, highlight=False)
 
 
-def _load_arm(task: str, model: Path | None) -> ArmProblem:
+def _load_arm(task: str, model: Path | None, *, sensed: bool = False) -> ArmProblem:
     """Returns the cell of a model's file, the nominal one by default, as it is trained on."""
-    request = EvaluationRequest(task=task, model=model)
+    request = EvaluationRequest(task=task, model=model, sensed=sensed)
     return load_arm(request, lambda spec: as_trained(furnished(task, spec), task))
 
 

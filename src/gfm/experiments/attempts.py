@@ -68,7 +68,7 @@ class AttemptRunner:
 
     Args:
         task: What is tried.
-        arm: The nominal cell, furnished for the task.
+        arm: The cell by which the tool is placed, furnished for the task.
         policy: From observations to actions.
         driver: Of a bridge that takes a command every control period.
         seed: Of the starts.
@@ -116,7 +116,7 @@ class AttemptRunner:
         """
         rng = np.random.default_rng([self._seed, goal, trial])
         joints, pose = random_starts(self._task, 1, rng)
-        if not (self._above_basket(joints[0]) and self._object_put_back(pose[0])):
+        if not (self._above_basket(joints[0] + self._arm.zero) and self._object_put_back(pose[0])):
             return None
         about = {"purpose": "attempt", "task": self._task.name}
         about |= {"goal": str(goal), "trial": str(trial)}
@@ -180,7 +180,7 @@ class AttemptRunner:
         task, goals = self._task, self._task.radial_goals()[[goal]]
         view, outcomes = MatchingView(task, self._arm.velocity_limit, 1), Outcomes(1)
         scene = self._scene(self._driver.newest)
-        view.begin(_ONE, *_measured(self._driver.newest), scene)
+        view.begin(_ONE, *self._measured(self._driver.newest), scene)
         path = [scene.position[0, :2]]
         while outcomes.now[0] == Outcome.RUNNING:
             action = finite(self._policy(view.observation(scene, goals)))[0]
@@ -189,7 +189,7 @@ class AttemptRunner:
             speed = np.clip(action, -1.0, 1.0) * self._arm.velocity_limit
             told = self._driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed)
             scene = self._scene(told)
-            view.see(*_measured(told), scene)
+            view.see(*self._measured(told), scene)
             path.append(scene.position[0, :2])
             reached = task.reached(scene.position, scene.axes, goals)
             failure = failures(scene, np.zeros(1, dtype=bool))
@@ -204,6 +204,9 @@ class AttemptRunner:
             path=np.round(path, 5).tolist(),
         )
 
+    def _measured(self, report: Observation) -> tuple[Array, Array]:
+        return report.position[None] - self._arm.zero, report.velocity[None]
+
     def _scene(self, report: Observation) -> Scene:
         if report.object_position is None or report.object_quaternion is None:
             raise RefusedError("the robot reports no object")
@@ -215,10 +218,6 @@ class AttemptRunner:
         return Scene(
             tip=self._tip.positions(qpos), position=pose[:, :3], axes=body_axes(pose[:, 3:])
         )
-
-
-def _measured(report: Observation) -> tuple[Array, Array]:
-    return report.position[None], report.velocity[None]
 
 
 def planned(goals: int, trials: int) -> Iterator[tuple[int, int]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,13 @@ def add_parser(subparsers: Subparsers) -> None:
     """Adds `gfm drive`."""
     parser = subparsers.add_parser(
         "drive", help="run a policy on the robot", description=_DESCRIPTION
+    )
+    parser.add_argument(
+        "--model",
+        type=Path,
+        metavar="FILE",
+        help="MJCF of the arm, corrected by a diagnosis, by which the tool is placed (default: the "
+        "nominal cell)",
     )
     add_robot_flags(parser)
     parser.set_defaults(run=run)
@@ -82,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Drives."""
     from gfm.experiments.drive_policy import drive_policy
 
-    drive_policy(request_of(arguments))
+    drive_policy(replace(request_of(arguments), model=arguments.model))
     return 0
 
 

@@ -51,6 +51,7 @@ class DriveRequest:
     Attributes:
         task: Name of the environment.
         policy: Of a file, or of a folder that holds one; by default the one that comes with gfm.
+        model: MJCF by which the tool is placed; None for the nominal cell.
         robot: Which simulated robot, one of `gfm.launch.spec.ENGINES`.
         hidden_effect: Of the simulated robot.
         robot_config: Its settings as a TOML file; None for the default ones.
@@ -66,6 +67,7 @@ class DriveRequest:
     task: str
     out: Path
     policy: Path | None = None
+    model: Path | None = None
     robot: str = "sim"
     hidden_effect: str = "none"
     robot_config: Path | None = None
@@ -117,7 +119,8 @@ def drive_policy(request: DriveRequest) -> Driven:
     """
     check_folder(request.out)
     path = policy_path(request.policy or shipped_policy(request.task))
-    task, arm = TASKS[request.task], load_arm(EvaluationRequest(task=request.task))
+    task = TASKS[request.task]
+    arm = load_arm(EvaluationRequest(task=request.task, model=request.model))
     policy = policy_for(path, read_weights(path), Matching(task, arm, 1).spec)
     kept = Kept(request.out, _about(request, sha256(path)))
     left = [one for one in planned(request.goals, request.trials) if one not in kept.done]
@@ -149,7 +152,11 @@ def drive_policy(request: DriveRequest) -> Driven:
 
 def _report(request: DriveRequest, policy: Path, kept: Kept) -> Evaluation:
     config = request.robot_config
-    files = {"policy": (policy,), "robot's settings": () if config is None else (config,)}
+    files = {
+        "policy": (policy,),
+        "model": () if request.model is None else (request.model,),
+        "robot's settings": () if config is None else (config,),
+    }
     return Evaluation(
         task=TASKS[request.task],
         attempts=kept.together(request.task),
@@ -224,6 +231,7 @@ def _about(request: DriveRequest, policy: str) -> dict[str, object]:
     return {
         "task": request.task,
         "policy": policy,
+        "model": sha256(request.model) if request.model else "",
         "robot": f"{request.run_name} at {request.connect}" if request.connect else request.robot,
         "hidden_effect": request.hidden_effect,
         "robot_config": sha256(request.robot_config) if request.robot_config else "",

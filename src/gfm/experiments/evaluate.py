@@ -17,6 +17,7 @@ from gfm.envs.evaluation import SimulatedAttempts, evaluate
 from gfm.envs.matching import Matching
 from gfm.envs.matching_task import TASKS
 from gfm.envs.registry import EnvironmentSettings, arm_problem, furnished
+from gfm.envs.sensing import Sensing
 from gfm.experiments.film import NoFilmError, write_film
 from gfm.experiments.inputs import command_line, provenance
 from gfm.policies import shipped_policy
@@ -43,6 +44,8 @@ class EvaluationRequest:
         policy: Of a file, or of a folder that holds one; by default the one that comes with gfm.
         model: MJCF for velocity commands; None for the nominal cell.
         forces: Generalized force models.
+        sensed: Whether the policy sees what a robot's sensors tell, late and with noise, instead
+            of what there is.
         trials: Attempts per goal.
         seed: Of the starts.
         as_json: Whether to print JSON.
@@ -53,6 +56,7 @@ class EvaluationRequest:
     policy: Path | None = None
     model: Path | None = None
     forces: tuple[Path, ...] = ()
+    sensed: bool = False
     trials: int = 5
     seed: int = 0
     as_json: bool = False
@@ -117,7 +121,10 @@ def load_arm(request: EvaluationRequest, complete: Complete | None = None) -> Ar
     """
     settings = EnvironmentSettings(
         models={CommandKind.VELOCITY: str(request.model)} if request.model else {},
-        control=ControlSettings(ensemble=tuple(str(path) for path in request.forces)),
+        control=ControlSettings(
+            ensemble=tuple(str(path) for path in request.forces),
+            sensing=Sensing() if request.sensed else None,
+        ),
     )
     assets = load_assets(settings, complete or partial(furnished, request.task))
     return arm_problem(request.task, settings, assets)

@@ -39,6 +39,11 @@ def add_parser(subparsers: Subparsers) -> None:
         help="generalized force model on top, a file or the name of one that comes with gfm; of "
         "several, each attempt draws one",
     )
+    parser.add_argument(
+        "--sensed",
+        action="store_true",
+        help="let the policy see what a robot's sensors tell, late and with noise",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the starts (default: 0)")
     parser.add_argument(
         "--json", action="store_true", help="print the report as JSON instead of a table"
@@ -60,6 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
             policy=arguments.policy,
             model=arguments.model,
             forces=tuple(forces_path(name) for name in arguments.forces),
+            sensed=arguments.sensed,
             trials=arguments.trials,
             seed=arguments.seed,
             as_json=arguments.json,

@@ -100,7 +100,8 @@ def transfer(
             console.print(f"nothing was named: there is no corrected model ({name})")
             continue
         policy = campaign.treat(name)
-        treatments.append(Treatment(name=name, evaluation=campaign.drive(f"after_{name}", policy)))
+        after = campaign.drive(f"after_{name}", policy, corrected=name in _NEED_NAMES)
+        treatments.append(Treatment(name=name, evaluation=after))
     report = Transfer(
         before=before,
         treatments=tuple(treatments),
@@ -122,10 +123,15 @@ class _Campaign:
     clock: Clock
     stopped: Callable[[], bool]
 
-    def drive(self, name: str, policy: Path) -> Evaluation:
-        """Returns what came of a policy on the robot."""
+    def drive(self, name: str, policy: Path, *, corrected: bool = False) -> Evaluation:
+        """Returns what came of a policy on the robot, whose tool a model places."""
         self._say(f"{name}: the policy on the robot")
-        request = replace(self.request.drive, policy=policy, out=self.request.out / name)
+        request = replace(
+            self.request.drive,
+            policy=policy,
+            model=self._corrected() if corrected else None,
+            out=self.request.out / name,
+        )
         report = drive_policy(request).report
         if report is None:
             raise KeyboardInterrupt
@@ -208,10 +214,13 @@ class _Campaign:
         return self._written("nominal", nominal_cell(self.request.drive.task), ())
 
     def _corrected(self) -> Path:
-        """Writes the corrected cell as a policy is trained on it, and returns its file."""
+        """Returns the file of the corrected cell as a policy is trained on it, written once."""
+        there = self.request.out / f"{CORRECTED}.xml"
+        if there.is_file():
+            return there
         found = load_nominal([self.request.out / "diagnosis" / "corrected.xml"])
         spec = as_trained(found.specs[CommandKind.VELOCITY], self.request.drive.task)
-        return self._written("corrected", spec, found.effects)
+        return self._written(CORRECTED, spec, found.effects)
 
     def _written(self, stem: str, spec: mujoco.MjSpec, effects: Sequence[EffectInstance]) -> Path:
         write_texts(self.request.out, model_texts(stem, model_pair(spec, effects)))
