@@ -52,6 +52,7 @@ def add_run_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--skip-gfm", action="store_true", help="leave out learning generalized forces"
     )
+    parser.add_argument("--skip-task", action="store_true", help="leave out the loop on a task")
     parser.add_argument(
         "--actors", type=int, default=2, metavar="N", help="actor processes (default: %(default)s)"
     )
@@ -94,6 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
         seed=arguments.seed,
         hidden_effect=arguments.hidden_effect,
         skip_gfm=arguments.skip_gfm,
+        skip_task=arguments.skip_task,
         actors=arguments.actors,
         budget_s=60.0 * arguments.budget_minutes,
         motion_s=arguments.motion_s,

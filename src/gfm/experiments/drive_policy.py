@@ -109,8 +109,12 @@ class Driven:
     report: Evaluation | None
 
 
-def drive_policy(request: DriveRequest) -> Driven:
+def drive_policy(request: DriveRequest, console: Console | None = None) -> Driven:
     """Makes the attempts that are not there yet, and prints what came of all.
+
+    Args:
+        request: What is asked for.
+        console: Where to print; the terminal by default.
 
     Raises:
         BadInputError: policy and task do not go together, or the folder holds something else.
@@ -124,7 +128,7 @@ def drive_policy(request: DriveRequest) -> Driven:
     policy = policy_for(path, read_weights(path), Matching(task, arm, 1).spec)
     kept = Kept(request.out, _about(request, sha256(path)))
     left = [one for one in planned(request.goals, request.trials) if one not in kept.done]
-    clock, console = MonotonicClock(), Console()
+    clock, console = MonotonicClock(), console or Console()
 
     def all_made(driver: Driver, person: Person) -> None:
         attempts = AttemptRunner(

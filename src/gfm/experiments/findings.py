@@ -13,6 +13,7 @@ from gfm.experiments.joint_control import JointControlTest, ModelErrors
 from gfm.experiments.slsqp import Identified
 from gfm.launch import Supervisor, statuses, summary
 from gfm.report import HiddenEffect, ModelKind, PhaseTime, RunReport, SystemFacts
+from gfm.report.transfer import Transfer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +28,7 @@ class Findings:
         fitted: Generalized forces; None where that was left out.
         rest: Those for what the named effects leave; None also where nothing was named.
         facts: About the services, at the end.
+        task: What a policy did on a robot before and after; None where that was left out.
     """
 
     test: JointControlTest
@@ -36,6 +38,7 @@ class Findings:
     fitted: FittedForces | None
     rest: FittedForces | None
     facts: SystemFacts
+    task: Transfer | None = None
 
     @cached_property
     def effects(self) -> list[EffectInstance]:
@@ -81,6 +84,7 @@ class Findings:
             comparison=self.test.comparison(models),
             rollouts=self.test.held_out_rollouts(models),
             training=self.fitted.curves if self.fitted else (),
+            task=self.task,
             hidden=hidden,
             system=replace(self.facts, phases=phases),
         )

@@ -6,8 +6,10 @@ import argparse
 from pathlib import Path
 
 TASKS = ("position", "pose")
-#: What can be done to a policy: adapted to the corrected model, or trained again on one of three.
-TREATMENTS = ADAPTED, CORRECTED, NOMINAL, RANDOMISED = (
+#: What can be done to a policy: left as it is, with the tool placed by the corrected model; adapted
+#: to that model; or trained again on one of three.
+TREATMENTS = PLACED, ADAPTED, CORRECTED, NOMINAL, RANDOMISED = (
+    "placed",
     "adapted",
     "corrected",
     "nominal",

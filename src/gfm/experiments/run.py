@@ -31,6 +31,7 @@ from gfm.diagnosis.output.result import Diagnosis
 from gfm.excitation.motion import Purpose
 from gfm.excitation.waypoints import motions
 from gfm.experiments.drive import Driven, drive, sawyer_ranges
+from gfm.experiments.drive_policy import DriveRequest
 from gfm.experiments.findings import Findings, system_facts
 from gfm.experiments.fit import FitInputs, FittedForces, ForceFit
 from gfm.experiments.inputs import (
@@ -41,10 +42,12 @@ from gfm.experiments.inputs import (
     read_recordings,
 )
 from gfm.experiments.joint_control import JointControlTest, ModelErrors, make_test
+from gfm.experiments.policy_flags import PLACED
 from gfm.experiments.progress import Phase, RunProgress
 from gfm.experiments.run_settings import RunSettings
 from gfm.experiments.sealed import unseal
 from gfm.experiments.slsqp import Identified, identify
+from gfm.experiments.transfer import TransferRequest, transfer
 from gfm.launch import (
     Supervisor,
     SystemSpec,
@@ -53,13 +56,15 @@ from gfm.launch import (
     robot_processes,
     watching,
 )
+from gfm.policies import ROBOT
 from gfm.report import ModelKind, RunReport, print_run, write_models, write_run
 from gfm.report.files import model_texts, write_texts
+from gfm.report.transfer import Transfer
 from gfm.sim.plant import check_joints
 from gfm.sim.sawyer import JOINT_NAMES, sawyer_spec
 
 KINDS = (CommandKind.POSITION, CommandKind.VELOCITY)
-START, DRIVE, MEASURE, IDENTIFY, DIAGNOSE, LEARN, LEARN_REST, EVALUATE = (
+START, DRIVE, MEASURE, IDENTIFY, DIAGNOSE, LEARN, LEARN_REST, TASK, EVALUATE = (
     "start the services",
     "drive and record the robot",
     "measure the nominal model",
@@ -67,6 +72,7 @@ START, DRIVE, MEASURE, IDENTIFY, DIAGNOSE, LEARN, LEARN_REST, EVALUATE = (
     "diagnose",
     "learn generalized forces",
     "learn what the named effects leave",
+    "close the loop on a task",
     "compare the models and report",
 )
 _EXPECTED_S = {
@@ -75,14 +81,17 @@ _EXPECTED_S = {
     MEASURE: 6.0,
     IDENTIFY: 30.0,
     DIAGNOSE: 90.0,
-    LEARN: 240.0,
+    LEARN: 100.0,
     LEARN_REST: 15.0,
+    TASK: 160.0,
     EVALUATE: 15.0,
 }
 #: Learning ends so long before the budget does, and is not begun for less than the second, s.
 _RESERVE_S, _LEAST_LEARNING_S = 50.0, 20.0
 #: Longest time that is spent on learning, s.
-_MOST_LEARNING_S = 240.0
+_MOST_LEARNING_S = 100.0
+#: The task, attempts at each of its goals, and minutes for what their recordings tell.
+_TASK, _TRIALS, _MINUTES = "position_matching", 2, 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +135,9 @@ class _Run:
         self._nominal = nominal_arm(settings.models)
         for line in self._nominal.about:
             console.print(Text(line), soft_wrap=True)
-        left_out = {LEARN, LEARN_REST} if settings.skip_gfm else set()
+        left_out = {LEARN, LEARN_REST} if settings.skip_gfm else set[str]()
+        left_out |= {TASK} if settings.skip_task else set()
+        self._reserve_s = _RESERVE_S + (0.0 if settings.skip_task else _EXPECTED_S[TASK])
         phases = [Phase(name=n, expected_s=s) for n, s in _EXPECTED_S.items() if n not in left_out]
         self._progress = RunProgress(phases, console=console, clock=clock)
 
@@ -142,6 +153,7 @@ class _Run:
                 fitted = self._learn(supervisor, recorded)
                 rest = self._learn_rest(recorded, corrected) if diagnosis.effects else None
                 facts = system_facts(supervisor)
+            task = self._on_task()
             return self._compare(
                 Findings(
                     test=test,
@@ -151,6 +163,7 @@ class _Run:
                     fitted=fitted,
                     rest=rest,
                     facts=facts,
+                    task=task,
                 )
             )
 
@@ -251,7 +264,7 @@ class _Run:
         with self._progress.phase(LEARN):
             self._progress.say("warm start: inverse dynamics, regressed")
             fit = ForceFit(self._fit_inputs(recorded, self._models, "checkpoints"), self._clock)
-            left_s = self._settings.budget_s - _RESERVE_S - self._progress.time_s
+            left_s = self._settings.budget_s - self._reserve_s - self._progress.time_s
             if left_s >= _LEAST_LEARNING_S:
                 self._progress.say("starting learner and actors")
                 fit.start(supervisor)
@@ -268,6 +281,27 @@ class _Run:
             self._progress.say("inverse dynamics of the corrected model, regressed")
             inputs = self._fit_inputs(recorded, corrected, "checkpoints/corrected")
             return ForceFit(inputs, self._clock).finish()
+
+    def _on_task(self) -> Transfer | None:
+        """Returns what a policy does on a robot with an object, before and after."""
+        if self._settings.skip_task:
+            return None
+        out = self._settings.folder / "task"
+        request = TransferRequest(
+            drive=DriveRequest(
+                task=_TASK,
+                robot_config=ROBOT,
+                trials=_TRIALS,
+                seed=self._settings.seed,
+                out=out,
+            ),
+            minutes=_MINUTES,
+            treatments=(PLACED,),
+        )
+        log = self._settings.folder / "logs" / "task.log"
+        with self._progress.phase(TASK), log.open("w") as file:
+            self._progress.say(f"{_TASK}: a policy on a robot, a diagnosis, the policy again")
+            return transfer(request, Console(file=file), self._clock, lambda: False)
 
     def _fit_inputs(
         self, recorded: Recorded, models: Mapping[CommandKind, Path], folder: str

@@ -18,6 +18,7 @@ class RunSettings:
         seed: Of everything random.
         hidden_effect: What the simulated robot hides: random, none, or a name.
         skip_gfm: Leave out learning generalized forces.
+        skip_task: Leave out the loop on a task.
         actors: Actor processes.
         budget_s: For the whole run; learning takes what the rest leaves.
         motion_s: Length of each motion.
@@ -28,6 +29,7 @@ class RunSettings:
     seed: int = 0
     hidden_effect: str = "random"
     skip_gfm: bool = False
+    skip_task: bool = False
     actors: int = 2
     budget_s: float = 570.0
     motion_s: float = 12.0

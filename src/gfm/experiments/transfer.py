@@ -28,7 +28,7 @@ from gfm.experiments.drive_policy import DriveRequest, drive_policy
 from gfm.experiments.evaluate import policy_path
 from gfm.experiments.folders import check_folder
 from gfm.experiments.inputs import command_line, load_nominal, provenance
-from gfm.experiments.policy_flags import ADAPTED, CORRECTED, RANDOMISED
+from gfm.experiments.policy_flags import ADAPTED, CORRECTED, PLACED, RANDOMISED
 from gfm.experiments.train import TrainRequest, train
 from gfm.policies import TRAINING_ON, shipped_policy
 from gfm.report.evaluation import Evaluation
@@ -38,7 +38,7 @@ from gfm.report.transfer import Transfer, Treatment, print_transfer, transfer_te
 BEFORE = "before"
 #: Recordings that the diagnosis learns from, as many as in the paper, and that judge it.
 LEARNED_FROM, JUDGED_ON = 5, 5
-_NEED_NAMES = (ADAPTED, CORRECTED)
+_NEED_NAMES = (PLACED, ADAPTED, CORRECTED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +132,7 @@ class _Campaign:
             model=self._corrected() if corrected else None,
             out=self.request.out / name,
         )
-        report = drive_policy(request).report
+        report = drive_policy(request, self.console).report
         if report is None:
             raise KeyboardInterrupt
         return report
@@ -160,7 +160,9 @@ class _Campaign:
         return found
 
     def treat(self, name: str) -> Path:
-        """Returns the policy that went on learning."""
+        """Returns the policy after what is done to it."""
+        if name == PLACED:
+            return self.request.start
         policy = self.request.out / f"policy_{name}.npz"
         if not policy.is_file():
             if name == ADAPTED:

@@ -9,6 +9,8 @@ from gfm.core import UnknownNameError
 _FOLDER = Path(__file__).parent
 #: Experiment in which a policy goes on learning; on what, a file says that has it as its base.
 TRAINING_ON = _FOLDER / "training_on.toml"
+#: Settings of the robot on which a run closes the loop on a task.
+ROBOT = _FOLDER / "robot.toml"
 
 
 def shipped_policy(task: str) -> Path:

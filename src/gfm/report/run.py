@@ -13,6 +13,7 @@ from enum import StrEnum
 from gfm.core import ShapeError, Status
 from gfm.core.checks import Array, check_shapes
 from gfm.diagnosis.output.result import Diagnosis
+from gfm.report.transfer import Transfer
 
 SCHEMA = "gfm.run/1"
 
@@ -230,6 +231,7 @@ class RunReport:
         hidden: What the simulated robot's sealed file says, read after the verdict; empty where
             nothing was hidden, None where there is no such file.
         system: Processes, counts, durations.
+        task: What a policy did on a robot before and after; None where that was left out.
     """
 
     run_id: str
@@ -241,3 +243,4 @@ class RunReport:
     training: tuple[TrainingCurve, ...]
     hidden: tuple[HiddenEffect, ...] | None
     system: SystemFacts
+    task: Transfer | None = None

@@ -17,6 +17,7 @@ from gfm.report.run_figures import (
     run_series_count,
 )
 from gfm.report.training_figure import training_picture
+from gfm.report.transfer import transfer_json
 
 
 def run_json(report: RunReport) -> dict[str, object]:
@@ -30,6 +31,7 @@ def run_json(report: RunReport) -> dict[str, object]:
         "training": [_curve_json(curve) for curve in report.training],
         "revealed": None if report.hidden is None else _reveal_json(revealed(report)),
         "system": _system_json(report.system),
+        "task": None if report.task is None else transfer_json(report.task),
         "diagnosis": diagnosis_json(report.diagnosis),
     }
     return {key: jsonable(value) for key, value in document.items()}
@@ -54,6 +56,7 @@ def run_html(report: RunReport) -> str:
         evidence=evidence(report.diagnosis, limit),
         control_pictures=[joint_control_picture(one, limit) for one in report.rollouts],
         residual_pictures=_residual_pictures(report, limit),
+        task_pictures=[] if report.task is None else report.task.pictures(),
         training=training_picture(report.training, limit) if report.training else None,
         reveal=None if report.hidden is None else revealed(report),
     )

@@ -15,6 +15,7 @@ from gfm.report import words
 from gfm.report.learned_document import learned_sentence
 from gfm.report.reveal import EffectCheck, Reveal, reveal
 from gfm.report.run import Comparison, ComparisonLine, RunReport, SystemFacts
+from gfm.report.transfer import print_transfer
 
 _TONES = {"good": "green", "warn": "yellow", "bad": "red"}
 _SUSPECTS_SHOWN = 5
@@ -44,6 +45,8 @@ def print_run(console: Console, report: RunReport) -> None:
     if report.hidden is not None:
         result = reveal(report.diagnosis.effects, report.hidden)
         console.print(Panel(_reveal_text(result), title=_reveal_title(report), title_align="left"))
+    if report.task is not None:
+        print_transfer(console, report.task)
     console.print(_system_text(report.system))
 
 

@@ -17,6 +17,7 @@ from gfm.report.page import render_page
 
 SCHEMA = "gfm.transfer/1"
 _TITLES = {
+    "placed": "unchanged, the tool placed by the corrected model",
     "adapted": "adapted to the corrected model",
     "corrected": "trained again on the corrected model",
     "nominal": "trained again on the nominal model",
@@ -26,7 +27,7 @@ _TITLES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Treatment:
-    """A policy that went on learning, on the robot.
+    """A policy on the robot after something was done to it.
 
     Attributes:
         name: What was done to it.
@@ -48,7 +49,7 @@ class Transfer:
 
     Attributes:
         before: The policy that began, on the robot.
-        treatments: Those that went on learning.
+        treatments: The same after what was done to it.
         diagnosis: Of the recordings of before, as its report.json has it.
         provenance: Files, versions, seed and command.
     """
