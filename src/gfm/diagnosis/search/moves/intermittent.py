@@ -65,39 +65,22 @@ def intermittent(
         return None
     always = [one for one in likely if not one.effect.intermittent]
     others = first_of_each(always, lambda e: e.key)[:OTHERS]
-    found = [_tried(alone, before.effects, one, report) for one in own]
-    best = max(found, key=lambda one: one.gain.nats)
-    acting = _acts_in(part, before.effects, best.new[0])
-    if best.gain.clear and len(acting) >= LEAST_SEGMENTS:
-        # What stays far off elsewhere, for other reasons, says nothing for or against it.
-        part = part.subset(acting)
-        alone = _alone(part, before.effects, before.nominal)
-        found = [_tried(alone, before.effects, best.new[0], report)]
-    found += [_tried(alone, before.effects, one, report) for one in others]
-    ranked = tuple(sorted(found, key=lambda one: -one.gain.nats))
-    first = ranked[0]
+    tried = [_tried(alone, before.effects, one, report) for one in (*own, *others)]
+    ranked = tuple(sorted(tried, key=lambda one: -one.gain.nats))
     # What acts always is no matter of a few segments.
-    good = first.gain.clear and first.new[0].effect.intermittent and not at_bound(first.new[0])
+    good = [
+        one
+        for one in ranked[:1]
+        if one.gain.clear and one.new[0].effect.intermittent and not at_bound(one.new[0])
+    ]
     step = Step(
         move=Move.INTERMITTENT,
         before=alone.fit.cost,
         ranked=ranked,
-        chosen=first if good else None,
-        segments=len(part.segments),
+        chosen=good[0] if good else None,
+        segments=len(far),
     )
     return step, part
-
-
-def _acts_in(
-    part: Problem, beside: Sequence[EffectInstance], instance: EffectInstance
-) -> list[int]:
-    """Returns the segments that an effect changes by a good part of what is left there."""
-    without, acted = part.residuals([beside, (*beside, instance)])
-    return [
-        i
-        for i, rows in enumerate(part.slices())
-        if np.sum((acted[rows] - without[rows]) ** 2) > np.sum(without[rows] ** 2) / OUTLYING**2
-    ]
 
 
 def gain_in(part: Problem, here: Hypothesis[Problem], instance: EffectInstance) -> Difference:
@@ -150,6 +133,14 @@ def with_segments(
     """Returns the problem with the segments that an effect changes, and these alone."""
     if step.chosen is None:
         return before.problem, part
-    effects = (*before.effects, step.chosen.new[0])
-    part = part.subset(_acts_in(part, before.effects, step.chosen.new[0]))
-    return before.problem.joined(part).settled(effects), part
+    instance = step.chosen.new[0]
+    sets = [before.effects, (*before.effects, instance)]
+    without, beside = part.residuals(sets)
+    own = [
+        i
+        for i, rows in enumerate(part.slices())
+        if np.sum((beside[rows] - without[rows]) ** 2) > np.sum(without[rows] ** 2) / OUTLYING**2
+    ]
+    part = part.subset(own)
+    joined = before.problem.joined(part).settled((*before.effects, instance))
+    return joined, part
