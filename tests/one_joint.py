@@ -18,9 +18,7 @@ def instance(name, **values):
 
 def fitted(cost, *effects):
     residual = np.full(len(TIME_S), np.sqrt(cost))
-    return Fit(
-        effects=effects, cost=cost, jacobian=residual.reshape(-1, 1)[:, :0], residual=residual
-    )
+    return Fit(effects=effects, jacobian=residual.reshape(-1, 1)[:, :0], residual=residual)
 
 
 def problem(position, outlying_from=None):

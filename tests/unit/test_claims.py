@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gfm.diagnosis.inference.constants import ADEQUATE_RATIO, ADEQUATE_SHARE, LEAST_CONFIDENCE
-from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.inference.fitting import Fit, amounts
+from gfm.diagnosis.inference.intervals import half_widths
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.output.claims import (
     SPREAD_WIDTH,
@@ -46,7 +47,6 @@ def found(evidence, *effects, cost=1.0, steps=(), equals=None):
     """A search that ended with effects of one parameter each."""
     end = Fit(
         effects=effects,
-        cost=cost,
         jacobian=np.eye(len(TIME_S))[:, : len(effects)],
         residual=np.full(len(TIME_S), np.sqrt(cost)),
     )
@@ -110,19 +110,14 @@ def test_names_have_their_figures_and_the_strongest_stands_first():
 
 
 def test_the_spread_of_a_model_that_stays_wrong_is_wider_than_an_interval():
-    right, wrong = (
-        named_effects(BLOCKS, one, one.fit.effects)[0].parameters["torque"]
-        for one in (
-            found((STRONG,), FRICTION),
-            replace(
-                found((STRONG,), FRICTION),
-                fit=replace(found((STRONG,), FRICTION).fit, cost=1.1 * ADEQUATE_RATIO**2),
-            ),
-        )
-    )
-    assert right.spread is None
-    assert wrong.ci95 is None
-    assert wrong.spread == pytest.approx(SPREAD_WIDTH * (right.ci95[1] - right.value))
+    for cost, holds in ((0.9 * ADEQUATE_RATIO**2, True), (1.1 * ADEQUATE_RATIO**2, False)):
+        result = found((STRONG,), FRICTION, cost=cost)
+        told = named_effects(BLOCKS, result, result.fit.effects)[0].parameters["torque"]
+        fit = result.fit
+        (width,) = half_widths(amounts(fit.effects), fit.jacobian, fit.residual, BLOCKS)
+        expected = (told.value - width, told.value + width) if holds else None
+        assert told.ci95 == expected
+        assert told.spread == (None if holds else pytest.approx(SPREAD_WIDTH * width))
 
 
 def test_a_doubtful_name_is_a_suspect_with_its_confidence():

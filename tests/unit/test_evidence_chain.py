@@ -54,11 +54,15 @@ def chain_of(runs, effects, found=None):
     return evidence_chain(problem, runs, found, effects, errors)
 
 
+def fit_leaving(cost, *effects):
+    return Fit(effects=effects, jacobian=np.zeros((1, 1)), residual=np.array([np.sqrt(cost)]))
+
+
 def tried(instance, cost, base=(), gain=100.0, error=10.0):
     """A hypothesis that was weighed: an effect beside others, and what they leave."""
-    empty = np.zeros(0)
-    whole = Fit(effects=(*base, instance), cost=cost, jacobian=np.zeros((0, 1)), residual=empty)
-    return Tried(new=(instance,), fit=whole, gain=Difference(gain, error))
+    return Tried(
+        new=(instance,), fit=fit_leaving(cost, *base, instance), gain=Difference(gain, error)
+    )
 
 
 def step(before, *ranked, won=True, move=Move.ADD, replaced=None):
@@ -68,7 +72,7 @@ def step(before, *ranked, won=True, move=Move.ADD, replaced=None):
 
 def found_in(*steps, effects=(), left=1.0, room=(0.0, 1.0), **more):
     """The trace of a search."""
-    end = Fit(effects=effects, cost=left, jacobian=np.zeros((0, 0)), residual=np.zeros(0))
+    end = fit_leaving(left, *effects)
     return SearchResult(nominal_cost=100.0, fit=end, room=Difference(*room), steps=steps, **more)
 
 

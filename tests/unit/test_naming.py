@@ -30,7 +30,7 @@ def named(*effects, level=0.0):
     specs = {CommandKind.EFFORT: mujoco.MjSpec.from_string(ROD.format(level=level))}
     parameters = sum(len(e.values) for e in effects)
     jacobian = np.arange(1.0, 3.0 * parameters + 1.0).reshape(3, parameters)
-    fit = Fit(effects=effects, cost=1.0, jacobian=jacobian, residual=np.zeros(3))
+    fit = Fit(effects=effects, jacobian=jacobian, residual=np.zeros(3))
     return fit, fitly_named(fit, specs)
 
 

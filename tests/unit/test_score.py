@@ -70,7 +70,7 @@ def fitted(residual, columns=None):
         columns = np.zeros((len(residual), 0))
     amounts = np.linalg.lstsq(columns, residual, rcond=None)[0]
     left = residual - columns @ amounts
-    return Fit(effects=(), cost=float(np.mean(left**2)), jacobian=-columns, residual=left)
+    return Fit(effects=(), jacobian=-columns, residual=left)
 
 
 def gain(layout, residual, columns):

@@ -8,6 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Self, TypeAlias
 
@@ -61,15 +62,18 @@ class Fit:
 
     Attributes:
         effects: With the fitted values.
-        cost: Mean squared residual in units of the noise.
         jacobian: Derivative of the residual by each free parameter, shape (N, P).
-        residual: shape (N,).
+        residual: In units of the noise, shape (N,).
     """
 
     effects: tuple[EffectInstance, ...]
-    cost: float
     jacobian: Array
     residual: Array
+
+    @cached_property
+    def cost(self) -> float:
+        """Mean squared residual."""
+        return mean_square(self.residual)
 
 
 def nothing(problem: LeastSquares) -> Fit:
@@ -83,7 +87,7 @@ def measured(problem: LeastSquares, effects: Sequence[EffectInstance]) -> Fit:
     jacobian = np.zeros((len(residual), 0))
     if effects:
         jacobian = derivatives(problem, effects, residual)
-    return Fit(effects=effects, cost=mean_square(residual), jacobian=jacobian, residual=residual)
+    return Fit(effects=effects, jacobian=jacobian, residual=residual)
 
 
 def fit(
@@ -128,7 +132,7 @@ def fit(
         if 0.0 <= gain < tolerance or damping > MOST_DAMPING:
             break
     usual = tuple(replace(e, values=e.effect.canonical(e.values)) for e in current)
-    return Fit(effects=usual, cost=mean_square(residual), jacobian=jacobian, residual=residual)
+    return Fit(effects=usual, jacobian=jacobian, residual=residual)
 
 
 def along_valley(problem: LeastSquares, fitted: Fit) -> Fit:

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import Fit, mean_square, without
+from gfm.diagnosis.inference.fitting import Fit, without
 from gfm.diagnosis.inference.score import Difference, blocks_of, difference, predictive
 from gfm.diagnosis.residuals.outliers import bounded, slopes, unbounded
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
@@ -85,8 +85,8 @@ def _rows_of(before: Hypothesis, segments: Sequence[int]) -> Fit:
     mask = np.zeros(slices[-1].stop, dtype=bool)
     for i in segments:
         mask[slices[i]] = True
-    residual, jacobian = before.fit.residual[mask], before.fit.jacobian[mask]
-    return replace(before.fit, cost=mean_square(residual), jacobian=jacobian, residual=residual)
+    fit = before.fit
+    return replace(fit, jacobian=fit.jacobian[mask], residual=fit.residual[mask])
 
 
 def _responses(

@@ -195,7 +195,7 @@ class Sets:
         effects = self._nearby(here, courses).fit.effects
         own = [problem.residuals([part])[0] for problem, part in self._of_sets(effects)]
         residual = np.concatenate(own)
-        gain = 1.0 - mean_square(residual) / mean_square(here.fit.residual)
+        gain = 1.0 - mean_square(residual) / here.fit.cost
         if courses == here.courses and gain < FIT_TOLERANCE:
             return here
         if steps == 1:
@@ -222,7 +222,7 @@ class Sets:
         residual: Array,
         jacobian: Array,
     ) -> OverSets:
-        fit = Fit(effects=effects, cost=mean_square(residual), jacobian=jacobian, residual=residual)
+        fit = Fit(effects=effects, jacobian=jacobian, residual=residual)
         shared = replace(fit, jacobian=jacobian @ self._design(courses))
         return OverSets(courses=courses, fit=fit, predictive=predictive(self.blocks, shared))
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
-from gfm.diagnosis.inference.fitting import Fit, at_bound, fit, mean_square, without_each
+from gfm.diagnosis.inference.fitting import Fit, at_bound, fit, without_each
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.clock import OutOfTimeError
 from gfm.diagnosis.search.candidates import Place
@@ -80,7 +80,7 @@ def gains_of_each(here: Hypothesis) -> list[tuple[Difference, EffectInstance]]:
     gains = []
     for instance, rest, residual in rows:
         jacobian = here.fit.jacobian[:, ~columns_of(here.fit, instance)]
-        told = Fit(effects=rest, cost=mean_square(residual), jacobian=jacobian, residual=residual)
+        told = Fit(effects=rest, jacobian=jacobian, residual=residual)
         gains.append((here.over(told), instance))
     return gains
 
