@@ -11,7 +11,7 @@ from gfm.core import CommandKind
 from gfm.diagnosis.inference.fitting import fit
 from gfm.diagnosis.residuals.problem import Problem, unsettled
 from gfm.diagnosis.residuals.rollouts import Noise
-from gfm.diagnosis.search.hypothesis import hypothesis, settled_hypothesis
+from gfm.diagnosis.search.hypothesis import Hypothesis, settled_hypothesis
 from gfm.effects import EffectInstance, find_effect
 from gfm.sim.segment import Segment
 
@@ -126,6 +126,7 @@ def test_rivals_are_compared_from_initial_states_of_their_own():
     suited = suited_to_none(friction=0.05)
     there = fit(suited, (viscous(0.01),))
     assert there.cost > 5.0
-    best = hypothesis(suited, fit(suited, ()), np.full(1, 1e4)).fitted_out(there)
+    nominal = Hypothesis(problem=suited, fit=fit(suited, ()), nominal=np.full(1, 1e4))
+    best = nominal.fitted_out(there)
     assert best.cost < 0.1
     assert best.effects[0].values["coefficient"] == pytest.approx(0.05, rel=0.01)

@@ -9,7 +9,7 @@ from gfm.core import CommandKind, Trajectory
 from gfm.diagnosis.data.segmentation import make_problem
 from gfm.diagnosis.inference.fitting import fit, nothing
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import hypothesis
+from gfm.diagnosis.search.hypothesis import Hypothesis
 from gfm.diagnosis.search.moves.add import add
 from gfm.effects import EffectInstance, find_effect
 from gfm.effects.plugins import USUAL_SCALES
@@ -60,7 +60,7 @@ def test_a_delay_past_the_command_of_a_stamp_is_reached_from_a_small_one(problem
     problem, begun = problem.robust(()), delay(0.004)
     stuck = fit(problem, (begun,))
     assert stuck.effects[0].values["delay"] < 0.008
-    here = hypothesis(problem, nothing(problem), np.full(1, 1e4))
+    here = Hypothesis(problem=problem, fit=nothing(problem), nominal=np.full(1, 1e4))
     step = add(here, [Place(effect=begun.effect, joints=("j",))], [USUAL_SCALES], lambda _: None)
     assert step.chosen.new[0].values["delay"] == pytest.approx(DELAY_S, abs=5e-4)
 

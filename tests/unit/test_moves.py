@@ -13,7 +13,7 @@ from gfm.diagnosis.inference.fitting import fit, nothing
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.clock import OutOfTimeError
 from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
-from gfm.diagnosis.search.hypothesis import columns_of, hypothesis, parameters_of
+from gfm.diagnosis.search.hypothesis import Hypothesis, columns_of, parameters_of
 from gfm.diagnosis.search.moves.add import add, best_of
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.reduce import exchange, gains_of_each, remove, rivals_of
@@ -58,7 +58,9 @@ class Case:
         self.nominal = self.problem.joint_costs(nothing(self.problem).residual)
 
     def with_effects(self, *effects):
-        return hypothesis(self.problem, fit(self.problem, effects), self.nominal)
+        return Hypothesis(
+            problem=self.problem, fit=fit(self.problem, effects), nominal=self.nominal
+        )
 
 
 @pytest.fixture(scope="module")
@@ -153,9 +155,9 @@ def test_an_amount_that_is_none_or_has_no_end_is_never_the_best(rubbing):
         for t, n in ((0.0, 90.0), (0.3, 50.0))
     )
     faint = replace(some, gain=Difference(1.0, 1.0))
-    assert best_of(before.blocks, [none, some]) is some
-    assert best_of(before.blocks, [none]) is None
-    assert best_of(before.blocks, [faint]) is None
+    assert best_of(before, [none, some]) is some
+    assert best_of(before, [none]) is None
+    assert best_of(before, [faint]) is None
 
 
 @pytest.mark.parametrize("asked", [1.5, 15.0])

@@ -24,12 +24,12 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.signals import rms
 from gfm.diagnosis.evidence.torques import TorqueDomain, block_means, torque_domain
-from gfm.diagnosis.inference.fitting import Fit, fit, nothing
+from gfm.diagnosis.inference.fitting import Fit, fit
 from gfm.diagnosis.inference.score import SegmentShape
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.search.candidates import Place, joint_scales, places
-from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis
+from gfm.diagnosis.search.hypothesis import Hypothesis, nominal_hypothesis
 from gfm.diagnosis.search.moves.add import add, add_costly
 from gfm.diagnosis.search.moves.reduce import rivals_of
 from gfm.diagnosis.search.naming import Recorded, fitly_named, looked_for
@@ -176,8 +176,7 @@ def learned_report(
         learned=domain.moving() * domain.blocks(mean),
         noise=NOISE_SHARE * np.maximum(np.sqrt(np.mean(drive**2, axis=0)), 1e-9),
     )
-    start = nothing(told)
-    here = hypothesis(told, start, told.joint_costs(start.residual))
+    here = nominal_hypothesis(told)
     found = _searched(here, joint_scales(problem, [replace(domain.view, missing=mean)]))
     effects = fitly_named(found.fit, problem.specs).effects
     without = [[e for e in effects if e is not one] for one in effects]
@@ -223,9 +222,8 @@ def _searched(
     under_way = Search[LearnedProblem](report=lambda _: None)
 
     def proposal(before: Hypothesis[LearnedProblem], step: Step) -> Proposal[LearnedProblem]:
-        problem, effects = before.problem, effects_of(step)
         return Proposal(
-            step=step, after=lambda: hypothesis(problem, fit(problem, effects), before.nominal)
+            step=step, after=lambda: replace(before, fit=fit(before.problem, effects_of(step)))
         )
 
     def quick(before: Hypothesis[LearnedProblem], _best: Step | None) -> Proposal[LearnedProblem]:

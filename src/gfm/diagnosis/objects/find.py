@@ -9,7 +9,7 @@ import numpy as np
 
 from gfm.diagnosis.inference.fitting import Fit, fit
 from gfm.diagnosis.objects.problem import ObjectProblem
-from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis, in_turn
+from gfm.diagnosis.search.hypothesis import Hypothesis, in_turn, nominal_hypothesis
 from gfm.diagnosis.search.moves.add import add_of_few
 from gfm.diagnosis.search.steps import Proposal, Search, effects_of
 from gfm.diagnosis.search.trace import SearchResult, Step
@@ -30,8 +30,7 @@ def find(
     problem: ObjectProblem, seen: Sequence[Effect], report: Callable[[str], None]
 ) -> tuple[SearchResult, ObjectProblem]:
     """Returns which of some effects the object lacks, and the segments begun as fits that best."""
-    settled, nominal = in_turn(problem, ())
-    here = hypothesis(settled, nominal, settled.joint_costs(nominal.residual))
+    here = nominal_hypothesis(in_turn(problem, ())[0])
     search = Search[ObjectProblem](report=report)
 
     def others(beside: Hypothesis) -> list[Fit]:
@@ -40,10 +39,12 @@ def find(
 
     def one_more(before: Hypothesis[ObjectProblem], _best: Step | None) -> Proposal[ObjectProblem]:
         step = add_of_few(before, others(before))
-        return Proposal(
-            step=step,
-            after=lambda: hypothesis(*in_turn(before.problem, effects_of(step)), before.nominal),
-        )
+
+        def after() -> Hypothesis[ObjectProblem]:
+            there, found = in_turn(before.problem, effects_of(step))
+            return replace(before, problem=there, fit=found)
+
+        return Proposal(step=step, after=after)
 
     def rivals(instance: EffectInstance, rest: Hypothesis) -> list[Fit]:
         begun = [one for one in others(rest) if one.effects[-1].key != instance.key]
@@ -51,7 +52,7 @@ def find(
 
     final, evidence = search.end(search.run(here, [one_more]), rivals)
     result = SearchResult(
-        nominal_cost=nominal.cost,
+        nominal_cost=here.fit.cost,
         fit=final.fit,
         room=final.room,
         steps=tuple(search.steps),

@@ -11,13 +11,14 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import LeastSquares
-from gfm.diagnosis.inference.score import SegmentShape
+from gfm.diagnosis.inference.score import Blocks, SegmentShape, blocks_of
 from gfm.effects import EffectInstance
 
 
@@ -32,11 +33,13 @@ class SegmentedProblem(LeastSquares):
             that is taken out of the residual, shape (N of the segment, up to states).
         outlying_from: Residuals from which on they are outlying, in units of the noise; None for
             none.
+        each_segment: Whether each segment is a part of the data by itself: where there are few.
     """
 
     segments: tuple[Any, ...] = ()
     state_basis: tuple[Array, ...] = ()
     outlying_from: Array | float | None = None
+    each_segment: bool = False
 
     if TYPE_CHECKING:  # fields or properties of those that are
 
@@ -51,6 +54,11 @@ class SegmentedProblem(LeastSquares):
     @abstractmethod
     def layout(self) -> list[SegmentShape]:
         """Returns what each segment's numbers are."""
+
+    @cached_property
+    def blocks(self) -> Blocks:
+        """How a residual is divided, to be scored."""
+        return blocks_of(self, each_segment=self.each_segment)
 
     def slices(self) -> list[slice]:
         """Returns where each segment's numbers lie in a residual."""

@@ -13,16 +13,8 @@ from typing_extensions import TypeVar
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.constants import INEXACT_SHARE, LEAST_DISCREPANCY
-from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit, free_parameters
-from gfm.diagnosis.inference.score import (
-    Blocks,
-    Difference,
-    Predictive,
-    blocks_of,
-    difference,
-    predictive,
-    room,
-)
+from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit, free_parameters, nothing
+from gfm.diagnosis.inference.score import Difference, Predictive, difference, predictive, room
 from gfm.diagnosis.residuals.problem import Problem, unsettled
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
@@ -44,14 +36,12 @@ class Hypothesis(Generic[Of]):
     Attributes:
         problem: Whose residual it is.
         fit: The effects.
-        blocks: How the residual is divided.
         nominal: Mean square that the nominal model leaves on each joint, in units of the noise,
             shape (J,).
     """
 
     problem: Of
     fit: Fit
-    blocks: Blocks
     nominal: Array
 
     @property
@@ -62,12 +52,12 @@ class Hypothesis(Generic[Of]):
     @cached_property
     def predictive(self) -> Predictive:
         """How well it predicts each part of the data from the others."""
-        return predictive(self.blocks, self.fit)
+        return predictive(self.problem.blocks, self.fit)
 
     @cached_property
     def room(self) -> Difference:
         """By how much any other hypothesis could predict better at most."""
-        return room(self.blocks, self.predictive)
+        return room(self.problem.blocks, self.predictive)
 
     @property
     def is_open(self) -> bool:
@@ -76,7 +66,8 @@ class Hypothesis(Generic[Of]):
 
     def over(self, other: Fit) -> Difference:
         """Returns by how much it predicts better than another fit to the same residual."""
-        return difference(self.blocks, self.predictive, predictive(self.blocks, other))
+        blocks = self.problem.blocks
+        return difference(blocks, self.predictive, predictive(blocks, other))
 
     def gain_of(self, other: Fit) -> Difference:
         """Returns by how much another fit to the same residual predicts better."""
@@ -120,9 +111,10 @@ class Hypothesis(Generic[Of]):
         return tuple(joint for joint, is_open in rows if is_open)
 
 
-def hypothesis(problem: P, fitted: Fit, nominal: Array) -> Hypothesis[P]:
-    """Returns a fit to a problem as a hypothesis."""
-    return Hypothesis(problem=problem, fit=fitted, blocks=blocks_of(problem), nominal=nominal)
+def nominal_hypothesis(problem: P) -> Hypothesis[P]:
+    """Returns the hypothesis that the model lacks nothing."""
+    fitted = nothing(problem)
+    return Hypothesis(problem=problem, fit=fitted, nominal=problem.joint_costs(fitted.residual))
 
 
 def parameters_of(effects: Sequence[EffectInstance]) -> int:
@@ -140,12 +132,12 @@ def settled_hypothesis(
     """
     problem = with_suitable_steps(problem, effects)
     there, found = in_turn(problem, effects)
-    if found.cost <= FAR_OFF or all(s.measured is None for s in there.segments):
-        return hypothesis(there, found, nominal)
-    begun = unsettled(there, found.effects)
-    again, other = in_turn(begun, fit(begun, found.effects).effects)
-    better = _unbounded(again, other) < _unbounded(there, found)
-    return hypothesis(*((again, other) if better else (there, found)), nominal)
+    if found.cost > FAR_OFF and any(s.measured is not None for s in there.segments):
+        begun = unsettled(there, found.effects)
+        again, other = in_turn(begun, fit(begun, found.effects).effects)
+        if _unbounded(again, other) < _unbounded(there, found):
+            there, found = again, other
+    return Hypothesis(problem=there, fit=found, nominal=nominal)
 
 
 def _unbounded(problem: Problem, fitted: Fit) -> float:
@@ -160,8 +152,8 @@ def in_turn(problem: P, effects: Sequence[EffectInstance]) -> tuple[P, Fit]:
         problem = problem.settled(effects).robust(effects)
         found = fit(problem, effects)
         effects = found.effects
-        blocks = blocks_of(problem)
-        if found.cost > TURN_LEAVES * before or not room(blocks, predictive(blocks, found)).clear:
+        left = room(problem.blocks, predictive(problem.blocks, found))
+        if found.cost > TURN_LEAVES * before or not left.clear:
             break
         before = found.cost
     return problem, found

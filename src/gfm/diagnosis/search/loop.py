@@ -15,10 +15,10 @@ from functools import reduce
 import numpy as np
 
 from gfm.core import Trajectory
-from gfm.diagnosis.inference.fitting import Fit, nothing
+from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import Place, joint_scales, places, torque_views
-from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis, settled_hypothesis
+from gfm.diagnosis.search.hypothesis import Hypothesis, nominal_hypothesis, settled_hypothesis
 from gfm.diagnosis.search.moves.add import add, add_costly, gain_of, worth_more
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.intermittent import gain_in, intermittent, with_segments
@@ -188,8 +188,6 @@ def _begun(
     """Returns the nominal model as a hypothesis, and how a search goes on from it."""
     report("looking at torques")
     scales = joint_scales(problem, torque_views(problem, recordings))
-    problem = problem.robust(())
-    nothing_yet = nothing(problem)
     under_way = Search[Problem](
         report=report,
         in_time=lambda: time_left() > 0.0,
@@ -204,8 +202,7 @@ def _begun(
         everything=replace(everything, stepping=problem.stepping, clock=problem.clock),
         steps=under_way.steps,
     )
-    here = hypothesis(problem, nothing_yet, problem.joint_costs(nothing_yet.residual))
-    return here, under_way, moves
+    return nominal_hypothesis(problem.robust(())), under_way, moves
 
 
 def _ended(

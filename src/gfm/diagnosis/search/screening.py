@@ -13,7 +13,7 @@ import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import Fit, without
-from gfm.diagnosis.inference.score import Difference, blocks_of, difference, predictive
+from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.outliers import bounded, slopes, unbounded
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.search.candidates import Place
@@ -67,15 +67,14 @@ def screen(
     part = before.problem.subset(sample)
     base = _rows_of(before, sample)
     responses = _responses(part, candidates, scales, base)
-    blocks = blocks_of(part)
     basis = np.linalg.qr(base.jacobian)[0]
-    start = predictive(blocks, replace(base, residual=without(base.residual, basis)))
-
-    def weighed(left: Array) -> Difference:
-        # Its amount is that of all parts: left out, a few segments would be told by one or two.
-        return difference(blocks, predictive(blocks, replace(base, residual=left)), start)
-
-    found = [Screened(one, weighed(left)) for one, left in _tried(part, responses, base)]
+    start = replace(base, residual=without(base.residual, basis))
+    here = Hypothesis(problem=part, fit=start, nominal=before.nominal)
+    # An amount is that of all parts: left out, a few segments would be told by one or two.
+    found = [
+        Screened(one, here.gain_of(replace(base, residual=left)))
+        for one, left in _tried(part, responses, base)
+    ]
     return sorted(found, key=lambda s: -s.gain.nats)
 
 

@@ -21,7 +21,7 @@ from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.inference.steadiness import apart
 from gfm.diagnosis.residuals.clock import Clock, OutOfTimeError
 from gfm.diagnosis.residuals.outliers import slopes
-from gfm.diagnosis.search.hypothesis import Hypothesis, P, columns_of, hypothesis
+from gfm.diagnosis.search.hypothesis import Hypothesis, P, columns_of
 from gfm.diagnosis.search.moves.add import gain_of
 from gfm.diagnosis.search.moves.reduce import (
     Compared,
@@ -124,7 +124,7 @@ class Search(Generic[P]):
         here, compared = self._reduced(here, rivals)
         some = acting(here.effects)
         if len(some) < len(here.effects):
-            here = hypothesis(here.problem, measured(here.problem, some), here.nominal)
+            here = replace(here, fit=measured(here.problem, some))
         else:
             whole = here
             here = self.in_its_time(
@@ -218,7 +218,7 @@ def _left_of(instance: EffectInstance, joints: Sequence[str], gaps: Array) -> fl
 
 def _apart(here: Hypothesis) -> dict[Key, float]:
     """Returns by what share of itself each effect differs between parts of the data."""
-    fitted, blocks = here.fit, here.blocks
+    fitted, blocks = here.fit, here.problem.blocks
     rests, _ = each_left_out(fitted.effects)
     whole, *rest = here.problem.plain().residuals([fitted.effects, *rests])
     weights = slopes(fitted.residual, here.problem.limits())

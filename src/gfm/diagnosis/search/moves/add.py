@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from gfm.diagnosis.inference.fitting import ROUGH, Fit, at_bound, fit
-from gfm.diagnosis.inference.score import Blocks, Difference, difference, predictive
+from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis, parameters_of
+from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import Screened, is_whole, open_to, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
@@ -80,7 +81,7 @@ def _add(
     ranked: Sequence[Tried] = (),
     gained: float = 0.0,
 ) -> Step:
-    left = _after(before, best_of(before.blocks, ranked))
+    left = _after(before, best_of(before, ranked))
     tier = open_to(before, candidates, left.open_joints)
     report(f"screening {len(tier)} candidates (misfit {before.fit.cost:.3g})")
     screened = _screened(before, tier, scales)
@@ -88,7 +89,7 @@ def _add(
     for one, again in _shortlist(screened):
         if _is_worth_a_fit(before, one, tried, gained, again=again) and in_time():
             tried.append(_tried(before, (one.instance,), report))
-    if worth_more(before, best_of(before.blocks, tried)) and in_time():
+    if worth_more(before, best_of(before, tried)) and in_time():
         # What no single joint's effect explains, all joints may lack, also beside one of the
         # whole robot: late commands and friction everywhere look like lags.
         kinds = _kinds(screened)
@@ -104,7 +105,7 @@ def _best_first(before: Hypothesis, tried: Sequence[Tried]) -> Step:
         move=Move.ADD,
         before=before.fit.cost,
         ranked=tuple(sorted(tried, key=lambda one: -one.gain.nats)),
-        chosen=best_of(before.blocks, tried),
+        chosen=best_of(before, tried),
     )
 
 
@@ -122,7 +123,7 @@ def _is_worth_a_fit(
     """
     if not one.instance.effect.separates_motor:
         return True
-    best = best_of(before.blocks, tried)
+    best = best_of(before, tried)
     most = max(gained, 0.0 if best is None else best.gain.nats)
     promise = Difference(FIT_GAINS * one.gain.nats, one.gain.error)
     return promise.clear and promise.nats > most and not (again and not worth_more(before, best))
@@ -152,19 +153,15 @@ def _with_front_fitted_out(before: Hypothesis, tried: Sequence[Tried]) -> list[T
     return sorted([*own, *rest], key=lambda one: -one.gain.nats)
 
 
-def best_of(blocks: Blocks, tried: Sequence[Tried]) -> Tried | None:
+def best_of(before: Hypothesis, tried: Sequence[Tried]) -> Tried | None:
     """Returns what predicts best, or as well with fewer parameters; None where nothing is clear."""
     clear = [one for one in tried if one.gain.clear and not any(map(at_bound, one.new))]
     if not clear:
         return None
     best = max(clear, key=lambda one: one.gain.nats)
-    told = predictive(blocks, best.fit)
-
-    def as_good(other: Tried) -> bool:
-        less = difference(blocks, told, predictive(blocks, other.fit))
-        return not less.clear
-
-    simpler = [o for o in clear if parameters_of(o.new) < parameters_of(best.new) and as_good(o)]
+    there, count = _after(before, best), parameters_of(best.new)
+    fewer = [one for one in clear if parameters_of(one.new) < count]
+    simpler = [one for one in fewer if not there.over(one.fit).clear]
     return min(simpler, key=lambda o: (parameters_of(o.new), -o.gain.nats), default=best)
 
 
@@ -180,7 +177,7 @@ def worth_more(before: Hypothesis, best: Tried | None) -> bool:
 
 
 def _after(before: Hypothesis, best: Tried | None) -> Hypothesis:
-    return before if best is None else hypothesis(before.problem, best.fit, before.nominal)
+    return before if best is None else replace(before, fit=best.fit)
 
 
 def _screened(

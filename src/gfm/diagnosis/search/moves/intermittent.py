@@ -14,12 +14,12 @@ import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import at_bound, measured, nothing
-from gfm.diagnosis.inference.score import Difference, blocks_of
+from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.initial_states import with_state_basis
 from gfm.diagnosis.residuals.outliers import OUTLYING
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import Hypothesis, hypothesis
+from gfm.diagnosis.search.hypothesis import Hypothesis
 from gfm.diagnosis.search.moves.add import SCREENING_S
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import open_to, screen
@@ -97,9 +97,8 @@ def _alone(part: Problem, effects: Sequence[EffectInstance], nominal: Array) -> 
 
     Few segments of few recordings tell of it: each is predicted from all others.
     """
-    held = replace(part, given=(*part.given, *effects)).settled(()).robust(())
-    blocks = blocks_of(held, each_segment=True)
-    return replace(hypothesis(held, nothing(held), nominal), blocks=blocks)
+    held = replace(part, given=(*part.given, *effects), each_segment=True).settled(()).robust(())
+    return Hypothesis(problem=held, fit=nothing(held), nominal=nominal)
 
 
 def _tried(

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gfm.diagnosis.inference.fitting import Fit, at_bound, fit, without_each
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.clock import OutOfTimeError
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import Hypothesis, P, columns_of, hypothesis, parameters_of
+from gfm.diagnosis.search.hypothesis import Hypothesis, P, columns_of, parameters_of
 from gfm.diagnosis.search.moves.add import takes_long
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import is_whole, screen
@@ -52,7 +52,7 @@ def remove(
             break
         report(f"going on without {describe(step.replaced)}")
         steps.append(step)
-        here = hypothesis(here.problem, step.chosen.fit, here.nominal)
+        here = replace(here, fit=step.chosen.fit)
     return here, steps
 
 
@@ -169,7 +169,7 @@ class Compared:
 def compared(here: Hypothesis, instance: EffectInstance, rivals: RivalsOf) -> Compared:
     """Returns an effect of a hypothesis beside the best of its rivals."""
     others = tuple(e for e in here.effects if e is not instance)
-    rest = hypothesis(here.problem, here.fitted(others), here.nominal)
+    rest = replace(here, fit=here.fitted(others))
     fits = rivals(instance, rest)
     if not fits:
         return Compared(instance=instance)
@@ -205,7 +205,7 @@ def exchange(
         if pair.better and not back and pair.fit is not None:
             gone.add(key)
             steps.append(_step(here, pair))
-            here = hypothesis(here.problem, fit(here.problem, pair.fit.effects), here.nominal)
+            here = replace(here, fit=fit(here.problem, pair.fit.effects))
         else:
             told.append(pair)
     return here, steps, told
