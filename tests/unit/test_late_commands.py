@@ -61,7 +61,8 @@ def test_a_delay_past_the_command_of_a_stamp_is_reached_from_a_small_one(problem
     stuck = fit(problem, (begun,))
     assert stuck.effects[0].values["delay"] < 0.008
     here = Hypothesis(problem=problem, fit=nothing(problem), nominal=np.full(1, 1e4))
-    step = add(here, [Place(effect=begun.effect, joints=("j",))], [USUAL_SCALES], lambda _: None)
+    place = Place(effect=begun.effect, joints=("j",), scales=USUAL_SCALES)
+    step = add(here, [place], lambda _: None)
     assert step.chosen.new[0].values["delay"] == pytest.approx(DELAY_S, abs=5e-4)
 
 

@@ -45,8 +45,9 @@ def instance(name, **values):
     return EffectInstance(effect=find_effect(name), joints=("j",), values=values)
 
 
-def candidates(*names):
-    return [Place(effect=find_effect(name), joints=("j",)) for name in names]
+def candidates(case, *names):
+    (scales,) = case.scales
+    return [Place(effect=find_effect(name), joints=("j",), scales=scales) for name in names]
 
 
 class Case:
@@ -79,7 +80,7 @@ def right():
 
 
 def added(case, *names, before=()):
-    return add(case.with_effects(*before), candidates(*names), case.scales, lambda _: None)
+    return add(case.with_effects(*before), candidates(case, *names), lambda _: None)
 
 
 LAWS = ("coulomb_friction", "viscous_friction", "armature", "quadratic_drag", "command_delay")
@@ -187,7 +188,7 @@ def wrong_all_over():
 @pytest.mark.parametrize("known", [(), (instance("coulomb_friction", torque=0.05),)])
 def test_common_errors_are_found_together_beside_what_is_known(wrong_all_over, known):
     before = wrong_all_over.with_effects(*known)
-    step = common_errors(before, candidates(*COMMON), wrong_all_over.scales, lambda _: None)
+    step = common_errors(before, candidates(wrong_all_over, *COMMON), lambda _: None)
     found = {e.effect.name: next(iter(e.values.values())) for e in step.chosen.fit.effects}
     assert found["command_delay"] == pytest.approx(0.03, rel=0.1)
     assert found["actuator_gain"] == pytest.approx(0.15, rel=0.05)
@@ -228,7 +229,7 @@ def test_what_few_segments_judge_and_the_last_effect_are_not_removed(rubbing, ri
 
 def rivals(case, *names, steps=()):
     def of(effect, rest):
-        return rivals_of(effect, rest, candidates(*names), case.scales, steps)
+        return rivals_of(effect, rest, candidates(case, *names), steps)
 
     return of
 
@@ -271,7 +272,7 @@ def test_a_search_whose_time_is_over_keeps_what_it_has(rubbing):
     late = Search(report=said.append, in_time=lambda: False, clock=rubbing.problem.clock)
 
     def move(before, _best):
-        step = add(before, candidates("coulomb_friction"), rubbing.scales, said.append)
+        step = add(before, candidates(rubbing, "coulomb_friction"), said.append)
         return Proposal(step=step, after=lambda: before)
 
     assert late.run(here, [move]) is here

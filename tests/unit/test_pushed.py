@@ -13,6 +13,7 @@ from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.output.result import Verdict
 from gfm.diagnosis.search.candidates import places
 from gfm.effects import find_effect
+from gfm.effects.plugins import USUAL_SCALES
 
 SLIDER_KG, BLOCK_KG, GAIN, FRICTION = 2.0, 0.5, 40.0, 0.4
 HALF_M, FINGER_M, REST_Z, FIRST_M = 0.04, 0.01, 0.04, 0.12
@@ -170,8 +171,8 @@ def test_where_no_pose_was_taken_around_a_time_the_nearest_counts():
 
 def test_only_a_robot_that_pushes_feels_an_object():
     mass = find_effect("object_mass")
-    assert places(mass, ["j"]) == []
-    assert [place.joints for place in places(mass, ["j"], pushing=True)] == [()]
+    assert places(mass, ["j"], [USUAL_SCALES]) == []
+    assert [place.joints for place in places(mass, ["j"], [USUAL_SCALES], pushing=True)] == [()]
     without = replace(recording(0, BLOCK_KG), object_track=None)
     assert not all_segments(SPECS, [without], windows_s=WHOLE, touching=True).pushing
 

@@ -11,9 +11,10 @@ from gfm.diagnosis.data.segmentation import make_problem
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.inference.fitting import fit
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.nominal_parameters import KEPT, with_room
+from gfm.diagnosis.search.nominal_parameters import KEPT, least_amounts
 from gfm.diagnosis.search.screening import weigh
 from gfm.effects import EffectInstance, find_effect
+from gfm.effects.plugins import USUAL_SCALES
 from pendulum import MODEL, PERIOD_S, ROTOR, swung
 
 NOISE = 1e-4
@@ -25,7 +26,7 @@ SPECS = {
         MODEL.replace("armature=", f'damping="{SAID_DAMPING}" armature=')
     )
 }
-PLACE = Place(effect=find_effect("viscous_friction"), joints=("j",))
+PLACE = Place(effect=find_effect("viscous_friction"), joints=("j",), scales=USUAL_SCALES)
 
 
 def steps(seed):
@@ -66,11 +67,12 @@ def test_a_damping_that_the_model_has_too_much_of_is_named_alone(runs):
 
 def test_no_more_is_taken_off_than_every_model_has(runs):
     problem = make_problem(SPECS, runs[:1])
-    twice = {**SPECS, CommandKind.VELOCITY: mujoco.MjSpec.from_string(MODEL)}
-    assert with_room(problem, PLACE).least == {"coefficient": -SAID_DAMPING}
-    assert with_room(replace(problem, specs=twice), PLACE).least == {}
-    rotor = with_room(problem, Place(effect=find_effect("armature"), joints=("j",)))
-    assert rotor.least == {"inertia": pytest.approx(-(1.0 - KEPT) * ROTOR)}
+    said, none = SPECS[CommandKind.POSITION], mujoco.MjSpec.from_string(MODEL)
+    assert least_amounts([said], PLACE.effect, ["j"]) == {"coefficient": -SAID_DAMPING}
+    assert least_amounts([said, none], PLACE.effect, ["j"]) == {}
+    rotor = least_amounts([said], find_effect("armature"), ["j"])
+    assert rotor == {"inertia": pytest.approx(-(1.0 - KEPT) * ROTOR)}
+    assert least_amounts([said], find_effect("torque_offset"), ["j"]) == {}
     begun = EffectInstance(
         effect=PLACE.effect,
         joints=("j",),

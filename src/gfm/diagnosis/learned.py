@@ -177,7 +177,8 @@ def learned_report(
         noise=NOISE_SHARE * np.maximum(np.sqrt(np.mean(drive**2, axis=0)), 1e-9),
     )
     here = nominal_hypothesis(told)
-    found = _searched(here, joint_scales(problem, [replace(domain.view, missing=mean)]))
+    scales = joint_scales(problem, [replace(domain.view, missing=mean)])
+    found = _searched(here, _candidates(told.joints, scales))
     effects = fitly_named(found.fit, problem.specs).effects
     without = [[e for e in effects if e is not one] for one in effects]
     before, after, *rest = map(told.joint_costs, told.residuals([(), effects, *without]))
@@ -215,10 +216,9 @@ def _forces(problem: Problem, forces: LearnedForces, recordings: Sequence[Trajec
 
 
 def _searched(
-    here: Hypothesis[LearnedProblem], scales: Sequence[Scales]
+    here: Hypothesis[LearnedProblem], candidates: Sequence[Place]
 ) -> Hypothesis[LearnedProblem]:
     """Returns the names that predict the learned forces best."""
-    candidates = _candidates(here.problem.joints)
     under_way = Search[LearnedProblem](report=lambda _: None)
 
     def proposal(before: Hypothesis[LearnedProblem], step: Step) -> Proposal[LearnedProblem]:
@@ -227,21 +227,21 @@ def _searched(
         )
 
     def quick(before: Hypothesis[LearnedProblem], _best: Step | None) -> Proposal[LearnedProblem]:
-        return proposal(before, add(before, candidates, scales, under_way.report))
+        return proposal(before, add(before, candidates, under_way.report))
 
     def costly(
         before: Hypothesis[LearnedProblem], best: Step | None
     ) -> Proposal[LearnedProblem] | None:
-        step = add_costly(before, candidates, scales, under_way.report, best=best)
+        step = add_costly(before, candidates, under_way.report, best=best)
         return None if step is None else proposal(before, step)
 
     def rivals(instance: EffectInstance, rest: Hypothesis) -> list[Fit]:
-        return rivals_of(instance, rest, candidates, scales, under_way.steps)
+        return rivals_of(instance, rest, candidates, under_way.steps)
 
     return under_way.end(under_way.run(here, [quick, costly]), rivals)[0]
 
 
-def _candidates(joints: Sequence[str]) -> list[Place]:
+def _candidates(joints: Sequence[str], scales: Sequence[Scales]) -> list[Place]:
     """Returns every effect at every place: no inverse dynamics tell of motors beside their links.
 
     Along given positions all delays are late commands.
@@ -252,7 +252,7 @@ def _candidates(joints: Sequence[str]) -> list[Place]:
         place
         for effect in library
         if not effect.separates_motor
-        for place in places(effect, joints)
+        for place in places(effect, joints, scales)
     ]
 
 

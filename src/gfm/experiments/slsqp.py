@@ -21,8 +21,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis.data.segmentation import make_problem
 from gfm.diagnosis.inference.fitting import amounts, bounds_of, derivatives, with_amounts
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.nominal_parameters import with_room
+from gfm.diagnosis.search.nominal_parameters import least_amounts
 from gfm.effects import EffectInstance, find_effect
 
 
@@ -128,14 +127,15 @@ def _alternating(recordings: Sequence[Trajectory], most_s: float) -> list[Trajec
 def _nominal(problem: Problem) -> tuple[EffectInstance, ...]:
     """Returns the effects that leave the model as it is; no damping falls below none at all."""
     none = {"actuator_gain": {"scale": 1.0}, "viscous_friction": {"coefficient": 0.0}}
-    places = [
-        with_room(problem, Place(effect=find_effect(name), joints=(joint,)))
-        for name in none
-        for joint in problem.joints
-    ]
     return tuple(
-        EffectInstance(effect=p.effect, joints=p.joints, values=none[p.effect.name], least=p.least)
-        for p in places
+        EffectInstance(
+            effect=(effect := find_effect(name)),
+            joints=(joint,),
+            values=values,
+            least=least_amounts(problem.specs.values(), effect, [joint]),
+        )
+        for name, values in none.items()
+        for joint in problem.joints
     )
 
 

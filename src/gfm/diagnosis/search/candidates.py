@@ -6,7 +6,7 @@ Shape letters: T measurements, J joints.
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -46,17 +46,24 @@ class Place:
     Attributes:
         effect: The law.
         joints: Where it acts.
+        scales: Typical sizes of the signals there, on the first of its joints.
         least: Amounts, less than none, that would take off all that the model itself says there.
     """
 
     effect: Effect
     joints: tuple[str, ...]
+    scales: Scales
     least: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def key(self) -> Key:
         """What makes two candidates the same."""
         return self.effect.name, self.joints
+
+    @property
+    def probes(self) -> list[list[EffectInstance]]:
+        """Small amounts of the effect there, in groups: see `Effect.probes`."""
+        return [[self.instance(v) for v in group] for group in self.effect.probes(self.scales)]
 
     def instance(self, values: Values) -> EffectInstance:
         """Returns the effect there, in some amount."""
@@ -68,6 +75,7 @@ class Place:
 def places(
     effect: Effect,
     joints: Sequence[str],
+    scales: Sequence[Scales],
     driven: Sequence[str] | None = None,
     *,
     pushing: bool = False,
@@ -77,21 +85,25 @@ def places(
     Args:
         effect: Which one.
         joints: All joints that are measured.
+        scales: Of each joint's signals.
         driven: Those that have a drive; all, if None.
         pushing: Whether the robot moves an object, and so feels what pushing it takes.
     """
-    if effect.needs_drive and driven is not None:
-        joints = driven
-    if effect.scope is Scope.JOINT:
-        return [Place(effect=effect, joints=(name,)) for name in joints]
-    if effect.scope is Scope.PAIR:
-        return [Place(effect=effect, joints=pair) for pair in combinations(joints, 2)]
-    if effect.scope is Scope.LAST:
-        return [Place(effect=effect, joints=(joints[-1],))]
     if effect.scope is Scope.OBJECT and not pushing:
         return []
-    shared = tuple(joints) if effect.shares_joints else ()
-    return [Place(effect=effect, joints=shared)]
+    own = dict(zip(joints, scales, strict=True))
+    if effect.needs_drive and driven is not None:
+        joints = driven
+    where: dict[Scope, Iterable[tuple[str, ...]]] = {
+        Scope.JOINT: [(name,) for name in joints],
+        Scope.PAIR: combinations(joints, 2),
+        Scope.LAST: [tuple(joints[-1:])],
+    }
+    everywhere = tuple(joints) if effect.shares_joints else ()
+    return [
+        Place(effect=effect, joints=there, scales=own[there[0]] if there else scales[0])
+        for there in where.get(effect.scope, [everywhere])
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,10 +24,10 @@ from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.intermittent import gain_in, intermittent, with_segments
 from gfm.diagnosis.search.moves.reduce import rivals_of
 from gfm.diagnosis.search.naming import equals_of, fitly_named, looked_for, recorded, twins
-from gfm.diagnosis.search.nominal_parameters import with_room
+from gfm.diagnosis.search.nominal_parameters import least_amounts
 from gfm.diagnosis.search.steps import Proposal, Search, effects_of
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step
-from gfm.effects import EffectInstance, Key, Scales, Scope, effect_library
+from gfm.effects import EffectInstance, Key, Scope, effect_library
 
 #: Share of the nominal misfit from which on common errors are looked for.
 MUCH = 0.1
@@ -43,7 +43,6 @@ class RobotMoves:
 
     Attributes:
         candidates: What may be missing, and where.
-        scales: Of every joint's signals.
         report: Told what is happening, in words.
         in_time: Whether there is time left.
         everything: All short segments there are.
@@ -53,7 +52,6 @@ class RobotMoves:
     """
 
     candidates: Sequence[Place]
-    scales: Sequence[Scales]
     report: Callable[[str], None]
     in_time: Callable[[], bool]
     everything: Problem
@@ -68,14 +66,14 @@ class RobotMoves:
 
     def add(self, here: Hypothesis[Problem], _best: Step | None) -> Proposal[Problem]:
         """Proposes the best single effect of those that are simulated quickly."""
-        step = add(here, self.always, self.scales, self.report, self.in_time)
+        step = add(here, self.always, self.report, self.in_time)
         return _proposal(here, step)
 
     def add_costly(self, here: Hypothesis[Problem], best: Step | None) -> Proposal[Problem] | None:
         """Proposes the best of all others, where those before leave what is worth it."""
         if best is not None and best.chosen is not None and best.segments:
             return None
-        step = add_costly(here, self.always, self.scales, self.report, self.in_time, best)
+        step = add_costly(here, self.always, self.report, self.in_time, best)
         return None if step is None else _proposal(here, step)
 
     def common(self, here: Hypothesis[Problem], best: Step | None) -> Proposal[Problem] | None:
@@ -85,7 +83,7 @@ class RobotMoves:
         enough = gain_of(best) >= 0.5 * here.room.nats
         if tried or enough or not much or not self.in_time():
             return None
-        return _proposal(here, common_errors(here, self.always, self.scales, self.report))
+        return _proposal(here, common_errors(here, self.always, self.report))
 
     def intermittent(
         self, here: Hypothesis[Problem], best: Step | None
@@ -99,7 +97,7 @@ class RobotMoves:
         if not (early or chosen is None) or not self.in_time():
             return None
         self.looked_into = True
-        found = intermittent(here, self.everything, self.candidates, self.scales, self.report)
+        found = intermittent(here, self.everything, self.candidates, self.report)
         if found is None:
             return None
         step, part = found
@@ -113,7 +111,7 @@ class RobotMoves:
 
     def rivals(self, instance: EffectInstance, rest: Hypothesis) -> list[Fit]:
         """Returns fits of the best rivals of an effect beside the rest of a hypothesis."""
-        return rivals_of(instance, rest, self.always, self.scales, self.steps)
+        return rivals_of(instance, rest, self.always, self.steps)
 
 
 def _proposal(here: Hypothesis[Problem], step: Step) -> Proposal[Problem]:
@@ -142,9 +140,8 @@ def search(
         time_left: The share of the time for searching that is left.
     """
     longer = long is not problem
-    here, under_way, moves = _begun(
-        problem, everything, _candidates(problem), recordings, report, time_left
-    )
+    candidates = _candidates(problem, recordings, report)
+    here, under_way, moves = _begun(problem, everything, candidates, report, time_left)
     here = under_way.run(here, (moves.add, moves.common, moves.intermittent, moves.add_costly))
     if longer:
         report("settling amounts")
@@ -172,8 +169,9 @@ def search_object(
         report: Told what is happening, in words.
         time_left: The share of the time for searching that is left.
     """
-    felt = [place for place in _candidates(problem) if place.effect.scope is Scope.OBJECT]
-    here, under_way, moves = _begun(problem, problem, felt, recordings, report, time_left)
+    candidates = _candidates(problem, recordings, report)
+    felt = [place for place in candidates if place.effect.scope is Scope.OBJECT]
+    here, under_way, moves = _begun(problem, problem, felt, report, time_left)
     return _ended(under_way.run(here, (moves.add,)), under_way, moves)
 
 
@@ -181,13 +179,10 @@ def _begun(
     problem: Problem,
     everything: Problem,
     candidates: Sequence[Place],
-    recordings: Sequence[Trajectory],
     report: Callable[[str], None],
     time_left: Callable[[], float],
 ) -> tuple[Hypothesis[Problem], Search[Problem], RobotMoves]:
     """Returns the nominal model as a hypothesis, and how a search goes on from it."""
-    report("looking at torques")
-    scales = joint_scales(problem, torque_views(problem, recordings))
     under_way = Search[Problem](
         report=report,
         in_time=lambda: time_left() > 0.0,
@@ -196,7 +191,6 @@ def _begun(
     )
     moves = RobotMoves(
         candidates=candidates,
-        scales=scales,
         report=report,
         in_time=under_way.goes_on,
         everything=replace(everything, stepping=problem.stepping, clock=problem.clock),
@@ -240,12 +234,18 @@ def _of_the_end(
     }
 
 
-def _candidates(problem: Problem) -> list[Place]:
+def _candidates(
+    problem: Problem, recordings: Sequence[Trajectory], report: Callable[[str], None]
+) -> list[Place]:
+    """Returns every effect at every place that recordings may show."""
+    report("looking at torques")
+    scales = joint_scales(problem, torque_views(problem, recordings))
     library = (effect for effect in effect_library().values() if effect.twin is None)
+    pushing = problem.pushing
     return [
-        with_room(problem, place)
+        replace(place, least=least_amounts(problem.specs.values(), effect, place.joints))
         for effect in looked_for(library, recorded(problem))
-        for place in places(effect, problem.joints, problem.driven, pushing=problem.pushing)
+        for place in places(effect, problem.joints, scales, problem.driven, pushing=pushing)
     ]
 
 

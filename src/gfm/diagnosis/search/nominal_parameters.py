@@ -7,14 +7,11 @@ robot's, less than nothing is to be added, and no less than takes off all that t
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
 
 import mujoco
 import numpy as np
 
-from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.candidates import Place
-from gfm.effects import EffectInstance
+from gfm.effects import Effect, EffectInstance
 from gfm.effects.effect import find_motor_side
 
 #: Share of its motors' inertia that a model keeps: what is light cannot be simulated without.
@@ -28,15 +25,15 @@ _SAYS: Mapping[str, str] = {
 }
 
 
-def with_room(problem: Problem, place: Place) -> Place:
-    """Returns a candidate that may take off what every model of a problem says there."""
-    name = place.effect.name
-    if name not in _SAYS:
-        return place
-    kept = KEPT if name == "armature" else 0.0
-    says = min(_said(spec, name, place.joints[0]) for spec in problem.specs.values())
-    most = (1.0 - kept) * says
-    return replace(place, least={place.effect.parameters[0].name: -most}) if most > 0.0 else place
+def least_amounts(
+    specs: Collection[mujoco.MjSpec], effect: Effect, joints: Sequence[str]
+) -> dict[str, float]:
+    """Returns amounts, less than none, that take off all that every model says on some joints."""
+    if effect.name not in _SAYS:
+        return {}
+    kept = KEPT if effect.name == "armature" else 0.0
+    most = (1.0 - kept) * min(_said(spec, effect.name, joints[0]) for spec in specs)
+    return {effect.parameters[0].name: -most} if most > 0.0 else {}
 
 
 def covers(spec: mujoco.MjSpec, instance: EffectInstance) -> bool:

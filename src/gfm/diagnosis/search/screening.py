@@ -18,7 +18,7 @@ from gfm.diagnosis.residuals.outliers import bounded, slopes, unbounded
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis
-from gfm.effects import Effect, EffectInstance, Scales, Scope
+from gfm.effects import Effect, EffectInstance, Scope
 
 T = TypeVar("T")
 
@@ -52,21 +52,18 @@ def open_to(
     ]
 
 
-def screen(
-    before: Hypothesis, candidates: Sequence[Place], scales: Sequence[Scales], sample_s: float
-) -> list[Screened]:
+def screen(before: Hypothesis, candidates: Sequence[Place], sample_s: float) -> list[Screened]:
     """Returns the candidates with their best amounts to first order, best first.
 
     Args:
         before: Beside what they would be.
         candidates: Where effects may act.
-        scales: Of every joint's signals.
         sample_s: Recorded time on which they are looked at, s.
     """
     sample = before.problem.sample(sample_s)
     part = before.problem.subset(sample)
     base = _rows_of(before, sample)
-    responses = _responses(part, candidates, scales, base)
+    responses = _responses(part, candidates, base)
     basis = np.linalg.qr(base.jacobian)[0]
     start = replace(base, residual=without(base.residual, basis))
     here = Hypothesis(problem=part, fit=start, nominal=before.nominal)
@@ -89,19 +86,13 @@ def _rows_of(before: Hypothesis, segments: Sequence[int]) -> Fit:
 
 
 def _responses(
-    problem: SegmentedProblem, candidates: Sequence[Place], scales: Sequence[Scales], base: Fit
+    problem: SegmentedProblem, candidates: Sequence[Place], base: Fit
 ) -> list[tuple[EffectInstance, Array]]:
     """Returns candidates in their best amounts, their valleys apart, and what that explains.
 
     To first order, of the residual beside `base`, shape (N,).
     """
-    groups = [
-        (place, [place.instance(values) for values in group])
-        for place in candidates
-        for group in place.effect.probes(
-            scales[problem.joints.index(place.joints[0]) if place.joints else 0]
-        )
-    ]
+    groups = [(place, group) for place in candidates for group in place.probes]
     basis = np.linalg.qr(base.jacobian)[0]
     residual = without(base.residual, basis)
     weights = slopes(base.residual, problem.limits())[:, None]

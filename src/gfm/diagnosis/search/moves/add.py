@@ -12,7 +12,7 @@ from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import Screened, is_whole, open_to, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
-from gfm.effects import Effect, EffectInstance, Scales, Scope
+from gfm.effects import Effect, EffectInstance, Scope
 from gfm.sim.plant import acts_on_command
 
 #: Recorded time on which all candidates are looked at, and on which the best of them are, s.
@@ -30,7 +30,6 @@ FRONT = 2
 def add(
     before: Hypothesis,
     candidates: Sequence[Place],
-    scales: Sequence[Scales],
     report: Callable[[str], None],
     in_time: Callable[[], bool] = lambda: True,
 ) -> Step:
@@ -39,13 +38,12 @@ def add(
     Of what is simulated quickly: see `add_costly`.
     """
     quick = [place for place in candidates if not takes_long(place.effect)]
-    return _add(before, quick, scales, report, in_time)
+    return _add(before, quick, report, in_time)
 
 
 def add_costly(
     before: Hypothesis,
     candidates: Sequence[Place],
-    scales: Sequence[Scales],
     report: Callable[[str], None],
     in_time: Callable[[], bool] = lambda: True,
     best: Step | None = None,
@@ -59,7 +57,7 @@ def add_costly(
         return None
     ranked = best.ranked if best is not None and best.move is Move.ADD else ()
     slow = [place for place in candidates if takes_long(place.effect)]
-    return _add(before, slow, scales, report, in_time, ranked, gain_of(best))
+    return _add(before, slow, report, in_time, ranked, gain_of(best))
 
 
 def gain_of(step: Step | None) -> float:
@@ -75,7 +73,6 @@ def takes_long(effect: Effect) -> bool:
 def _add(
     before: Hypothesis,
     candidates: Sequence[Place],
-    scales: Sequence[Scales],
     report: Callable[[str], None],
     in_time: Callable[[], bool],
     ranked: Sequence[Tried] = (),
@@ -84,7 +81,7 @@ def _add(
     left = _after(before, best_of(before, ranked))
     tier = open_to(before, candidates, left.open_joints)
     report(f"screening {len(tier)} candidates (misfit {before.fit.cost:.3g})")
-    screened = _screened(before, tier, scales)
+    screened = _screened(before, tier)
     tried: list[Tried] = []
     for one, again in _shortlist(screened):
         if _is_worth_a_fit(before, one, tried, gained, again=again) and in_time():
@@ -180,13 +177,11 @@ def _after(before: Hypothesis, best: Tried | None) -> Hypothesis:
     return before if best is None else replace(before, fit=best.fit)
 
 
-def _screened(
-    before: Hypothesis, places: Sequence[Place], scales: Sequence[Scales]
-) -> list[Screened]:
+def _screened(before: Hypothesis, places: Sequence[Place]) -> list[Screened]:
     """Returns the candidates that promise most, best first: at a glance, then the best."""
-    glanced = screen(before, places, scales, GLANCE_S)
+    glanced = screen(before, places, GLANCE_S)
     again = list(dict.fromkeys(one.instance.key for one in glanced))[:LOOKED_AT]
-    return screen(before, [p for p in places if p.key in again], scales, SCREENING_S)
+    return screen(before, [p for p in places if p.key in again], SCREENING_S)
 
 
 def _shortlist(screened: Sequence[Screened]) -> list[tuple[Screened, bool]]:

@@ -4,8 +4,6 @@ Where everything is a little wrong, no single effect explains much, and the one 
 may be none of those that are missing. Then common errors are fitted on all joints together, from
 the best of a coarse grid; a model may also say too much of a joint. What does not earn its place
 is removed later, by the score.
-
-Shape letters: G values of a grid, J joints.
 """
 
 from __future__ import annotations
@@ -14,14 +12,13 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import ROUGH, Fit, acting, fit
 from gfm.diagnosis.residuals.outliers import bounded
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis
 from gfm.diagnosis.search.moves.add import beside
 from gfm.diagnosis.search.trace import Move, Step
-from gfm.effects import EffectInstance, Scales, Scope, find_effect
+from gfm.effects import EffectInstance, Key, Scales, Scope, find_effect
 
 #: Times that the grid is gone through.
 PASSES = 2
@@ -46,12 +43,11 @@ BEGUN_WITHOUT = ("", "coulomb_friction")
 def common_errors(
     before: Hypothesis,
     candidates: Sequence[Place],
-    scales: Sequence[Scales],
     report: Callable[[str], None],
 ) -> Step:
     """Returns the step that adds common errors on all joints that something is missing on."""
     report("looking for common errors on all joints")
-    begun = [_from_grid(before, candidates, scales, without) for without in BEGUN_WITHOUT]
+    begun = [_from_grid(before, candidates, without) for without in BEGUN_WITHOUT]
     new = max(begun, key=len)
     report(f"fitting {len(new)} effects together")
     fits = [_fitted_together(before, one) for one in begun]
@@ -74,7 +70,7 @@ def _fitted_together(before: Hypothesis, new: Sequence[EffectInstance]) -> Fit:
 
 
 def _from_grid(
-    before: Hypothesis, candidates: Sequence[Place], scales: Sequence[Scales], without: str
+    before: Hypothesis, candidates: Sequence[Place], without: str
 ) -> tuple[EffectInstance, ...]:
     """Returns every common error on every open joint, with the best of its grid.
 
@@ -84,51 +80,42 @@ def _from_grid(
     Args:
         before: Beside what they are tried.
         candidates: All there are.
-        scales: Of every joint's signals.
         without: What is none to begin with.
     """
     problem, taken = before.problem, {e.key for e in before.effects}
     places = [
-        p for p in candidates if p.key not in taken and (set(p.joints) & set(before.open_joints))
+        place
+        for place in candidates
+        if place.effect.name in COMMON
+        and place.key not in taken
+        and set(place.joints) & set(before.open_joints)
     ]
-    chosen = {name: np.full(len(problem.joints), none) for name, none in NONE.items()}
+    chosen = {place.key: NONE[place.effect.name] for place in places}
     for _ in range(PASSES):
         for name in [name for name in COMMON if name != without]:
-            grid = _grid(name, places, problem.joints, scales)
-            sets = [
-                (*before.effects, *_instances(places, problem.joints, {**chosen, name: row}))
-                for row in grid
-            ]
+            grids = {place.key: _grid(place) for place in places if place.effect.name == name}
+            rows = [dict(zip(grids, row, strict=True)) for row in zip(*grids.values(), strict=True)]
+            if not rows:
+                continue
+            sets = [(*before.effects, *_instances(places, {**chosen, **row})) for row in rows]
             left = bounded(problem.coarse().residuals(sets), problem.limits())
             costs = np.stack([problem.joint_costs(r) for r in left])
             if find_effect(name).scope is not Scope.JOINT:
                 costs[:] = costs.mean(axis=1, keepdims=True)
-            chosen[name] = grid[costs.argmin(axis=0), np.arange(len(scales))]
-    return tuple(_instances(places, problem.joints, chosen))
+            best = dict(zip(problem.joints, costs.argmin(axis=0).tolist(), strict=True))
+            chosen |= {key: grid[best[key[1][0]]] for key, grid in grids.items()}
+    return tuple(_instances(places, chosen))
 
 
-def _grid(
-    name: str, places: Sequence[Place], joints: Sequence[str], scales: Sequence[Scales]
-) -> Array:
-    """Returns the values to try on each joint, shape (G, J), what can be taken off among them."""
-    least = {
-        place.joints: min(place.least.values())
-        for place in places
-        if place.effect.name == name and place.least
-    }
-    rows = [
-        [*COMMON[name](scale), *(-x * least.get((joint,), 0.0) for x in TAKEN_OFF)]
-        for joint, scale in zip(joints, scales, strict=True)
-    ]
-    return np.array(rows).T
+def _grid(place: Place) -> list[float]:
+    """Returns the amounts to try somewhere, what can be taken off among them."""
+    least = min(place.least.values(), default=0.0)
+    return [*COMMON[place.effect.name](place.scales), *(-x * least for x in TAKEN_OFF)]
 
 
-def _instances(
-    places: Sequence[Place], joints: Sequence[str], values: dict[str, Array]
-) -> list[EffectInstance]:
-    """Returns the effects with these amounts by joint."""
+def _instances(places: Sequence[Place], amounts: Mapping[Key, float]) -> list[EffectInstance]:
+    """Returns the effects in some amounts."""
     return [
-        place.instance({place.effect.parameters[0].name: float(own[joints.index(place.joints[0])])})
+        place.instance({place.effect.parameters[0].name: float(amounts[place.key])})
         for place in places
-        if (own := values.get(place.effect.name)) is not None
     ]

@@ -24,7 +24,7 @@ from gfm.diagnosis.search.moves.add import SCREENING_S
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import open_to, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
-from gfm.effects import EffectInstance, Scales
+from gfm.effects import EffectInstance
 
 #: Fewest segments that are looked into: fewer are an accident.
 LEAST_SEGMENTS = 4
@@ -37,7 +37,6 @@ def intermittent(
     before: Hypothesis[Problem],
     everything: Problem,
     candidates: Sequence[Place],
-    scales: Sequence[Scales],
     report: Callable[[str], None],
 ) -> tuple[Step, Problem] | None:
     """Returns the step that adds such an effect, and the segments that told of it.
@@ -48,7 +47,6 @@ def intermittent(
         before: What was found so far.
         everything: All segments of the recordings.
         candidates: What may explain them.
-        scales: Of every joint's signals.
         report: Told what is happening, in words.
     """
     everything = replace(everything, after_command=before.problem.after_command)
@@ -58,7 +56,7 @@ def intermittent(
     report(f"looking into {len(far)} segments that stay far off")
     part = with_state_basis(everything.subset(far), before.effects)
     alone = _alone(part, before.effects, before.nominal)
-    screened = screen(alone, open_to(before, candidates, before.open_joints), scales, SCREENING_S)
+    screened = screen(alone, open_to(before, candidates, before.open_joints), SCREENING_S)
     likely = [s.instance for s in screened if s.gain.nats > 0.0]
     own = [one for one in likely if one.effect.intermittent][:VALLEYS]
     if not own:

@@ -18,7 +18,7 @@ from gfm.diagnosis.search.moves.add import takes_long
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import is_whole, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
-from gfm.effects import EffectInstance, Key, Scales
+from gfm.effects import EffectInstance, Key
 
 #: Recorded time on which rivals of an effect are looked at, s, and how many are fitted.
 RIVALS_S, RIVALS = 12.0, 2
@@ -93,7 +93,6 @@ def rivals_of(
     instance: EffectInstance,
     rest: Hypothesis,
     candidates: Sequence[Place],
-    scales: Sequence[Scales],
     steps: Sequence[Step],
 ) -> list[Fit]:
     """Returns fits of the best rivals of an effect among candidates.
@@ -102,7 +101,6 @@ def rivals_of(
         instance: The effect.
         rest: The hypothesis without it.
         candidates: All there are.
-        scales: Of every joint's signals.
         steps: Of the search so far: what was weighed beside an effect rivals it.
     """
     taken = {instance.key, *(e.key for e in rest.effects)}
@@ -116,7 +114,7 @@ def rivals_of(
     found = [one for one in known if one.key not in taken]
     if rest.effects:  # rivals of then stood beside other effects
         alike = [p for p in candidates if p.key not in taken and _near(p, instance)]
-        found = [one.instance for one in screen(rest, alike, scales, RIVALS_S)] + found
+        found = [one.instance for one in screen(rest, alike, RIVALS_S)] + found
     best = first_of_each(found, lambda one: one.key)[:RIVALS]
     return [rest.fitted((*rest.effects, rival)) for rival in best]
 
