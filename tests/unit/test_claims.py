@@ -22,14 +22,14 @@ from gfm.diagnosis.output.claims import (
 )
 from gfm.diagnosis.output.result import ErrorSummary, Verdict
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step, Tried
-from one_joint import TIME_S, instance
+from one_joint import TIME_S, instance, problem
 
 FRICTION, SPRING, DRAG = (
     instance("coulomb_friction", torque=0.2),
     instance("joint_spring", stiffness=0.1, rest_angle=0.0),
     instance("quadratic_drag", coefficient=0.1),
 )
-BLOCKS = [slice(0, 20), slice(20, 40)]
+PROBLEM = problem(np.zeros((len(TIME_S), 1)))
 
 
 def speaking(errors=40.0, rival=10.0, left=1e-3, apart=0.01, by=SPRING):
@@ -51,7 +51,7 @@ def found(evidence, *effects, cost=1.0, steps=(), equals=None):
         residual=np.full(len(TIME_S), np.sqrt(cost)),
     )
     return SearchResult(
-        nominal_cost=100.0,
+        problem=PROBLEM,
         fit=end,
         room=Difference(0.0, 1.0),
         steps=steps,
@@ -96,7 +96,7 @@ def test_only_what_is_more_likely_right_than_wrong_is_credible():
 def test_names_have_their_figures_and_the_strongest_stands_first():
     stronger = replace(STRONG, without=Difference(900.0, 30.0))
     result = found((STRONG, stronger), FRICTION, DRAG)
-    first, second = named_effects(BLOCKS, result, result.fit.effects)
+    first, second = named_effects(result, result.fit.effects)
     assert (first.effect, second.effect) == ("quadratic_drag", "coulomb_friction")
     assert second.confidence == pytest.approx(confidence(STRONG), abs=5e-4)
     assert second.evidence == {
@@ -106,15 +106,15 @@ def test_names_have_their_figures_and_the_strongest_stands_first():
         "apart": 0.01,
         "z_rival": 10.0,
     }
-    assert named_effects(BLOCKS, result, ()) == ()
+    assert named_effects(result, ()) == ()
 
 
 def test_the_spread_of_a_model_that_stays_wrong_is_wider_than_an_interval():
     for cost, holds in ((0.9 * ADEQUATE_RATIO**2, True), (1.1 * ADEQUATE_RATIO**2, False)):
         result = found((STRONG,), FRICTION, cost=cost)
-        told = named_effects(BLOCKS, result, result.fit.effects)[0].parameters["torque"]
+        told = named_effects(result, result.fit.effects)[0].parameters["torque"]
         fit = result.fit
-        (width,) = half_widths(amounts(fit.effects), fit.jacobian, fit.residual, BLOCKS)
+        (width,) = half_widths(amounts(fit.effects), fit.jacobian, fit.residual, PROBLEM.slices())
         expected = (told.value - width, told.value + width) if holds else None
         assert told.ci95 == expected
         assert told.spread == (None if holds else pytest.approx(SPREAD_WIDTH * width))
@@ -171,7 +171,7 @@ def summary(before, after):
     return ErrorSummary(before=before, after=after, noise_floor=1.0)
 
 
-NAMES = named_effects(BLOCKS, found((STRONG,), FRICTION), [FRICTION])
+NAMES = named_effects(found((STRONG,), FRICTION), [FRICTION])
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,7 @@ def test_friction_that_grows_with_the_load_is_one_line_whichever_way_the_joint_m
 
 
 def test_the_profile_of_an_amount_has_its_valley_where_it_was_fitted(problem):
-    delay, gain = profile_plots(TRUTH, problem, problem)
+    delay, gain = profile_plots(TRUTH, problem)
     assert (delay.effect, gain.effect) == ("command_delay", "actuator_gain")
     for plot, none in ((delay, 0.0), (gain, 0.5 * GAIN)):
         line, point = plot.series

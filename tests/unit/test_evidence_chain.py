@@ -21,6 +21,7 @@ from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.output.claims import SPREAD_WIDTH, SPREADS_ASKED, SPREADS_HELD
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step, Tried
 from gfm.effects import EffectInstance, find_effect
+from one_joint import problem
 from pendulum import MODEL, PERIOD_S, swung
 
 SPECS = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
@@ -73,7 +74,9 @@ def step(before, *ranked, won=True, move=Move.ADD, replaced=None):
 def found_in(*steps, effects=(), left=1.0, room=(0.0, 1.0), **more):
     """The trace of a search."""
     end = fit_leaving(left, *effects)
-    return SearchResult(nominal_cost=100.0, fit=end, room=Difference(*room), steps=steps, **more)
+    return SearchResult(
+        problem=problem(np.zeros((4, 1))), fit=end, room=Difference(*room), steps=steps, **more
+    )
 
 
 def test_the_share_of_a_slow_part_is_what_neighbours_have_in_common():

@@ -11,6 +11,7 @@ from gfm.diagnosis.inference.fitting import fit, nothing
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis
 from gfm.diagnosis.search.moves.add import add
+from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, find_effect
 from gfm.effects.plugins import USUAL_SCALES
 
@@ -62,7 +63,7 @@ def test_a_delay_past_the_command_of_a_stamp_is_reached_from_a_small_one(problem
     assert stuck.effects[0].values["delay"] < 0.008
     here = Hypothesis(problem=problem, fit=nothing(problem), nominal=np.full(1, 1e4))
     place = Place(effect=begun.effect, joints=("j",), scales=USUAL_SCALES)
-    step = add(here, [place], lambda _: None)
+    step = add(here, Search(candidates=[place], report=lambda _: None))
     assert step.chosen.new[0].values["delay"] == pytest.approx(DELAY_S, abs=5e-4)
 
 

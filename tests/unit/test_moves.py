@@ -16,9 +16,10 @@ from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
 from gfm.diagnosis.search.hypothesis import Hypothesis, columns_of, parameters_of
 from gfm.diagnosis.search.moves.add import add, best_of
 from gfm.diagnosis.search.moves.common_errors import common_errors
-from gfm.diagnosis.search.moves.reduce import exchange, gains_of_each, remove, rivals_of
-from gfm.diagnosis.search.steps import Proposal, Search, support
+from gfm.diagnosis.search.moves.reduce import exchange, gains_of_each, remove
+from gfm.diagnosis.search.steps import run, support
 from gfm.diagnosis.search.trace import Move, Step, Tried
+from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, find_effect
 from pendulum import MODEL, PERIOD_S, swung
 
@@ -45,23 +46,25 @@ def instance(name, **values):
     return EffectInstance(effect=find_effect(name), joints=("j",), values=values)
 
 
-def candidates(case, *names):
-    (scales,) = case.scales
-    return [Place(effect=find_effect(name), joints=("j",), scales=scales) for name in names]
-
-
 class Case:
     """Recordings, the problem of explaining them, and hypotheses about it."""
 
     def __init__(self, recordings):
         self.problem = make_problem(SPECS, recordings).robust(())
-        self.scales = joint_scales(self.problem, torque_views(self.problem, recordings))
+        (self.scales,) = joint_scales(self.problem, torque_views(self.problem, recordings))
         self.nominal = self.problem.joint_costs(nothing(self.problem).residual)
 
     def with_effects(self, *effects):
         return Hypothesis(
             problem=self.problem, fit=fit(self.problem, effects), nominal=self.nominal
         )
+
+    def search(self, *names, **more):
+        """A search among some effects on the joint, which says nothing unless it is asked to."""
+        places = [
+            Place(effect=find_effect(name), joints=("j",), scales=self.scales) for name in names
+        ]
+        return Search(**({"candidates": places, "report": lambda _: None} | more))
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +83,7 @@ def right():
 
 
 def added(case, *names, before=()):
-    return add(case.with_effects(*before), candidates(case, *names), lambda _: None)
+    return add(case.with_effects(*before), case.search(*names))
 
 
 LAWS = ("coulomb_friction", "viscous_friction", "armature", "quadratic_drag", "command_delay")
@@ -188,7 +191,7 @@ def wrong_all_over():
 @pytest.mark.parametrize("known", [(), (instance("coulomb_friction", torque=0.05),)])
 def test_common_errors_are_found_together_beside_what_is_known(wrong_all_over, known):
     before = wrong_all_over.with_effects(*known)
-    step = common_errors(before, candidates(wrong_all_over, *COMMON), lambda _: None)
+    step = common_errors(before, wrong_all_over.search(*COMMON))
     found = {e.effect.name: next(iter(e.values.values())) for e in step.chosen.fit.effects}
     assert found["command_delay"] == pytest.approx(0.03, rel=0.1)
     assert found["actuator_gain"] == pytest.approx(0.15, rel=0.05)
@@ -211,7 +214,7 @@ def test_what_says_nothing_is_removed_and_what_is_there_stays(rubbing):
     both = rubbing.with_effects(
         instance("armature", inertia=1e-3), instance("coulomb_friction", torque=0.1)
     )
-    after, steps = remove(both, (), lambda _: None)
+    after, steps = remove(both, rubbing.search())
     assert [e.effect.name for e in after.effects] == ["coulomb_friction"]
     assert [(s.move, s.replaced.effect.name) for s in steps] == [(Move.REMOVE, "armature")]
     assert after.effects[0].values["torque"] == pytest.approx(FRICTION, rel=0.03)
@@ -220,18 +223,12 @@ def test_what_says_nothing_is_removed_and_what_is_there_stays(rubbing):
 def test_what_few_segments_judge_and_the_last_effect_are_not_removed(rubbing, right):
     armature = instance("armature", inertia=1e-3)
     both = rubbing.with_effects(armature, instance("coulomb_friction", torque=0.1))
-    kept, steps = remove(both, [armature.key], lambda _: None)
-    assert kept is both
-    assert steps == []
+    assert remove(both, rubbing.search())[1]
+    tried = Tried(new=(armature,), fit=both.fit, gain=Difference(9.0, 1.0))
+    few = Step(move=Move.INTERMITTENT, before=1.0, chosen=tried, segments=4)
+    assert remove(both, rubbing.search(steps=[few])) == (both, [])
     alone = right.with_effects(armature)
-    assert remove(alone, (), lambda _: None) == (alone, [])
-
-
-def rivals(case, *names, steps=()):
-    def of(effect, rest):
-        return rivals_of(effect, rest, candidates(case, *names), steps)
-
-    return of
+    assert remove(alone, right.search()) == (alone, [])
 
 
 def test_a_spring_makes_way_for_the_constant_torque_that_it_stands_for(pulled):
@@ -240,7 +237,7 @@ def test_a_spring_makes_way_for_the_constant_torque_that_it_stands_for(pulled):
         instance("viscous_friction", coefficient=1e-3),
     )
     here = pulled.with_effects(spring, friction)
-    after, steps, told = exchange(here, (), rivals(pulled, "torque_offset"), lambda _: None)
+    after, steps, told = exchange(here, pulled.search("torque_offset"))
     assert {e.effect.name for e in after.effects} == {"torque_offset", "viscous_friction"}
     assert [(s.move, s.replaced.effect.name) for s in steps] == [(Move.EXCHANGE, "joint_spring")]
     assert [one.instance.effect.name for one in told] == ["viscous_friction"]
@@ -259,8 +256,7 @@ def test_a_right_effect_stays_and_is_told_with_what_was_weighed_beside_it(rubbin
         )
     )
     step = Step(move=Move.ADD, before=before.fit.cost, ranked=tried, chosen=tried[0])
-    weighed = rivals(rubbing, "armature", steps=(step,))
-    after, steps, told = exchange(friction, (), weighed, lambda _: None)
+    after, steps, told = exchange(friction, rubbing.search("armature", steps=[step]))
     assert after is friction
     assert steps == []
     assert [one.rival.effect.name for one in told] == ["viscous_friction"]
@@ -269,13 +265,13 @@ def test_a_right_effect_stays_and_is_told_with_what_was_weighed_beside_it(rubbin
 
 def test_a_search_whose_time_is_over_keeps_what_it_has(rubbing):
     here, said = rubbing.with_effects(), []
-    late = Search(report=said.append, in_time=lambda: False, clock=rubbing.problem.clock)
-
-    def move(before, _best):
-        step = add(before, candidates(rubbing, "coulomb_friction"), said.append)
-        return Proposal(step=step, after=lambda: before)
-
-    assert late.run(here, [move]) is here
+    late = rubbing.search(
+        "coulomb_friction",
+        report=said.append,
+        in_time=lambda: False,
+        clock=rubbing.problem.clock,
+    )
+    assert run(here, late, [add]) is here
     assert late.steps == []
     assert said[-1] == "the time is over"
     rubbing.problem.residuals([()])  # nothing is bounded any more
@@ -284,12 +280,12 @@ def test_a_search_whose_time_is_over_keeps_what_it_has(rubbing):
 @pytest.mark.parametrize("steps_are_over", [True, False])
 def test_a_search_says_whether_more_time_might_have_led_elsewhere(rubbing, steps_are_over):
     here, asked = rubbing.with_effects(), []
-    search = Search(report=lambda _: None, goes_on=lambda: not (asked and steps_are_over))
+    search = rubbing.search(goes_on=lambda: not (asked and steps_are_over))
 
-    def nothing_gains(before, _best):
+    def nothing_gains(before, _search, _best):
         asked.append(before)
 
-    search.run(here, [nothing_gains])
+    run(here, search, [nothing_gains])
     assert here.is_open
     assert search.out_of_time is steps_are_over
 
@@ -297,10 +293,10 @@ def test_a_search_says_whether_more_time_might_have_led_elsewhere(rubbing, steps
 def test_an_effect_whose_rivals_were_not_weighed_stays_and_less_speaks_for_it(rubbing):
     here = rubbing.with_effects(instance("coulomb_friction", torque=0.1))
 
-    def none_in_time(_instance, _rest):
+    def none_in_time(_instance, _rest, _search):
         raise OutOfTimeError
 
-    after, steps, compared = exchange(here, (), none_in_time, lambda _: None)
+    after, steps, compared = exchange(here, rubbing.search(), none_in_time)
     assert (after, steps) == (here, [])
     (evidence,) = support(here, compared, {}).values()
     assert evidence.rival.errors == pytest.approx(UNWEIGHED * evidence.without.errors)

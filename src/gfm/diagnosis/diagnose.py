@@ -33,6 +33,7 @@ from gfm.diagnosis.output.errors import RolloutErrors, rollout_errors
 from gfm.diagnosis.output.result import Diagnosis, EvidencePlot, ModelPair, NamedEffect, Verdict
 from gfm.diagnosis.output.sentences import OUT_OF_TIME, notes_on, sentence_on, sentence_on_object
 from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.search.trace import parts_of
 from gfm.effects import EffectInstance, Scope
 from gfm.excitation.blind_spots import blind_spots
 from gfm.sim.learned import LearnedForces
@@ -203,16 +204,16 @@ def _plots(
     found: Found, effects: Sequence[EffectInstance], errors: RolloutErrors
 ) -> tuple[EvidencePlot, ...]:
     part = found.short.subset(found.short.sample(PROFILED_S)).robust(effects)
-    segments = found.result.segments if found.result else ()
+    segments = parts_of(found.result.steps).values() if found.result else ()
     felt = [one for one in effects if one.effect.scope is Scope.OBJECT]
     robot = [one for one in effects if one not in felt]
-    rare = reduce(Problem.joined, segments) if segments else part
+    rare = reduce(Problem.joined, segments) if segments else None
     floors = [-one.before / one.noise_floor for one in errors.joints]
     worst = np.argsort(floors)[:2].tolist()
     return (
         *plots.law_plots(robot, found.short, found.recordings),
         *plots.profile_plots(robot, part, rare),
-        *(plots.profile_plots(felt, *2 * [found.pushed[1]]) if found.pushed else ()),
+        *(plot for one in found.results[1:] for plot in plots.profile_plots(felt, one.problem)),
         *(plots.error_plot(j, errors.problem, errors.before, errors.after) for j in worst),
     )
 

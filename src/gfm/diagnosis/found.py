@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import mujoco
 import numpy as np
@@ -32,39 +33,33 @@ class Found:
         recordings: The set.
         short: What effects were looked for in.
         long: What amounts were settled on.
-        result: The search; None where nothing can be said about dynamics.
-        lack: Why not; empty where something can.
-        pushed: What the robot feels of an object, and in what; None where it pushes none.
+        lack: Why nothing can be said about dynamics; empty where something can.
+        results: What searches found: of the robot, and of what it feels of an object that it
+            pushes. None where something lacks.
     """
 
     recordings: Sequence[Trajectory]
     short: Problem
     long: Problem
-    result: SearchResult | None
-    lack: str
-    pushed: tuple[SearchResult, Problem] | None = None
+    lack: str = ""
+    results: tuple[SearchResult[Problem], ...] = ()
 
     @property
-    def results(self) -> tuple[SearchResult, ...]:
-        """What searches found: of the robot, and of what it feels of an object."""
-        felt = [] if self.pushed is None else [self.pushed[0]]
-        return () if self.result is None else (self.result, *felt)
+    def result(self) -> SearchResult[Problem] | None:
+        """What was found of the robot by itself."""
+        return self.results[0] if self.results else None
 
     def named(self, *, keep_suspects: bool) -> tuple[NamedEffect, ...]:
         """Returns the effects that are named, with amounts fitted without the others."""
-        if self.result is None:
-            return ()
-        parts = [(self.result, self.long), *([self.pushed] if self.pushed else [])]
-        return tuple(one for part in parts for one in _named(*part, keep_suspects=keep_suspects))
+        named = (_named(one, keep_suspects=keep_suspects) for one in self.results)
+        return tuple(chain.from_iterable(named))
 
 
-def _named(
-    result: SearchResult, problem: Problem, *, keep_suspects: bool
-) -> tuple[NamedEffect, ...]:
+def _named(result: SearchResult, *, keep_suspects: bool) -> tuple[NamedEffect, ...]:
     effects = list(result.fit.effects) if keep_suspects else credible(result)
     if len(effects) < len(result.fit.effects):
-        result = replace(result, fit=fit(problem, effects))
-    return named_effects(problem.slices(), result, result.fit.effects)
+        result = replace(result, fit=fit(result.problem, effects))
+    return named_effects(result, result.fit.effects)
 
 
 def find_in(
@@ -91,17 +86,16 @@ def find_in(
             specs, recordings, short.noise, given=given, windows_s=LONG, most_s=SETTLED_S
         )
     if lack:
-        return Found(recordings=recordings, short=short, long=long, result=None, lack=lack)
+        return Found(recordings=recordings, short=short, long=long, lack=lack)
     everything = all_segments(specs, recordings, short.noise, given=given)
-    result, long = search(short, long, everything, recordings, report, time_left)
-    beside, pushed = (*given, *credible(result)), None
+    results = [search(short, long, everything, recordings, report, time_left)]
+    long, beside = results[0].problem, (*given, *credible(results[0]))
     pushing = all_segments(specs, recordings, short.noise, given=beside, touching=True)
     if pushing.pushing:
         report("looking at what the robot feels of the object")
-        pushed = search_object(prepared(pushing, SEARCHED_S), recordings, report, time_left)
-    return Found(
-        recordings=recordings, short=short, long=long, result=result, lack="", pushed=pushed
-    )
+        felt = prepared(pushing, SEARCHED_S)
+        results.append(search_object(felt, recordings, report, time_left))
+    return Found(recordings=recordings, short=short, long=long, results=tuple(results))
 
 
 def _lacking(recordings: Sequence[Trajectory]) -> str:

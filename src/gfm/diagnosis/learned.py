@@ -24,17 +24,15 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.signals import rms
 from gfm.diagnosis.evidence.torques import TorqueDomain, block_means, torque_domain
-from gfm.diagnosis.inference.fitting import Fit, fit
 from gfm.diagnosis.inference.score import SegmentShape
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.search.candidates import Place, joint_scales, places
-from gfm.diagnosis.search.hypothesis import Hypothesis, nominal_hypothesis
+from gfm.diagnosis.search.hypothesis import nominal_hypothesis
 from gfm.diagnosis.search.moves.add import add, add_costly
-from gfm.diagnosis.search.moves.reduce import rivals_of
 from gfm.diagnosis.search.naming import Recorded, fitly_named, looked_for
-from gfm.diagnosis.search.steps import Proposal, Search, effects_of
-from gfm.diagnosis.search.trace import Step
+from gfm.diagnosis.search.steps import end, run
+from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Scales, effect_library
 from gfm.sim.hybrid import HybridModel
 from gfm.sim.learned import LearnedForces
@@ -178,7 +176,10 @@ def learned_report(
     )
     here = nominal_hypothesis(told)
     scales = joint_scales(problem, [replace(domain.view, missing=mean)])
-    found = _searched(here, _candidates(told.joints, scales))
+    search = Search[LearnedProblem](
+        candidates=_candidates(told.joints, scales), report=lambda _: None
+    )
+    found = end(run(here, search, (add, add_costly)), search)
     effects = fitly_named(found.fit, problem.specs).effects
     without = [[e for e in effects if e is not one] for one in effects]
     before, after, *rest = map(told.joint_costs, told.residuals([(), effects, *without]))
@@ -213,32 +214,6 @@ def _forces(problem: Problem, forces: LearnedForces, recordings: Sequence[Trajec
         effects=problem.given,
     )
     return np.concatenate([joint_forces_along(forces, model, one) for one in recordings])
-
-
-def _searched(
-    here: Hypothesis[LearnedProblem], candidates: Sequence[Place]
-) -> Hypothesis[LearnedProblem]:
-    """Returns the names that predict the learned forces best."""
-    under_way = Search[LearnedProblem](report=lambda _: None)
-
-    def proposal(before: Hypothesis[LearnedProblem], step: Step) -> Proposal[LearnedProblem]:
-        return Proposal(
-            step=step, after=lambda: replace(before, fit=fit(before.problem, effects_of(step)))
-        )
-
-    def quick(before: Hypothesis[LearnedProblem], _best: Step | None) -> Proposal[LearnedProblem]:
-        return proposal(before, add(before, candidates, under_way.report))
-
-    def costly(
-        before: Hypothesis[LearnedProblem], best: Step | None
-    ) -> Proposal[LearnedProblem] | None:
-        step = add_costly(before, candidates, under_way.report, best=best)
-        return None if step is None else proposal(before, step)
-
-    def rivals(instance: EffectInstance, rest: Hypothesis) -> list[Fit]:
-        return rivals_of(instance, rest, candidates, under_way.steps)
-
-    return under_way.end(under_way.run(here, [quick, costly]), rivals)[0]
 
 
 def _candidates(joints: Sequence[str], scales: Sequence[Scales]) -> list[Place]:

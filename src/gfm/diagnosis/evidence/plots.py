@@ -107,7 +107,7 @@ def _law_plot(
 
 
 def profile_plots(
-    instances: Sequence[EffectInstance], problem: Problem, rare: Problem
+    instances: Sequence[EffectInstance], problem: Problem, rare: Problem | None = None
 ) -> list[EvidencePlot]:
     """Returns a picture of every other effect: what rollouts leave if its amount is another one.
 
@@ -118,7 +118,8 @@ def profile_plots(
     Args:
         instances: What was found.
         problem: In which rollouts are compared, outliers bounded as in the fit.
-        rare: The same for what acts now and then only: segments in which it acts.
+        rare: The same for what acts now and then only: segments in which it acts; None where
+            all are alike.
     """
     plots = []
     for place, instance in enumerate(instances):
@@ -133,7 +134,7 @@ def profile_plots(
             for amount in amounts
         ]
         sets = [(*instances[:place], other, *instances[place + 1 :]) for other in others]
-        looked_at = rare if instance.effect.intermittent else problem
+        looked_at = problem if rare is None or not instance.effect.intermittent else rare
         left = np.sqrt(np.mean(looked_at.residuals(sets) ** 2, axis=1))
         middle = slice(PROFILE_POINTS // 2, PROFILE_POINTS // 2 + 1)
         where = instance.joints[0] if len(instance.joints) == 1 else ""

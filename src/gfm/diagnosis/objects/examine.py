@@ -43,7 +43,6 @@ class ObjectPart:
 
     Attributes:
         found: The search.
-        problem: What they were fitted to, initial states as they fit best.
         overall: Held-out error of place and yaw together, in units of their noise.
         errors: Held-out errors of the place (m) and the yaw (rad).
         cone: How contacts are computed: the model's own, or the elliptic one where it fits better.
@@ -52,8 +51,7 @@ class ObjectPart:
         notes: What a reader should know.
     """
 
-    found: SearchResult
-    problem: ObjectProblem
+    found: SearchResult[ObjectProblem]
     overall: ErrorSummary
     errors: tuple[ErrorSummary, ErrorSummary]
     cone: int
@@ -64,7 +62,7 @@ class ObjectPart:
     @property
     def named(self) -> tuple[NamedEffect, ...]:
         """What of it is more likely right than not."""
-        named = named_effects(self.problem.slices(), self.found, credible(self.found))
+        named = named_effects(self.found, credible(self.found))
         return tuple(_widened(one) for one in named)
 
 
@@ -94,13 +92,12 @@ def examine_object(
     held = _problem(spec, holdout)
     best = _with_better_cone(training)
     seen, unseen = seen_and_unseen(best)
-    found, problem = find(best, seen, report)
+    found = find(best, seen, report)
     judged, effects = held or training, found.fit.effects
     before, after = judged.settled(()), replace(judged, spec=best.spec).settled(effects)
     overall, place, yaw = _errors(before.parts(()), after.parts(effects), judged.noise)
     return ObjectPart(
         found=found,
-        problem=problem,
         overall=overall,
         errors=(place, yaw),
         cone=int(best.spec.option.cone),
@@ -109,7 +106,7 @@ def examine_object(
             BlindSpot(effect=e.name, joints=(), why=UNSEEN[e.name], motion=e.shown_by)
             for e in unseen
         ),
-        notes=_notes(problem, own=int(spec.option.cone), held=held is not None),
+        notes=_notes(found.problem, own=int(spec.option.cone), held=held is not None),
     )
 
 

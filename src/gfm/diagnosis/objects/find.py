@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -11,9 +12,12 @@ from gfm.diagnosis.inference.fitting import Fit, fit
 from gfm.diagnosis.objects.problem import ObjectProblem
 from gfm.diagnosis.search.hypothesis import Hypothesis, in_turn, nominal_hypothesis
 from gfm.diagnosis.search.moves.add import add_of_few
-from gfm.diagnosis.search.steps import Proposal, Search, effects_of
+from gfm.diagnosis.search.steps import end, run
 from gfm.diagnosis.search.trace import SearchResult, Step
+from gfm.diagnosis.search.under_way import Search
 from gfm.effects import Effect, EffectInstance, Scope, effect_library
+
+Here: TypeAlias = Hypothesis[ObjectProblem]
 
 #: An effect is seen where an amount that matters changes all residuals together by so much.
 SEEN = 6.0
@@ -28,37 +32,29 @@ def seen_and_unseen(problem: ObjectProblem) -> tuple[list[Effect], list[Effect]]
 
 def find(
     problem: ObjectProblem, seen: Sequence[Effect], report: Callable[[str], None]
-) -> tuple[SearchResult, ObjectProblem]:
-    """Returns which of some effects the object lacks, and the segments begun as fits that best."""
-    here = nominal_hypothesis(in_turn(problem, ())[0])
-    search = Search[ObjectProblem](report=report)
+) -> SearchResult[ObjectProblem]:
+    """Returns which of some effects the object lacks."""
 
     def others(beside: Hypothesis) -> list[Fit]:
         there = [one.effect for one in beside.effects]
         return [_begun(problem, beside.effects, one) for one in seen if one not in there]
 
-    def one_more(before: Hypothesis[ObjectProblem], _best: Step | None) -> Proposal[ObjectProblem]:
-        step = add_of_few(before, others(before))
+    def one_more(before: Here, _: Search[ObjectProblem], _best: Step | None) -> Step:
+        return add_of_few(before, others(before))
 
-        def after() -> Hypothesis[ObjectProblem]:
-            there, found = in_turn(before.problem, effects_of(step))
-            return replace(before, problem=there, fit=found)
-
-        return Proposal(step=step, after=after)
-
-    def rivals(instance: EffectInstance, rest: Hypothesis) -> list[Fit]:
+    def rivals(instance: EffectInstance, rest: Here, _: Search[ObjectProblem]) -> list[Fit]:
         begun = [one for one in others(rest) if one.effects[-1].key != instance.key]
         return [rest.fitted_out(one) for one in begun]
 
-    final, evidence = search.end(search.run(here, [one_more]), rivals)
-    result = SearchResult(
-        nominal_cost=here.fit.cost,
-        fit=final.fit,
-        room=final.room,
-        steps=tuple(search.steps),
-        evidence=evidence,
-    )
-    return result, final.problem
+    search = Search(report=report, after=_after)
+    here = run(nominal_hypothesis(in_turn(problem, ())[0]), search, [one_more])
+    return end(here, search, rivals)
+
+
+def _after(here: Here, step: Step) -> Here:
+    """Returns the hypothesis after a step, segments begun as fits it best."""
+    problem, found = in_turn(here.problem, step.effects)
+    return replace(here, problem=problem, fit=found)
 
 
 def friction_cost(problem: ObjectProblem) -> float:

@@ -98,19 +98,18 @@ def _confidence(found: SearchResult, instance: EffectInstance) -> float:
 
 
 def named_effects(
-    blocks: Sequence[slice], found: SearchResult, instances: Sequence[EffectInstance]
+    found: SearchResult, instances: Sequence[EffectInstance]
 ) -> tuple[NamedEffect, ...]:
     """Returns effects with intervals and confidences, those that explain most first.
 
     Args:
-        blocks: Rows of the fit's residual that belong together.
         found: What was found, and how.
         instances: Those of its effects that are named, with their amounts.
     """
     if not instances:
         return ()
-    fitted = found.fit
-    widths = half_widths(amounts(fitted.effects), fitted.jacobian, fitted.residual, blocks)
+    fitted, segments = found.fit, found.problem.slices()
+    widths = half_widths(amounts(fitted.effects), fitted.jacobian, fitted.residual, segments)
     free = [(fitted.effects[i].key, name) for i, name in free_parameters(fitted.effects)]
     by_place = dict(zip(free, widths.tolist(), strict=True))
     holds = fitted.cost <= ADEQUATE_RATIO**2

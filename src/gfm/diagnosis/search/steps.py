@@ -7,10 +7,9 @@ exchanged for what says more, and it is weighed what speaks for each.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
-from typing import Generic, TypeAlias
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from gfm.diagnosis.inference.constants import UNWEIGHED
 from gfm.diagnosis.inference.fitting import acting, along_valley, always, each_left_out, measured
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.inference.steadiness import apart
-from gfm.diagnosis.residuals.clock import Clock, OutOfTimeError
 from gfm.diagnosis.residuals.outliers import slopes
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, columns_of
 from gfm.diagnosis.search.moves.add import gain_of
@@ -29,134 +27,82 @@ from gfm.diagnosis.search.moves.reduce import (
     exchange,
     gains_of_each,
     remove,
+    rivals_of,
 )
 from gfm.diagnosis.search.naming import describe
-from gfm.diagnosis.search.trace import Evidence, Step
+from gfm.diagnosis.search.trace import Evidence, SearchResult, Step
+from gfm.diagnosis.search.under_way import MoveFrom, Search
 from gfm.effects import EffectInstance, Key, Scope
 
 #: Steps at most.
 MOST_STEPS = 24
 
 
-@dataclass(frozen=True, kw_only=True)
-class Proposal(Generic[P]):
-    """A step that a move proposes, and how to find the hypothesis after it."""
-
-    step: Step
-    after: Callable[[], Hypothesis[P]]
-
-
-#: Proposes a step beside the best that others propose; None where it is not its turn.
-MoveFrom: TypeAlias = Callable[[Hypothesis[P], Step | None], Proposal[P] | None]
+def run(here: Hypothesis[P], search: Search[P], moves: Sequence[MoveFrom[P]]) -> Hypothesis[P]:
+    """Returns the best hypothesis that steps lead to, in time."""
+    following = partial(next, _steps(here, search, moves), None)
+    while (after := search.in_its_time(following, None)) is not None:
+        here = after
+    return here
 
 
-@dataclass
-class Search(Generic[P]):
-    """A search under way.
+def _steps(
+    here: Hypothesis[P], search: Search[P], moves: Sequence[MoveFrom[P]]
+) -> Iterator[Hypothesis[P]]:
+    """Yields one hypothesis after another."""
+    while here.is_open and len(search.steps) < MOST_STEPS and search.goes_on():
+        best = _best(here, search, moves)
+        if best is None:
+            break
+        if best.chosen is None:
+            search.steps.append(best)
+            break
+        left, here = here.fit.cost, search.after(here, best)
+        search.steps.append(best)
+        search.report(f"{in_words(best)}: misfit {left:.3g} -> {here.fit.cost:.3g}")
+        here, removed = remove(here, search)
+        search.steps.extend(removed)
+        yield here
+    search.ended_early |= here.is_open and not search.goes_on()
 
-    Attributes:
-        report: Told what is happening, in words.
-        in_time: Whether there is time left to weigh rivals.
-        goes_on: Whether there is time left for steps.
-        clock: Breaks off what takes too long.
-        steps: So far.
-        ended_early: Whether there was no time left for steps that might have gained something.
-    """
 
-    report: Callable[[str], None]
-    in_time: Callable[[], bool] = lambda: True
-    goes_on: Callable[[], bool] = lambda: True
-    clock: Clock = field(default_factory=Clock)
-    steps: list[Step] = field(default_factory=list)
-    ended_early: bool = False
+def _best(here: Hypothesis[P], search: Search[P], moves: Sequence[MoveFrom[P]]) -> Step | None:
+    best: Step | None = None
+    for move in moves:
+        other = move(here, search, best)
+        if other and (best is None or _comes_before(other, best)):
+            best = other
+    return best
 
-    @property
-    def out_of_time(self) -> bool:
-        """Whether more time might have led to another answer."""
-        return self.ended_early or not self.in_time()
 
-    @property
-    def held(self) -> dict[Key, Difference]:
-        """What a few segments judge, and by how much they predict better with it."""
-        chosen = [step.chosen for step in self.steps if step.segments]
-        return {one.new[0].key: one.gain for one in chosen if one is not None}
+def end(here: Hypothesis[P], search: Search[P], rivals: RivalsOf[P] = rivals_of) -> SearchResult[P]:
+    """Returns a hypothesis after exchanges and removals, with what speaks for each effect."""
+    here, compared = _reduced(here, search, rivals)
+    some = acting(here.effects)
+    if len(some) < len(here.effects):
+        final = measured(here.problem, some)
+    else:
+        final = search.in_its_time(partial(along_valley, here.problem, here.fit), here.fit)
+    here = replace(here, fit=final)
+    return SearchResult(
+        problem=here.problem,
+        fit=here.fit,
+        room=here.room,
+        steps=tuple(search.steps),
+        evidence=support(here, compared, search.held),
+        out_of_time=search.out_of_time,
+    )
 
-    def run(self, here: Hypothesis[P], moves: Sequence[MoveFrom[P]]) -> Hypothesis[P]:
-        """Returns the best hypothesis that steps lead to, in time."""
-        best = here
-        try:
-            with self._bounded():
-                for after in self._steps(here, moves):
-                    best = after
-        except OutOfTimeError:
-            self.report("the time is over")
-        return best
 
-    def _steps(self, here: Hypothesis[P], moves: Sequence[MoveFrom[P]]) -> Iterator[Hypothesis[P]]:
-        """Yields one hypothesis after another."""
-        while here.is_open and len(self.steps) < MOST_STEPS and self.goes_on():
-            best = self._best(here, moves)
-            if best is None:
-                break
-            if best.step.chosen is None:
-                self.steps.append(best.step)
-                break
-            left, here = here.fit.cost, best.after()
-            self.steps.append(best.step)
-            self.report(f"{in_words(best.step)}: misfit {left:.3g} -> {here.fit.cost:.3g}")
-            here, removed = remove(here, self.held, self.report)
-            self.steps.extend(removed)
-            yield here
-        self.ended_early |= here.is_open and not self.goes_on()
-
-    def _best(self, here: Hypothesis[P], moves: Sequence[MoveFrom[P]]) -> Proposal[P] | None:
-        best: Proposal[P] | None = None
-        for move in moves:
-            other = move(here, best.step if best else None)
-            if other and (best is None or _comes_before(other.step, best.step)):
-                best = other
-        return best
-
-    def end(
-        self, here: Hypothesis[P], rivals: RivalsOf
-    ) -> tuple[Hypothesis[P], Mapping[Key, Evidence]]:
-        """Returns a hypothesis after exchanges and removals, and what speaks for each effect."""
-        here, compared = self._reduced(here, rivals)
-        some = acting(here.effects)
-        if len(some) < len(here.effects):
-            here = replace(here, fit=measured(here.problem, some))
-        else:
-            whole = here
-            here = self.in_its_time(
-                lambda: replace(whole, fit=along_valley(whole.problem, whole.fit)), whole
-            )
-        return here, support(here, compared, self.held)
-
-    def in_its_time(
-        self, better: Callable[[], Hypothesis[P]], here: Hypothesis[P]
-    ) -> Hypothesis[P]:
-        """Returns a better hypothesis, or where finding it takes too long the one that there is."""
-        try:
-            with self._bounded():
-                return better()
-        except OutOfTimeError:
-            self.report("the time is over")
-            return here
-
-    def _bounded(self) -> AbstractContextManager[None]:
-        return self.clock.until(self.in_time)
-
-    def _reduced(
-        self, here: Hypothesis[P], rivals: RivalsOf
-    ) -> tuple[Hypothesis[P], list[Compared]]:
-        while True:
-            here, exchanged, compared = exchange(
-                here, self.held, rivals, self.report, self._bounded
-            )
-            here, removed = remove(here, self.held, self.report, self._bounded)
-            self.steps.extend([*exchanged, *removed])
-            if not exchanged or not self.in_time():
-                return here, compared
+def _reduced(
+    here: Hypothesis[P], search: Search[P], rivals: RivalsOf[P]
+) -> tuple[Hypothesis[P], list[Compared]]:
+    while True:
+        here, exchanged, compared = exchange(here, search, rivals)
+        here, removed = remove(here, search)
+        search.steps.extend([*exchanged, *removed])
+        if not exchanged or not search.in_time():
+            return here, compared
 
 
 def _comes_before(one: Step, other: Step) -> bool:
@@ -169,11 +115,6 @@ def in_words(step: Step) -> str:
     """Returns what a step brought."""
     new = () if step.chosen is None else step.chosen.new
     return f"{step.move}: {', '.join(map(describe, new)) or 'nothing'}"
-
-
-def effects_of(step: Step) -> tuple[EffectInstance, ...]:
-    """Returns the effects with which a search goes on after a step."""
-    return () if step.chosen is None else step.chosen.fit.effects
 
 
 def support(

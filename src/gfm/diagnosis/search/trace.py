@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Generic
 
 from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.search.hypothesis import Of
 from gfm.effects import EffectInstance, Key
 
 
@@ -48,6 +50,7 @@ class Step:
         chosen: What the search went on with; None where nothing predicted clearly better.
         replaced: What made way for it.
         segments: How many segments it was about; 0 for all.
+        part: Those of them that what was chosen changes; None for all.
     """
 
     move: Move
@@ -56,6 +59,18 @@ class Step:
     chosen: Tried | None = None
     replaced: EffectInstance | None = None
     segments: int = 0
+    part: Problem | None = None
+
+    @property
+    def effects(self) -> tuple[EffectInstance, ...]:
+        """The effects with which a search goes on after it."""
+        return () if self.chosen is None else self.chosen.fit.effects
+
+
+def parts_of(steps: Sequence[Step]) -> dict[Key, Problem]:
+    """Returns the segments that told of what acts now and then only, by the effect."""
+    told = [(step.chosen, step.part) for step in steps]
+    return {tried.new[0].key: part for tried, part in told if tried and part}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,27 +94,25 @@ class Evidence:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SearchResult:
+class SearchResult(Generic[Of]):
     """What was found, and how.
 
     Attributes:
-        nominal_cost: Mean squared residual of the nominal model, in units of the noise.
+        problem: To which amounts were fitted in the end.
         fit: The hypothesis in the end.
         room: By how much any other one could predict better at most.
         steps: First to last.
         evidence: Of every effect of the hypothesis.
         equals: Other names of each effect that the recordings do not tell from it.
-        segments: That told of what acts now and then only.
         out_of_time: Whether the search ended because its time was over.
     """
 
-    nominal_cost: float
+    problem: Of
     fit: Fit
     room: Difference
     steps: tuple[Step, ...] = ()
     evidence: Mapping[Key, Evidence] = field(default_factory=dict)
     equals: Mapping[Key, tuple[EffectInstance, ...]] = field(default_factory=dict)
-    segments: tuple[Problem, ...] = ()
     out_of_time: bool = False
 
     def names_of(self, instance: EffectInstance) -> tuple[EffectInstance, ...]:

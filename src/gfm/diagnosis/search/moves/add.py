@@ -8,10 +8,11 @@ from dataclasses import replace
 from gfm.diagnosis.inference.fitting import ROUGH, Fit, at_bound, fit
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
+from gfm.diagnosis.search.hypothesis import Hypothesis, P, parameters_of
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import Screened, is_whole, open_to, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
+from gfm.diagnosis.search.under_way import Search
 from gfm.effects import Effect, EffectInstance, Scope
 from gfm.sim.plant import acts_on_command
 
@@ -27,37 +28,27 @@ FIT_GAINS = 4.0
 FRONT = 2
 
 
-def add(
-    before: Hypothesis,
-    candidates: Sequence[Place],
-    report: Callable[[str], None],
-    in_time: Callable[[], bool] = lambda: True,
-) -> Step:
+def add(before: Hypothesis[P], search: Search[P], _best: Step | None = None) -> Step:
     """Returns the step that adds what predicts best, or none where nothing does clearly.
 
     Of what is simulated quickly: see `add_costly`.
     """
-    quick = [place for place in candidates if not takes_long(place.effect)]
-    return _add(before, quick, report, in_time)
+    quick = [place for place in search.candidates if not takes_long(place.effect)]
+    return _add(before, search, quick)
 
 
-def add_costly(
-    before: Hypothesis,
-    candidates: Sequence[Place],
-    report: Callable[[str], None],
-    in_time: Callable[[], bool] = lambda: True,
-    best: Step | None = None,
-) -> Step | None:
+def add_costly(before: Hypothesis[P], search: Search[P], best: Step | None) -> Step | None:
     """Returns the same of what takes long to simulate, beside the best step so far.
 
-    None where that step leaves nothing that is worth the time.
+    None where that step leaves nothing that is worth the time, or is about a few segments only.
     """
     chosen = None if best is None else best.chosen
-    if not (worth_more(before, chosen) and in_time()):
+    few = best is not None and best.part is not None
+    if few or not (worth_more(before, chosen) and search.goes_on()):
         return None
     ranked = best.ranked if best is not None and best.move is Move.ADD else ()
-    slow = [place for place in candidates if takes_long(place.effect)]
-    return _add(before, slow, report, in_time, ranked, gain_of(best))
+    slow = [place for place in search.candidates if takes_long(place.effect)]
+    return _add(before, search, slow, ranked, gain_of(best))
 
 
 def gain_of(step: Step | None) -> float:
@@ -71,28 +62,27 @@ def takes_long(effect: Effect) -> bool:
 
 
 def _add(
-    before: Hypothesis,
+    before: Hypothesis[P],
+    search: Search[P],
     candidates: Sequence[Place],
-    report: Callable[[str], None],
-    in_time: Callable[[], bool],
     ranked: Sequence[Tried] = (),
     gained: float = 0.0,
 ) -> Step:
     left = _after(before, best_of(before, ranked))
     tier = open_to(before, candidates, left.open_joints)
-    report(f"screening {len(tier)} candidates (misfit {before.fit.cost:.3g})")
+    search.report(f"screening {len(tier)} candidates (misfit {before.fit.cost:.3g})")
     screened = _screened(before, tier)
     tried: list[Tried] = []
     for one, again in _shortlist(screened):
-        if _is_worth_a_fit(before, one, tried, gained, again=again) and in_time():
-            tried.append(_tried(before, (one.instance,), report))
-    if worth_more(before, best_of(before, tried)) and in_time():
+        if _is_worth_a_fit(before, one, tried, gained, again=again) and search.goes_on():
+            tried.append(_tried(before, (one.instance,), search.report))
+    if worth_more(before, best_of(before, tried)) and search.goes_on():
         # What no single joint's effect explains, all joints may lack, also beside one of the
         # whole robot: late commands and friction everywhere look like lags.
         kinds = _kinds(screened)
         whole = [o.new for o in tried if is_whole(o.new[0].effect)]
         kinds += [(*one, *kind) for one in whole[:1] for kind in kinds]
-        tried += [_tried(before, kind, report) for kind in kinds]
+        tried += [_tried(before, kind, search.report) for kind in kinds]
     return _best_first(before, [*ranked, *_with_front_fitted_out(before, tried)])
 
 

@@ -15,11 +15,15 @@ import numpy as np
 from gfm.diagnosis.inference.fitting import ROUGH, Fit, acting, fit
 from gfm.diagnosis.residuals.outliers import bounded
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import Hypothesis
-from gfm.diagnosis.search.moves.add import beside
+from gfm.diagnosis.search.hypothesis import Hypothesis, P
+from gfm.diagnosis.search.moves.add import beside, gain_of
 from gfm.diagnosis.search.trace import Move, Step
+from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Key, Scales, Scope, find_effect
 
+#: Share of the nominal misfit from which on common errors are looked for, and of the room that a
+#: single effect gains at most.
+MUCH, ENOUGH = 0.1, 0.5
 #: Times that the grid is gone through.
 PASSES = 2
 #: Shares of a typical size at which amounts are tried, and of what a model says that is taken off.
@@ -41,15 +45,21 @@ BEGUN_WITHOUT = ("", "coulomb_friction")
 
 
 def common_errors(
-    before: Hypothesis,
-    candidates: Sequence[Place],
-    report: Callable[[str], None],
-) -> Step:
-    """Returns the step that adds common errors on all joints that something is missing on."""
-    report("looking for common errors on all joints")
-    begun = [_from_grid(before, candidates, without) for without in BEGUN_WITHOUT]
+    before: Hypothesis[P], search: Search[P], best: Step | None = None
+) -> Step | None:
+    """Returns the step that adds common errors on all joints that something is missing on.
+
+    None where that was tried, or the best step so far gains as much as single effects do.
+    """
+    tried_before = any(step.move is Move.COMMON_ERRORS for step in search.steps)
+    much = before.fit.cost > MUCH * float(np.mean(before.nominal))
+    enough = gain_of(best) >= ENOUGH * before.room.nats
+    if tried_before or enough or not much or not search.goes_on():
+        return None
+    search.report("looking for common errors on all joints")
+    begun = [_from_grid(before, search.candidates, without) for without in BEGUN_WITHOUT]
     new = max(begun, key=len)
-    report(f"fitting {len(new)} effects together")
+    search.report(f"fitting {len(new)} effects together")
     fits = [_fitted_together(before, one) for one in begun]
     fitted = min(fits, key=lambda f: f.cost)
     tried = beside(before, fitted)

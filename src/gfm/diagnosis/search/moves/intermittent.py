@@ -8,22 +8,22 @@ told by all of them together, by the score.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import at_bound, measured, nothing
+from gfm.diagnosis.inference.fitting import at_bound, measured
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.initial_states import with_state_basis
 from gfm.diagnosis.residuals.outliers import OUTLYING
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import Hypothesis
-from gfm.diagnosis.search.moves.add import SCREENING_S
+from gfm.diagnosis.search.hypothesis import Hypothesis, nominal_hypothesis
+from gfm.diagnosis.search.moves.add import SCREENING_S, worth_more
 from gfm.diagnosis.search.naming import describe, first_of_each
-from gfm.diagnosis.search.screening import open_to, screen
+from gfm.diagnosis.search.screening import Screened, open_to, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
+from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance
 
 #: Fewest segments that are looked into: fewer are an accident.
@@ -33,70 +33,110 @@ LEAST_SEGMENTS = 4
 FAR_S, VALLEYS, OTHERS = 96.0, 5, 2
 
 
-def intermittent(
-    before: Hypothesis[Problem],
-    everything: Problem,
-    candidates: Sequence[Place],
-    report: Callable[[str], None],
-) -> tuple[Step, Problem] | None:
-    """Returns the step that adds such an effect, and the segments that told of it.
+@dataclass(kw_only=True)
+class Intermittent:
+    """The move: as early as more can be gained than the best step so far gains, or than nothing.
 
-    None where too few segments stay far off, or nothing that acts now and then promises anything.
+    Once before others have nothing to gain.
+
+    Attributes:
+        everything: All segments of the recordings.
+        candidates: What may explain them, also what acts now and then only.
+        looked_into: Whether segments that stay far off have been looked into.
+    """
+
+    everything: Problem
+    candidates: Sequence[Place]
+    looked_into: bool = False
+
+    def __call__(
+        self, before: Hypothesis[Problem], search: Search[Problem], best: Step | None
+    ) -> Step | None:
+        """Returns the step that adds such an effect.
+
+        None where too few segments stay far off, or nothing that acts now and then promises
+        anything.
+        """
+        chosen = None if best is None else best.chosen
+        early = not self.looked_into and worth_more(before, chosen)
+        if not (early or chosen is None) or not search.goes_on():
+            return None
+        self.looked_into = True
+        everything = replace(self.everything, after_command=before.problem.after_command)
+        far = far_off(everything, before.effects)
+        if not far:
+            return None
+        search.report(f"looking into {len(far)} segments that stay far off")
+        part = with_state_basis(everything.subset(far), before.effects)
+        alone = _alone(part, before.effects)
+        tier = open_to(before, self.candidates, before.open_joints)
+        tried = [
+            _tried(alone, before.effects, instance, search.report)
+            for instance in _likely(screen(alone, tier, SCREENING_S))
+        ]
+        return _step(before, part, alone.fit.cost, tried) if tried else None
+
+
+def _likely(screened: Sequence[Screened]) -> list[EffectInstance]:
+    """Returns what is worth a fit; nothing where none of it acts now and then only."""
+    likely = [one.instance for one in screened if one.gain.nats > 0.0]
+    own = [one for one in likely if one.effect.intermittent][:VALLEYS]
+    always = [one for one in likely if not one.effect.intermittent]
+    return [*own, *first_of_each(always, lambda e: e.key)[:OTHERS]] if own else []
+
+
+def _step(before: Hypothesis[Problem], part: Problem, left: float, tried: Sequence[Tried]) -> Step:
+    """Returns the step that adds the best of what was tried; what acts always is none of it.
 
     Args:
         before: What was found so far.
-        everything: All segments of the recordings.
-        candidates: What may explain them.
-        report: Told what is happening, in words.
+        part: The segments that stay far off.
+        left: What they leave before.
+        tried: What may explain them.
     """
-    everything = replace(everything, after_command=before.problem.after_command)
-    far = far_off(everything, before.effects)
-    if not far:
-        return None
-    report(f"looking into {len(far)} segments that stay far off")
-    part = with_state_basis(everything.subset(far), before.effects)
-    alone = _alone(part, before.effects, before.nominal)
-    screened = screen(alone, open_to(before, candidates, before.open_joints), SCREENING_S)
-    likely = [s.instance for s in screened if s.gain.nats > 0.0]
-    own = [one for one in likely if one.effect.intermittent][:VALLEYS]
-    if not own:
-        return None
-    always = [one for one in likely if not one.effect.intermittent]
-    others = first_of_each(always, lambda e: e.key)[:OTHERS]
-    tried = [_tried(alone, before.effects, one, report) for one in (*own, *others)]
     ranked = tuple(sorted(tried, key=lambda one: -one.gain.nats))
-    # What acts always is no matter of a few segments.
-    good = [
-        one
-        for one in ranked[:1]
-        if one.gain.clear and one.new[0].effect.intermittent and not at_bound(one.new[0])
-    ]
-    step = Step(
+    best = ranked[0]
+    (new,) = best.new
+    good = best.gain.clear and new.effect.intermittent and not at_bound(new)
+    return Step(
         move=Move.INTERMITTENT,
-        before=alone.fit.cost,
+        before=left,
         ranked=ranked,
-        chosen=good[0] if good else None,
-        segments=len(far),
+        chosen=best if good else None,
+        segments=len(part.segments),
+        part=_changed(before, part, new) if good else None,
     )
-    return step, part
 
 
-def gain_in(part: Problem, here: Hypothesis[Problem], instance: EffectInstance) -> Difference:
-    """Returns by how much better a few segments are predicted with one effect of a hypothesis.
+def _changed(before: Hypothesis[Problem], part: Problem, new: EffectInstance) -> Problem:
+    """Returns those segments of a part that an effect changes beside all that was found before."""
+    without, beside = part.residuals([before.effects, (*before.effects, new)])
+    own = [
+        i
+        for i, rows in enumerate(part.slices())
+        if np.sum((beside[rows] - without[rows]) ** 2) > np.sum(without[rows] ** 2) / OUTLYING**2
+    ]
+    return part.subset(own)
+
+
+def gain_in(
+    part: Problem, effects: Sequence[EffectInstance], instance: EffectInstance
+) -> Difference:
+    """Returns by how much better a few segments are predicted with one of `effects`.
 
     Each from the others, beside all else as it was found in the end.
     """
-    alone = _alone(part, [e for e in here.effects if e is not instance], here.nominal)
+    alone = _alone(part, [e for e in effects if e is not instance])
     return alone.gain_of(measured(alone.problem, (instance,)))
 
 
-def _alone(part: Problem, effects: Sequence[EffectInstance], nominal: Array) -> Hypothesis[Problem]:
+def _alone(part: Problem, effects: Sequence[EffectInstance]) -> Hypothesis[Problem]:
     """Returns a few segments by themselves, beside effects that are held as they are.
 
     Few segments of few recordings tell of it: each is predicted from all others.
     """
-    held = replace(part, given=(*part.given, *effects), each_segment=True).settled(()).robust(())
-    return Hypothesis(problem=held, fit=nothing(held), nominal=nominal)
+    held = replace(part, given=(*part.given, *effects), each_segment=True)
+    return nominal_hypothesis(held.settled(()).robust(()))
 
 
 def _tried(
@@ -122,22 +162,3 @@ def far_off(everything: Problem, effects: Sequence[EffectInstance]) -> list[int]
     if len(far) < LEAST_SEGMENTS:
         return []
     return [int(far[i]) for i in everything.subset(far.tolist()).sample(FAR_S)]
-
-
-def with_segments(
-    before: Hypothesis[Problem], step: Step, part: Problem
-) -> tuple[Problem, Problem]:
-    """Returns the problem with the segments that an effect changes, and these alone."""
-    if step.chosen is None:
-        return before.problem, part
-    instance = step.chosen.new[0]
-    sets = [before.effects, (*before.effects, instance)]
-    without, beside = part.residuals(sets)
-    own = [
-        i
-        for i, rows in enumerate(part.slices())
-        if np.sum((beside[rows] - without[rows]) ** 2) > np.sum(without[rows] ** 2) / OUTLYING**2
-    ]
-    part = part.subset(own)
-    joined = before.problem.joined(part).settled((*before.effects, instance))
-    return joined, part

@@ -6,51 +6,39 @@ What came first was chosen while others were missing, and may stand for them, to
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeAlias
 
 from gfm.diagnosis.inference.fitting import Fit, at_bound, fit, without_each
 from gfm.diagnosis.inference.score import Difference
-from gfm.diagnosis.residuals.clock import OutOfTimeError
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, columns_of, parameters_of
 from gfm.diagnosis.search.moves.add import takes_long
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import is_whole, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
+from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Key
 
 #: Recorded time on which rivals of an effect are looked at, s, and how many are fitted.
 RIVALS_S, RIVALS = 12.0, 2
 
 
-def remove(
-    here: Hypothesis[P],
-    kept: Collection[Key],
-    report: Callable[[str], None],
-    bounded: Callable[[], AbstractContextManager[None]] = nullcontext,
-) -> tuple[Hypothesis[P], list[Step]]:
+def remove(here: Hypothesis[P], search: Search[P]) -> tuple[Hypothesis[P], list[Step]]:
     """Returns a hypothesis without what it predicts as well without, that first which says least.
 
     As well: to within one standard error (Breiman et al. 1984). As with all effects: what each
-    leaves little worse, together would leave much worse.
-
-    Args:
-        here: With all effects.
-        kept: Keys of those that are judged by a few segments only.
-        report: Told what is happening, in words.
-        bounded: Within which there is time; what is not removed in time has little to speak for it.
+    leaves little worse, together would leave much worse. What a few segments judge stays. What is
+    not removed in time has little to speak for it.
     """
     whole, steps = here, list[Step]()
     while len(here.effects) > 1:
-        try:
-            with bounded():
-                step = next(_removals(here, whole, kept), None)
-        except OutOfTimeError:
-            break
+        removals = _removals(here, whole, search.held)
+        step = search.in_its_time(partial(next, removals, None), None)
         if step is None or step.chosen is None or step.replaced is None:
             break
-        report(f"going on without {describe(step.replaced)}")
+        search.report(f"going on without {describe(step.replaced)}")
         steps.append(step)
         here = replace(here, fit=step.chosen.fit)
     return here, steps
@@ -86,34 +74,25 @@ def gains_of_each(here: Hypothesis) -> list[tuple[Difference, EffectInstance]]:
 
 
 #: Returns fits of the rivals of an effect, each behind the rest of a hypothesis.
-RivalsOf = Callable[[EffectInstance, Hypothesis], Sequence[Fit]]
+RivalsOf: TypeAlias = Callable[[EffectInstance, Hypothesis[P], Search[P]], Sequence[Fit]]
 
 
-def rivals_of(
-    instance: EffectInstance,
-    rest: Hypothesis,
-    candidates: Sequence[Place],
-    steps: Sequence[Step],
-) -> list[Fit]:
-    """Returns fits of the best rivals of an effect among candidates.
+def rivals_of(instance: EffectInstance, rest: Hypothesis[P], search: Search[P]) -> list[Fit]:
+    """Returns fits of the best rivals of an effect among candidates, beside all others.
 
-    Args:
-        instance: The effect.
-        rest: The hypothesis without it.
-        candidates: All there are.
-        steps: Of the search so far: what was weighed beside an effect rivals it.
+    What was weighed beside it in its step rivals it, too.
     """
     taken = {instance.key, *(e.key for e in rest.effects)}
     known = [
         tried.new[0]
-        for step in steps
+        for step in search.steps
         if step.chosen is not None and instance.key in {e.key for e in step.chosen.new}
         for tried in step.ranked
         if len(tried.new) == 1
     ]
     found = [one for one in known if one.key not in taken]
     if rest.effects:  # rivals of then stood beside other effects
-        alike = [p for p in candidates if p.key not in taken and _near(p, instance)]
+        alike = [p for p in search.candidates if p.key not in taken and _near(p, instance)]
         found = [one.instance for one in screen(rest, alike, RIVALS_S)] + found
     best = first_of_each(found, lambda one: one.key)[:RIVALS]
     return [rest.fitted((*rest.effects, rival)) for rival in best]
@@ -164,11 +143,13 @@ class Compared:
         return back.notable if more == 0 else not self.over.clear
 
 
-def compared(here: Hypothesis, instance: EffectInstance, rivals: RivalsOf) -> Compared:
+def _compared(
+    here: Hypothesis[P], instance: EffectInstance, rivals: RivalsOf[P], search: Search[P]
+) -> Compared:
     """Returns an effect of a hypothesis beside the best of its rivals."""
     others = tuple(e for e in here.effects if e is not instance)
     rest = replace(here, fit=here.fitted(others))
-    fits = rivals(instance, rest)
+    fits = rivals(instance, rest, search)
     if not fits:
         return Compared(instance=instance)
     best = min(fits, key=lambda f: here.over(f).nats)
@@ -176,29 +157,24 @@ def compared(here: Hypothesis, instance: EffectInstance, rivals: RivalsOf) -> Co
 
 
 def exchange(
-    here: Hypothesis[P],
-    kept: Collection[Key],
-    rivals: RivalsOf,
-    report: Callable[[str], None],
-    bounded: Callable[[], AbstractContextManager[None]] = nullcontext,
+    here: Hypothesis[P], search: Search[P], rivals: RivalsOf[P] = rivals_of
 ) -> tuple[Hypothesis[P], list[Step], list[Compared]]:
     """Returns a hypothesis with what rivals say better, the steps, and every effect's best rival.
 
-    What replaced another is not exchanged back.
+    What replaced another is not exchanged back, and what a few segments judge stays.
     """
     steps: list[Step] = []
     told: list[Compared] = []
     gone: set[Key] = set()
     for key in [e.key for e in here.effects]:
         instance = next((e for e in here.effects if e.key == key), None)
-        if instance is None or key in kept:
+        if instance is None or key in search.held:
             continue
-        report(f"looking for rivals of {describe(instance)}")
-        try:
-            with bounded():
-                pair = compared(here, instance, rivals)
-        except OutOfTimeError:
-            pair = Compared(instance=instance, weighed=False)
+        search.report(f"looking for rivals of {describe(instance)}")
+        pair = search.in_its_time(
+            partial(_compared, here, instance, rivals, search),
+            Compared(instance=instance, weighed=False),
+        )
         back = pair.rival is not None and pair.rival.key in gone
         if pair.better and not back and pair.fit is not None:
             gone.add(key)

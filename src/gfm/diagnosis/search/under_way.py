@@ -1,0 +1,71 @@
+"""What every move of a search is told, and what it may take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Generic, TypeAlias, TypeVar
+
+from gfm.diagnosis.inference.fitting import fit
+from gfm.diagnosis.inference.score import Difference
+from gfm.diagnosis.residuals.clock import Clock, OutOfTimeError
+from gfm.diagnosis.search.candidates import Place
+from gfm.diagnosis.search.hypothesis import Hypothesis, P
+from gfm.diagnosis.search.trace import Step
+from gfm.effects import Key
+
+T = TypeVar("T")
+
+
+def refitted(here: Hypothesis[P], step: Step) -> Hypothesis[P]:
+    """Returns the hypothesis after a step, fitted to the same residual."""
+    return replace(here, fit=fit(here.problem, step.effects))
+
+
+@dataclass(kw_only=True)
+class Search(Generic[P]):
+    """A search under way.
+
+    Attributes:
+        candidates: What may act all the time, and where.
+        report: Told what is happening, in words.
+        after: Returns the hypothesis to which a step leads from another.
+        in_time: Whether there is time left to weigh rivals.
+        goes_on: Whether there is time left for steps.
+        clock: Breaks off what takes too long.
+        steps: So far.
+        ended_early: Whether there was no time left for steps that might have gained something.
+    """
+
+    candidates: Sequence[Place] = ()
+    report: Callable[[str], None]
+    after: Callable[[Hypothesis[P], Step], Hypothesis[P]] = refitted
+    in_time: Callable[[], bool] = lambda: True
+    goes_on: Callable[[], bool] = lambda: True
+    clock: Clock = field(default_factory=Clock)
+    steps: list[Step] = field(default_factory=list)
+    ended_early: bool = False
+
+    @property
+    def out_of_time(self) -> bool:
+        """Whether more time might have led to another answer."""
+        return self.ended_early or not self.in_time()
+
+    @property
+    def held(self) -> dict[Key, Difference]:
+        """What a few segments judge, and by how much they predict better with it."""
+        chosen = [step.chosen for step in self.steps if step.segments]
+        return {one.new[0].key: one.gain for one in chosen if one is not None}
+
+    def in_its_time(self, made: Callable[[], T], otherwise: T) -> T:
+        """Returns what takes long to make, or something else where its time is over."""
+        try:
+            with self.clock.until(self.in_time):
+                return made()
+        except OutOfTimeError:
+            self.report("the time is over")
+            return otherwise
+
+
+#: Proposes a step beside the best that others propose; None where it is not its turn.
+MoveFrom: TypeAlias = Callable[[Hypothesis[P], Search[P], Step | None], Step | None]
