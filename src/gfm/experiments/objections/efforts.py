@@ -15,12 +15,15 @@ Shape letters: T measurements, J joints.
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.limits import OPPOSITE, Views
+from gfm.diagnosis.data.quality.limits import OPPOSITE
 from gfm.diagnosis.data.signals import correlation, smooth_states
+from gfm.diagnosis.search.candidates import TorqueView
 from gfm.experiments.objections.objection import Objection
 
 #: How many times larger than the other a torque that is measured, or asked for, is at most.
@@ -31,8 +34,12 @@ WANTED = 0.1
 NEAR_ZERO_SHARE, NEAR_ZERO = 0.01, 0.05
 
 
+#: What the model says under the commands of the same stamps, and under those before.
+Views: TypeAlias = tuple[TorqueView, TorqueView]
+
+
 def wrong_effort(recording: Trajectory, views: Views) -> Objection | None:
-    """Objects to efforts of the opposite sign, and to efforts without one."""
+    """Objects to efforts of the opposite sign, and to efforts without one: see `views_of`."""
     if recording.effort is None or not recording.gains.any():
         return None
     return _unsigned(recording, recording.effort, views) or _opposite(
@@ -43,7 +50,7 @@ def wrong_effort(recording: Trajectory, views: Views) -> Objection | None:
 def _opposite(recording: Trajectory, effort: Array, views: Views) -> Objection | None:
     for j, name in enumerate(recording.joint_names):
         needed, drive = _agreement(effort[:, j], views, j)
-        if max(needed, drive) < OPPOSITE and _comparable(effort[:, j], views.drive[:, j]):
+        if max(needed, drive) < OPPOSITE and _comparable(effort[:, j], views[0].drive[:, j]):
             return Objection(
                 where=f"effort of {name}",
                 problem="runs against what the motion needs and what the command asks for "
@@ -59,8 +66,9 @@ def _unsigned(recording: Trajectory, effort: Array, views: Views) -> Objection |
     if (effort < 0.0).any():
         return None
     _, velocity, _ = smooth_states(recording.time_s, recording.position)
-    drive = np.maximum(views.drive, views.drive_before)
-    down = (views.needed < 0.0) & (drive < 0.0) & (velocity < 0.0)
+    view, before = views
+    drive = np.maximum(view.drive, before.drive)
+    down = (view.needed < 0.0) & (drive < 0.0) & (velocity < 0.0)
     close = effort < NEAR_ZERO * np.percentile(effort, 99.0, axis=0)
     for j in np.flatnonzero((down.mean(axis=0) > WANTED) & (close.mean(axis=0) > NEAR_ZERO_SHARE)):
         return Objection(
@@ -78,9 +86,9 @@ def _agreement(effort: Array, views: Views, joint: int) -> tuple[float, float]:
 
     With the drive before the command of the same stamp where it clearly is that.
     """
-    needed = correlation(effort, views.needed[:, joint])
-    before = correlation(effort, views.drive_before[:, joint])
-    return needed, before if before > -OPPOSITE else correlation(effort, views.drive[:, joint])
+    needed = correlation(effort, views[0].needed[:, joint])
+    same, before = (correlation(effort, view.drive[:, joint]) for view in views)
+    return needed, before if before > -OPPOSITE else same
 
 
 def _comparable(measured: Array, asked: Array) -> bool:

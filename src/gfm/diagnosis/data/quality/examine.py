@@ -51,10 +51,10 @@ def findings_of(recording: Trajectory, plant: Plant) -> tuple[Finding, ...]:
 def _of_efforts(recording: Trajectory, plant: Plant) -> list[Finding]:
     if recording.effort is None:
         return []
-    views = limits.views_of(recording, plant)
+    view, _ = limits.views_of(recording, plant)
     return [
-        *limits.cut_off_efforts(recording, recording.effort, views.drive),
-        *limits.doubtful_efforts(recording, views),
+        *limits.cut_off_efforts(recording, recording.effort, view.drive),
+        *limits.doubtful_efforts(recording, view),
     ]
 
 
