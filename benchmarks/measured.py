@@ -276,7 +276,7 @@ def torque_table(problem: Problem, recordings: Sequence[Trajectory], models: Mod
     for one in recordings:
         rate_hz = 1.0 / one.period_s
         low = butter(2, LOW_PASS_HZ, fs=rate_hz)
-        left = (filtfilt(*low, torque_left(e, problem, [one]), axis=0) for e in models.values())
+        left = (filtfilt(*low, torque_left(e, problem, [one])[1], axis=0) for e in models.values())
         rows.append(f"| {one.name} | {' | '.join(_sizes(torque) for torque in left)} |")
     return "\n".join(["", *rows, ""])
 

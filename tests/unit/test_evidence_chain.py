@@ -55,6 +55,10 @@ def chain_of(runs, effects, found=None):
     return evidence_chain(problem, runs, found, effects, errors)
 
 
+def domain_of(runs, specs=SPECS):
+    return torque_domain(make_problem(specs, runs), runs)
+
+
 def fit_leaving(cost, *effects):
     return Fit(effects=effects, jacobian=np.zeros((1, 1)), residual=np.array([np.sqrt(cost)]))
 
@@ -103,7 +107,7 @@ def test_friction_that_a_model_lacks_goes_with_the_sign_of_the_velocity(rubbing)
 def test_the_missing_torque_tells_a_friction_from_an_inertia(rubbing):
     friction, inertia = effect("coulomb_friction", torque=0.2), effect("armature", inertia=0.01)
     found = found_in(step(100.0, tried(friction, 1.0), tried(inertia, 50.0)))
-    named, other = two_domains(torque_domain(SPECS, rubbing), found, [friction])
+    named, other = two_domains(domain_of(rubbing), found, [friction])
     assert named.torque_share > 0.9
     assert other.torque_share < 0.1
 
@@ -132,7 +136,7 @@ def test_a_torque_at_high_angles_is_found_there(rubbing):
 
 
 def test_energy_adds_up_with_the_friction_that_there_is(rubbing):
-    domain = torque_domain(SPECS, rubbing)
+    domain = domain_of(rubbing)
     speed = np.abs(np.gradient(rubbing[0].position[:, 0], 0.01)).mean()
     told = energy_balance(domain, [effect("coulomb_friction", torque=FRICTION)])
     assert told.named[0].power_w == pytest.approx(FRICTION * speed, rel=0.05)
@@ -141,7 +145,7 @@ def test_energy_adds_up_with_the_friction_that_there_is(rubbing):
 
 
 def test_energy_does_not_add_up_without_it_with_too_much_or_with_one_that_drives(rubbing):
-    domain = torque_domain(SPECS, rubbing)
+    domain = domain_of(rubbing)
     assert not energy_balance(domain, ()).even
     assert not energy_balance(domain, [effect("coulomb_friction", torque=3.0 * FRICTION)]).even
     pushing = energy_balance(domain, [effect("coulomb_friction", torque=-0.001)])
@@ -150,7 +154,7 @@ def test_energy_does_not_add_up_without_it_with_too_much_or_with_one_that_drives
 
 def test_a_friction_that_the_model_has_too_much_of_drives_nothing(rubbing):
     said = MODEL.replace('<joint name="j"', '<joint name="j" frictionloss="0.5"')
-    domain = torque_domain({CommandKind.POSITION: mujoco.MjSpec.from_string(said)}, rubbing)
+    domain = domain_of(rubbing, {CommandKind.POSITION: mujoco.MjSpec.from_string(said)})
     less = energy_balance(domain, [effect("coulomb_friction", torque=FRICTION - 0.5)])
     assert less.named[0].power_w < 0.0
     assert less.named[0].possible
@@ -160,14 +164,14 @@ def test_a_friction_that_the_model_has_too_much_of_drives_nothing(rubbing):
 
 
 def test_a_clean_robot_has_an_even_balance_and_stores_what_gravity_takes():
-    told = energy_balance(torque_domain(SPECS, [recording()]), ())
+    told = energy_balance(domain_of([recording()]), ())
     assert told.even
     assert told.named == ()
     assert told.drive_w == pytest.approx(told.stored_w, abs=0.02 * told.through_w)
 
 
 def test_what_an_effect_adds_is_its_law_or_what_it_changes_in_the_model(rubbing):
-    domain = torque_domain(SPECS, rubbing)
+    domain = domain_of(rubbing)
     velocity = domain.signals()["velocity"]
     damped = domain.response(effect("viscous_friction", coefficient=0.7))
     np.testing.assert_allclose(damped, -0.7 * velocity, atol=1e-12)
@@ -180,9 +184,9 @@ def test_what_an_effect_adds_is_its_law_or_what_it_changes_in_the_model(rubbing)
 
 def test_a_drive_that_was_switched_off_exerts_nothing(rubbing):
     off = replace(rubbing[0], servo_gain={"j": 0.0})
-    assert not torque_domain(SPECS, [off]).signals()["drive"].any()
+    assert not domain_of([off]).signals()["drive"].any()
     half = replace(rubbing[0], servo_gain={"j": 0.5})
-    assert torque_domain(SPECS, [half]).signals()["drive"].any()
+    assert domain_of([half]).signals()["drive"].any()
 
 
 def test_a_dense_recording_is_looked_at_over_its_whole_length(rubbing):
@@ -190,7 +194,7 @@ def test_a_dense_recording_is_looked_at_over_its_whole_length(rubbing):
     stamp_ns = np.round(stamps * 1e9).astype(np.int64)
     position = 0.4 * np.sin(stamps)[:, None]
     dense = replace(rubbing[0], stamp_ns=stamp_ns, position=position)
-    domain = torque_domain(SPECS, [dense])
+    domain = domain_of([dense])
     assert len(domain.recordings[0].stamp_ns) == 800
     velocity = domain.signals()["velocity"][:, 0]
     middles = 0.045 + 0.1 * np.arange(80)
@@ -213,7 +217,7 @@ def test_a_regression_is_freed_of_what_stands_beside():
 def test_the_missing_torque_is_a_second_witness_of_an_amount(rubbing, torque, says):
     named = effect("coulomb_friction", torque=torque)
     found = found_in(step(100.0, tried(named, 2.0)))
-    (row,) = two_domains(torque_domain(SPECS, rubbing), found, [named])
+    (row,) = two_domains(domain_of(rubbing), found, [named])
     assert row.rollout_share == pytest.approx(0.98)
     assert row.torque_share > 0.8
     assert row.amount == pytest.approx(FRICTION / torque, rel=0.1)
@@ -224,7 +228,7 @@ def test_the_missing_torque_can_prefer_a_rival(rubbing):
     wrong = effect("joint_spring", stiffness=0.2, rest_angle=1.0)
     right = effect("coulomb_friction", torque=FRICTION)
     found = found_in(step(100.0, tried(wrong, 2.0), tried(right, 3.0)))
-    domain = torque_domain(SPECS, rubbing)
+    domain = domain_of(rubbing)
     row, rival = two_domains(domain, found, [wrong])
     assert rival.torque_share > row.torque_share
     assert not rival.named
@@ -239,7 +243,7 @@ def test_the_missing_torque_can_prefer_a_rival(rubbing):
 def test_the_missing_torque_is_silent_of_a_motor_apart_from_its_link(rubbing):
     named = effect("backlash", gap=0.01)
     found = found_in(step(100.0, tried(named, 2.0)))
-    (row,) = two_domains(torque_domain(SPECS, rubbing), found, [named])
+    (row,) = two_domains(domain_of(rubbing), found, [named])
     assert row.agreement is Agreement.SILENT
     assert row.amount is None
 

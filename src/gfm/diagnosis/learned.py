@@ -122,7 +122,7 @@ class LearnedProblem(SegmentedProblem):
     @property
     @override
     def given(self) -> tuple[EffectInstance, ...]:
-        return self.domain.given
+        return self.domain.problem.given
 
     @override
     def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
@@ -165,7 +165,7 @@ def learned_report(
     Raises:
         BadInputError: a force model is of another robot.
     """
-    domain = torque_domain(problem.specs, recordings, problem.given)
+    domain = torque_domain(problem, recordings)
     along = np.stack([_forces(problem, one, domain.recordings) for one in members])
     mean = along.mean(axis=0)
     drive = domain.blocks(domain.view.drive)

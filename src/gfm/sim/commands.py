@@ -12,6 +12,7 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
+from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.effects.delays import MOST_S
 from gfm.sim.plant import Plant
@@ -37,9 +38,9 @@ def stepping_commands(plant: Plant, segment: Segment, steps: int) -> Array:
     return np.asarray(np.diff(integrals, axis=0) / plant.model.opt.timestep)
 
 
-def commands_between(plant: Plant, segment: Segment, start: Array, end: Array) -> Array:
+def commands_between(plant: Plant, recording: Trajectory, start: Array, end: Array) -> Array:
     """Returns the mean commands from each start to its end after delays and lags, shape (T, J)."""
-    columns = [taken.mean(start, end) for taken in _taken(plant, segment)]
+    columns = [taken.mean(start, end) for taken in _taken(plant, recording)]
     return np.stack(columns, axis=1)
 
 
@@ -52,15 +53,15 @@ def commands_at(plant: Plant, segment: Segment, at: Array, *, after: bool) -> Ar
     return np.stack(columns, axis=1)
 
 
-def _taken(plant: Plant, segment: Segment) -> Iterator[_Taken]:
+def _taken(plant: Plant, commanded: Segment | Trajectory) -> Iterator[_Taken]:
     """Yields what the drive of each joint takes."""
     for j, name in enumerate(plant.joints):
         here = [e for e in plant.effects if name in e.joints and not e.in_model]
-        time_s = segment.command_time_s
+        time_s = commanded.command_time_s
         for instance in here:
             time_s = instance.effect.retime(time_s, instance.values)
         lag_s = sum(e.effect.lag_s(e.values) for e in here)
-        yield _Taken(time_s=time_s, value=segment.command[:, j], lag_s=lag_s)
+        yield _Taken(time_s=time_s, value=commanded.command[:, j], lag_s=lag_s)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -89,7 +89,7 @@ class EnergyBalance:
 
 def energy_balance(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> EnergyBalance:
     """Returns the balance under the nominal model and with `effects`."""
-    spec = next(iter(domain.specs.values()))
+    spec = next(iter(domain.problem.specs.values()))
     named = tuple(
         Dissipation(
             effect=e.effect.name,
@@ -115,7 +115,7 @@ def energy_balance(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> E
 
 def _powers(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> list[float]:
     """Returns mean powers with `effects` in the model, W: as of `_works`."""
-    plants, view = domain.plants(effects), domain.view_with(effects)
+    plants, view = domain.problem.plants(effects), domain.view_with(effects)
     motion = np.stack([view.position, view.velocity, view.drive], axis=1)
     works = [_works(plants[one.command_kind], one, own) for one, own in domain.of_each(motion)]
     return [sum(work) / domain.duration_s for work in zip(*works, strict=True)]

@@ -56,7 +56,7 @@ def evidence_chain(
     """
     # Torques are looked at without contacts: no object has a part in them.
     effects = [e for e in effects if e.effect.scope is not Scope.OBJECT]
-    domain = torque_domain(problem.specs, holdout, problem.given)
+    domain = torque_domain(problem, holdout)
     missing, signals = (domain.missing(), domain.missing(effects)), domain.signals()
     noise, joints = problem.noise.position, problem.joints
     adequate = adequacy(joints, noise, errors, missing, signals)

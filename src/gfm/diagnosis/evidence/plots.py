@@ -52,22 +52,21 @@ def law_plots(
     lawful = [one for one in instances if has_law(one)]
     if not lawful:
         return []
-    view = joined(torque_views(problem, recordings, without_law(instances)))
-    left = minus_laws(view.missing, instances, problem.joints, view)
+    view, left = torque_left(instances, problem, recordings)
     beside = ", the other effects in it" if len(instances) > 1 else ""
     return [_law_plot(one, problem.joints, view, left, beside) for one in lawful]
 
 
 def torque_left(
     instances: Sequence[EffectInstance], problem: Problem, recordings: Sequence[Trajectory]
-) -> Array:
-    """Returns the torque that the model with `instances` still lacks, N m, shape (T of all, J).
+) -> tuple[TorqueView, Array]:
+    """Returns recordings seen as torques, and the torque that the model with `instances` lacks.
 
-    Needed by inverse dynamics along the smoothed motion, minus what the drives gave: the measured
-    effort, where there is one.
+    The latter in N m, shape (T of all, J): needed by inverse dynamics along the smoothed motion,
+    minus what the drives gave, the measured effort where there is one.
     """
     view = joined(torque_views(problem, recordings, without_law(instances)))
-    return minus_laws(view.missing, instances, problem.joints, view)
+    return view, minus_laws(view.missing, instances, problem.joints, view)
 
 
 def _law_plot(

@@ -11,27 +11,26 @@ Shape letters: T measurements of a recording, B blocks of all recordings, J join
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import mujoco
 import numpy as np
 
-from gfm.core import CommandKind, Trajectory
+from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.signals import smooth_states
+from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import (
     TorqueView,
     has_law,
     joined,
     law_along,
     minus_laws,
-    torque_view,
+    torque_views,
 )
 from gfm.effects import EffectInstance
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
-from gfm.sim.plant import Plant, make_plant
 
 #: Length of a block, s: short beside a motion, long beside the noise of accelerations.
 BLOCK_S = 0.1
@@ -49,21 +48,22 @@ class TorqueDomain:
     """Recordings as torques under one nominal model.
 
     Attributes:
-        specs: The model by kind of command.
-        joints: The measured joints.
-        given: Effects of the model that its specs cannot say.
+        problem: Whose model it is.
         recordings: What is looked at of them.
     """
 
-    specs: Mapping[CommandKind, mujoco.MjSpec]
-    joints: tuple[str, ...]
-    given: tuple[EffectInstance, ...]
+    problem: Problem
     recordings: tuple[Trajectory, ...]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The measured joints."""
+        return self.problem.joints
 
     @cached_property
     def view(self) -> TorqueView:
         """All recordings as torques under the nominal model, drives as the model has them."""
-        return self._view(())
+        return joined(torque_views(self.problem, self.recordings))
 
     @property
     def duration_s(self) -> float:
@@ -72,17 +72,9 @@ class TorqueDomain:
 
     def view_with(self, effects: Sequence[EffectInstance]) -> TorqueView:
         """Returns all recordings as torques under the model with `effects` in it."""
-        return self._view(effects) if effects else self.view
-
-    def _view(self, effects: Sequence[EffectInstance]) -> TorqueView:
-        plants = self.plants(effects)
-        return joined([torque_view(plants[one.command_kind], one) for one in self.recordings])
-
-    def plants(self, effects: Sequence[EffectInstance]) -> dict[CommandKind, Plant]:
-        """Returns the model with `effects` in it by kind of command."""
-        kinds = {recording.command_kind for recording in self.recordings}
-        added = (*self.given, *effects)
-        return {kind: make_plant(self.specs[kind], self.joints, added) for kind in kinds}
+        return (
+            joined(torque_views(self.problem, self.recordings, effects)) if effects else self.view
+        )
 
     def missing(self, effects: Sequence[EffectInstance] = ()) -> Array:
         """Returns the torque that the model with `effects` lacks, block means, N m, (B, J)."""
@@ -139,19 +131,11 @@ def without_law(effects: Sequence[EffectInstance]) -> list[EffectInstance]:
     return [e for e in effects if not has_law(e) and not e.effect.separates_motor]
 
 
-def torque_domain(
-    specs: Mapping[CommandKind, mujoco.MjSpec],
-    recordings: Sequence[Trajectory],
-    given: Sequence[EffectInstance] = (),
-) -> TorqueDomain:
-    """Returns recordings as torques under the model `specs`, beside which `given` stands."""
+def torque_domain(problem: Problem, recordings: Sequence[Trajectory]) -> TorqueDomain:
+    """Returns recordings as torques under the model of a problem."""
     share = MOST_SAMPLES // len(recordings)
-    return TorqueDomain(
-        specs=specs,
-        joints=recordings[0].joint_names,
-        given=tuple(given),
-        recordings=tuple(_looked_at(recording, share) for recording in recordings),
-    )
+    looked_at = tuple(_looked_at(recording, share) for recording in recordings)
+    return TorqueDomain(problem=problem, recordings=looked_at)
 
 
 def _looked_at(recording: Trajectory, samples: int) -> Trajectory:

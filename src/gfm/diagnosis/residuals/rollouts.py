@@ -115,6 +115,11 @@ class Rollouts(SegmentedProblem):
         )
         return touching and any(s.object_pose is not None for s in self.segments)
 
+    def plants(self, effects: Sequence[EffectInstance]) -> dict[CommandKind, Plant]:
+        """Returns the model with `effects` in it by kind of command."""
+        added = (*self.given, *effects)
+        return {kind: make_plant(spec, self.joints, added) for kind, spec in self.specs.items()}
+
     def is_implicit(self, kind: CommandKind) -> bool:
         """Returns whether the model of that kind of command is integrated implicitly."""
         return kind in self.stepping and self.stepping[kind].implicit

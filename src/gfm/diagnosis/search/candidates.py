@@ -23,7 +23,6 @@ from gfm.effects.effect import sign
 from gfm.sim.commands import commands_between
 from gfm.sim.compensation import compensation_error
 from gfm.sim.plant import Plant, make_plant, with_servo_gain
-from gfm.sim.segment import Segment
 
 #: Orders of a cogging torque that are looked for, per revolution of the joint.
 COGGING_ORDERS = range(2, 101)
@@ -193,19 +192,7 @@ def _mean_commands(plant: Plant, recording: Trajectory) -> Array:
     be the beginning, or the end, of a step in which a servo's torque falls as the joint follows.
     """
     half_s = 0.5 * float(np.median(np.diff(recording.time_s)))
-    start, end = recording.time_s - half_s, recording.time_s + half_s
-    segment = Segment(
-        time_s=recording.time_s,
-        position=recording.position,
-        effort=None,
-        kind=recording.command_kind,
-        command_time_s=recording.command_time_s,
-        command=recording.command,
-        initial_position=recording.position[0],
-        initial_velocity=np.zeros(len(recording.joint_names)),
-        servo_gain=np.ones(len(recording.joint_names)),
-    )
-    return commands_between(plant, segment, start, end)
+    return commands_between(plant, recording, recording.time_s - half_s, recording.time_s + half_s)
 
 
 def torque_views(
@@ -214,10 +201,7 @@ def torque_views(
     effects: Sequence[EffectInstance] = (),
 ) -> list[TorqueView]:
     """Returns every recording seen as torques under the nominal model with `effects` in it."""
-    plants = {
-        kind: make_plant(spec, problem.joints, (*problem.given, *effects))
-        for kind, spec in problem.specs.items()
-    }
+    plants = problem.plants(effects)
     return [torque_view(plants[recording.command_kind], recording) for recording in recordings]
 
 
