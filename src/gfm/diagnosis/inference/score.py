@@ -199,6 +199,10 @@ class Difference(NamedTuple):
     nats: float
     error: float
 
+    def __neg__(self) -> Difference:
+        """By how much the other one predicts better."""
+        return Difference(-self.nats, self.error)
+
     @property
     def errors(self) -> float:
         """The difference in standard errors."""
