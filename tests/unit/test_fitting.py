@@ -12,7 +12,6 @@ from gfm.diagnosis.inference.fitting import (
     at_bound,
     fit,
     measured,
-    nothing,
     small_differences,
     without_each,
 )
@@ -98,7 +97,7 @@ def test_a_fit_does_not_go_beyond_its_bounds(regression):
 
 
 def test_without_effects_the_nominal_model_is_left(regression):
-    for found in (nothing(regression), fit(regression, ()), measured(regression, ())):
+    for found in (fit(regression, ()), measured(regression, ())):
         assert found.effects == ()
         assert found.jacobian.shape == (200, 0)
         np.testing.assert_array_equal(found.residual, regression.measured)

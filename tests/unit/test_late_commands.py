@@ -7,7 +7,7 @@ import pytest
 from disc import DISC, followed
 from gfm.core import CommandKind, Trajectory
 from gfm.diagnosis.data.segmentation import make_problem
-from gfm.diagnosis.inference.fitting import fit, nothing
+from gfm.diagnosis.inference.fitting import fit, measured
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis
 from gfm.diagnosis.search.moves.add import add
@@ -61,7 +61,7 @@ def test_a_delay_past_the_command_of_a_stamp_is_reached_from_a_small_one(problem
     problem, begun = problem.robust(()), delay(0.004)
     stuck = fit(problem, (begun,))
     assert stuck.effects[0].values["delay"] < 0.008
-    here = Hypothesis(problem=problem, fit=nothing(problem), nominal=np.full(1, 1e4))
+    here = Hypothesis(problem=problem, fit=measured(problem, ()), nominal=np.full(1, 1e4))
     place = Place(effect=begun.effect, joints=("j",), scales=USUAL_SCALES)
     step = add(here, Search(candidates=[place], report=lambda _: None))
     assert step.chosen.new[0].values["delay"] == pytest.approx(DELAY_S, abs=5e-4)

@@ -9,11 +9,11 @@ import pytest
 from gfm.core import CommandKind
 from gfm.diagnosis.data.segmentation import make_problem
 from gfm.diagnosis.inference.constants import UNWEIGHED
-from gfm.diagnosis.inference.fitting import fit, nothing
+from gfm.diagnosis.inference.fitting import fit, measured
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.clock import OutOfTimeError
 from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
-from gfm.diagnosis.search.hypothesis import Hypothesis, columns_of, parameters_of
+from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
 from gfm.diagnosis.search.moves.add import add, best_of
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.reduce import exchange, gains_of_each, remove
@@ -52,7 +52,7 @@ class Case:
     def __init__(self, recordings):
         self.problem = make_problem(SPECS, recordings).robust(())
         (self.scales,) = joint_scales(self.problem, torque_views(self.problem, recordings))
-        self.nominal = self.problem.joint_costs(nothing(self.problem).residual)
+        self.nominal = self.problem.joint_costs(measured(self.problem, ()).residual)
 
     def with_effects(self, *effects):
         return Hypothesis(
@@ -113,12 +113,12 @@ def test_every_number_of_an_effect_is_a_parameter():
     assert parameters_of([wave, instance("armature", inertia=0.1)]) == 4
 
 
-def test_columns_belong_to_the_effect_whose_amounts_they_are(rubbing):
+def test_derivatives_belong_to_the_effect_whose_amounts_they_are_by(rubbing):
     friction = instance("coulomb_friction", torque=0.1)
     spring = instance("joint_spring", stiffness=0.1, rest_angle=0.1)
     found = rubbing.with_effects(friction, spring).fit
-    assert columns_of(found, found.effects[0]).tolist() == [True, False, False]
-    assert columns_of(found, found.effects[1]).tolist() == [False, True, True]
+    assert found.owners.tolist() == [0, 1, 1]
+    assert rubbing.with_effects().fit.owners.tolist() == []
 
 
 def test_what_is_missing_is_added_with_its_amount(rubbing):
@@ -259,8 +259,8 @@ def test_a_right_effect_stays_and_is_told_with_what_was_weighed_beside_it(rubbin
     after, steps, told = exchange(friction, rubbing.search("armature", steps=[step]))
     assert after is friction
     assert steps == []
-    assert [one.rival.effect.name for one in told] == ["viscous_friction"]
-    assert told[0].over.clear
+    assert [one.rival.new[0].effect.name for one in told] == ["viscous_friction"]
+    assert (-told[0].rival.gain).clear
 
 
 def test_a_search_whose_time_is_over_keeps_what_it_has(rubbing):

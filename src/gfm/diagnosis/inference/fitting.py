@@ -75,10 +75,10 @@ class Fit:
         """Mean squared residual."""
         return mean_square(self.residual)
 
-
-def nothing(problem: LeastSquares) -> Fit:
-    """Returns the fit without any effect: the nominal model."""
-    return measured(problem, ())
+    @property
+    def owners(self) -> NDArray[np.intp]:
+        """The number of the effect whose amount each free parameter is, shape (P,)."""
+        return np.array([i for i, _ in free_parameters(self.effects)], dtype=np.intp)
 
 
 def measured(problem: LeastSquares, effects: Sequence[EffectInstance]) -> Fit:
@@ -107,7 +107,7 @@ def fit(
             from there, as long as steps with them gain anything.
     """
     if not effects:
-        return nothing(problem)
+        return measured(problem, ())
     current, values = tuple(effects), amounts(effects)
     bounds = bounds_of(effects)
     at_hand = {} if known is None else _at_hand(problem, known)
@@ -168,22 +168,18 @@ def _both_sides(fitted: Fit) -> list[tuple[EffectInstance, ...]]:
 
 def without_each(problem: LeastSquares, fitted: Fit) -> list[tuple[EffectInstance, ...]]:
     """Returns, for each effect, the others with what they make up for it, to first order."""
-    rests, theirs = each_left_out(fitted.effects)
-    moved = []
-    for rest, columns, residual in zip(rests, theirs, problem.residuals(rests), strict=True):
+    rests, moved = each_without(fitted.effects), []
+    for i, (rest, residual) in enumerate(zip(rests, problem.residuals(rests), strict=True)):
         values, (low, high) = amounts(rest), bounds_of(rest)
-        step = _step(fitted.jacobian[:, columns], residual, DAMPING, low - values, high - values)
+        jacobian = fitted.jacobian[:, fitted.owners != i]
+        step = _step(jacobian, residual, DAMPING, low - values, high - values)
         moved.append(with_amounts(rest, values + step))
     return moved
 
 
-def each_left_out(
-    effects: Sequence[EffectInstance],
-) -> tuple[list[tuple[EffectInstance, ...]], list[Array]]:
-    """Returns, for each effect, the others, and which free parameters are theirs, shape (P,)."""
-    owner = np.array([i for i, _ in free_parameters(effects)])
-    rests = [tuple(e for e in effects if e is not one) for one in effects]
-    return rests, [owner != i for i in range(len(effects))]
+def each_without(effects: Sequence[EffectInstance]) -> list[tuple[EffectInstance, ...]]:
+    """Returns, for each effect, the others."""
+    return [tuple(e for e in effects if e is not one) for one in effects]
 
 
 def free_parameters(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:

@@ -8,12 +8,11 @@ from functools import cached_property
 from typing import Generic
 
 import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import TypeVar
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.constants import INEXACT_SHARE, LEAST_DISCREPANCY
-from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit, free_parameters, nothing
+from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit, measured
 from gfm.diagnosis.inference.score import Difference, Predictive, difference, predictive, room
 from gfm.diagnosis.residuals.problem import Problem, unsettled
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
@@ -71,8 +70,7 @@ class Hypothesis(Generic[Of]):
 
     def gain_of(self, other: Fit) -> Difference:
         """Returns by how much another fit to the same residual predicts better."""
-        gain = self.over(other)
-        return Difference(-gain.nats, gain.error)
+        return -self.over(other)
 
     def fitted(self, effects: Sequence[EffectInstance]) -> Fit:
         """Returns other effects, fitted to the same residual well enough to be compared.
@@ -113,7 +111,7 @@ class Hypothesis(Generic[Of]):
 
 def nominal_hypothesis(problem: P) -> Hypothesis[P]:
     """Returns the hypothesis that the model lacks nothing."""
-    fitted = nothing(problem)
+    fitted = measured(problem, ())
     return Hypothesis(problem=problem, fit=fitted, nominal=problem.joint_costs(fitted.residual))
 
 
@@ -157,9 +155,3 @@ def in_turn(problem: P, effects: Sequence[EffectInstance]) -> tuple[P, Fit]:
             break
         before = found.cost
     return problem, found
-
-
-def columns_of(fitted: Fit, instance: EffectInstance) -> NDArray[np.bool_]:
-    """Returns which free parameters of a fit are those of one of its effects, shape (P,)."""
-    index = fitted.effects.index(instance)
-    return np.array([i == index for i, _ in free_parameters(fitted.effects)], dtype=bool)

@@ -15,11 +15,11 @@ import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.constants import UNWEIGHED
-from gfm.diagnosis.inference.fitting import acting, along_valley, always, each_left_out, measured
+from gfm.diagnosis.inference.fitting import acting, along_valley, always, each_without, measured
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.inference.steadiness import apart
 from gfm.diagnosis.residuals.outliers import slopes
-from gfm.diagnosis.search.hypothesis import Hypothesis, P, columns_of
+from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.moves.add import gain_of
 from gfm.diagnosis.search.moves.reduce import (
     Compared,
@@ -132,11 +132,12 @@ def support(
     told = {}
     for without, instance in gains_of_each(here):
         beside = rivals.get(instance.key, Compared(instance=instance))
+        rival = -beside.rival.gain if beside.rival else None
         unweighed = Difference(UNWEIGHED * without.nats, without.error)
         told[instance.key] = Evidence(
             without=held.get(instance.key, without),
-            rival=beside.over if beside.weighed else unweighed,
-            by=beside.rival,
+            rival=rival if beside.weighed else unweighed,
+            by=beside.rival.new[0] if beside.rival else None,
             left=_left_of(instance, here.problem.joints, left),
             apart=parts[instance.key],
         )
@@ -160,14 +161,14 @@ def _left_of(instance: EffectInstance, joints: Sequence[str], gaps: Array) -> fl
 def _apart(here: Hypothesis) -> dict[Key, float]:
     """Returns by what share of itself each effect differs between parts of the data."""
     fitted, blocks = here.fit, here.problem.blocks
-    rests, _ = each_left_out(fitted.effects)
-    whole, *rest = here.problem.plain().residuals([fitted.effects, *rests])
+    sets = [fitted.effects, *each_without(fitted.effects)]
+    whole, *rest = here.problem.plain().residuals(sets)
     weights = slopes(fitted.residual, here.problem.limits())
     rows = [piece.ravel() for piece in blocks.pieces]
     order = [np.flatnonzero(blocks.recording == one) for one in np.unique(blocks.recording)]
     told, steady = dict[Key, float](), always(fitted)
-    for instance, without in zip(fitted.effects, rest, strict=True):
-        own = columns_of(fitted, instance)
+    for i, (instance, without) in enumerate(zip(fitted.effects, rest, strict=True)):
+        own = fitted.owners == i
         beside = own | steady  # what acts now and then, a part may not know
         told[instance.key] = apart(
             fitted.jacobian[:, beside],

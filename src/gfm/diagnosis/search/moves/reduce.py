@@ -13,7 +13,7 @@ from typing import TypeAlias
 from gfm.diagnosis.inference.fitting import Fit, at_bound, fit, without_each
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import Hypothesis, P, columns_of, parameters_of
+from gfm.diagnosis.search.hypothesis import Hypothesis, P, parameters_of
 from gfm.diagnosis.search.moves.add import takes_long
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import is_whole, screen
@@ -66,8 +66,8 @@ def gains_of_each(here: Hypothesis) -> list[tuple[Difference, EffectInstance]]:
     rests = without_each(here.problem, here.fit)
     rows = zip(here.effects, rests, here.problem.residuals(rests), strict=True)
     gains = []
-    for instance, rest, residual in rows:
-        jacobian = here.fit.jacobian[:, ~columns_of(here.fit, instance)]
+    for i, (instance, rest, residual) in enumerate(rows):
+        jacobian = here.fit.jacobian[:, here.fit.owners != i]
         told = Fit(effects=rest, jacobian=jacobian, residual=residual)
         gains.append((here.over(told), instance))
     return gains
@@ -116,16 +116,12 @@ class Compared:
 
     Attributes:
         instance: The effect.
-        over: By how much the hypothesis predicts better with it; None where nothing rivals it.
-        rival: The rival.
-        fit: The hypothesis with that.
+        rival: The hypothesis with the best rival in its place; None where nothing rivals it.
         weighed: Whether there was time for its rivals.
     """
 
     instance: EffectInstance
-    over: Difference | None = None
-    rival: EffectInstance | None = None
-    fit: Fit | None = None
+    rival: Tried | None = None
     weighed: bool = True
 
     @property
@@ -134,13 +130,12 @@ class Compared:
 
         One of as many parameters by more than its own error, one of more parameters clearly.
         """
-        if self.over is None or self.rival is None or self.fit is None or at_bound(self.rival):
+        if self.rival is None or any(map(at_bound, self.rival.new)):
             return False
-        more = parameters_of([self.rival]) - parameters_of([self.instance])
-        back = Difference(-self.over.nats, self.over.error)
+        gain, more = self.rival.gain, parameters_of(self.rival.new) - parameters_of([self.instance])
         if more > 0:
-            return back.clear
-        return back.notable if more == 0 else not self.over.clear
+            return gain.clear
+        return gain.notable if more == 0 else not (-gain).clear
 
 
 def _compared(
@@ -148,12 +143,10 @@ def _compared(
 ) -> Compared:
     """Returns an effect of a hypothesis beside the best of its rivals."""
     others = tuple(e for e in here.effects if e is not instance)
-    rest = replace(here, fit=here.fitted(others))
-    fits = rivals(instance, rest, search)
-    if not fits:
-        return Compared(instance=instance)
-    best = min(fits, key=lambda f: here.over(f).nats)
-    return Compared(instance=instance, over=here.over(best), rival=best.effects[-1], fit=best)
+    fits = rivals(instance, replace(here, fit=here.fitted(others)), search)
+    tried = [Tried(new=f.effects[-1:], fit=f, gain=here.gain_of(f)) for f in fits]
+    best = max(tried, key=lambda one: one.gain.nats, default=None)
+    return Compared(instance=instance, rival=best)
 
 
 def exchange(
@@ -175,24 +168,17 @@ def exchange(
             partial(_compared, here, instance, rivals, search),
             Compared(instance=instance, weighed=False),
         )
-        back = pair.rival is not None and pair.rival.key in gone
-        if pair.better and not back and pair.fit is not None:
+        if pair.rival and pair.better and pair.rival.new[0].key not in gone:
             gone.add(key)
-            steps.append(_step(here, pair))
-            here = replace(here, fit=fit(here.problem, pair.fit.effects))
+            step = Step(
+                move=Move.EXCHANGE,
+                before=here.fit.cost,
+                ranked=(pair.rival,),
+                chosen=pair.rival,
+                replaced=instance,
+            )
+            steps.append(step)
+            here = replace(here, fit=fit(here.problem, step.effects))
         else:
             told.append(pair)
     return here, steps, told
-
-
-def _step(here: Hypothesis, pair: Compared) -> Step:
-    assert pair.fit is not None
-    assert pair.rival is not None
-    tried = Tried(new=(pair.rival,), fit=pair.fit, gain=here.gain_of(pair.fit))
-    return Step(
-        move=Move.EXCHANGE,
-        before=here.fit.cost,
-        ranked=(tried,),
-        chosen=tried,
-        replaced=pair.instance,
-    )
