@@ -114,16 +114,6 @@ class LearnedProblem(SegmentedProblem):
     learned: Array
     noise: Array
 
-    @property
-    @override
-    def joints(self) -> tuple[str, ...]:
-        return self.domain.joints
-
-    @property
-    @override
-    def given(self) -> tuple[EffectInstance, ...]:
-        return self.domain.problem.given
-
     @override
     def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
         moving, missing = self.domain.moving(), self.domain.missing()
@@ -170,6 +160,8 @@ def learned_report(
     mean = along.mean(axis=0)
     drive = domain.blocks(domain.view.drive)
     told = LearnedProblem(
+        joints=problem.joints,
+        given=problem.given,
         domain=domain,
         learned=domain.moving() * domain.blocks(mean),
         noise=NOISE_SHARE * np.maximum(np.sqrt(np.mean(drive**2, axis=0)), 1e-9),

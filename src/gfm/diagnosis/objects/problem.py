@@ -45,19 +45,20 @@ class ObjectProblem(SegmentedProblem):
     """Segments and the model that should explain them.
 
     Attributes:
+        joints: What a pose has: its place in the plane, and its yaw.
         spec: The nominal model.
         noise: Of x, y (m) and yaw (rad), shape (3,).
     """
 
+    joints: tuple[str, ...] = ("x", "y", "yaw")
     spec: mujoco.MjSpec
     segments: tuple[ObjectSegment, ...]
     noise: Array
-    outlying_from: float | None = None
 
     @override
     def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
         rows = [np.concatenate(self.parts(effects)) for effects in candidates]
-        return bounded(np.stack(rows), self.outlying_from)
+        return bounded(np.stack(rows), self.limits())
 
     def parts(self, effects: Sequence[EffectInstance]) -> list[Array]:
         """Returns measured minus predicted in units of the noise, by segment, shape (3 P,) each.
@@ -79,17 +80,6 @@ class ObjectProblem(SegmentedProblem):
         ]
         numbers = [np.nan_to_num(error.ravel(), nan=LARGEST) for error in errors]
         return [np.clip(one, -LARGEST, LARGEST) for one in numbers]
-
-    @property
-    @override
-    def joints(self) -> tuple[str, ...]:
-        """What a pose has: its place in the plane, and its yaw."""
-        return "x", "y", "yaw"
-
-    @property
-    @override
-    def given(self) -> tuple[EffectInstance, ...]:
-        return ()
 
     @override
     def layout(self) -> list[SegmentShape]:
@@ -121,14 +111,9 @@ class ObjectProblem(SegmentedProblem):
         return self.plain()
 
     @override
-    def limits(self) -> Array | None:
-        count = sum(3 * len(segment.time_s) for segment in self.segments)
-        return None if self.outlying_from is None else np.full(count, self.outlying_from)
-
-    @override
     def robust(self, effects: Sequence[EffectInstance]) -> ObjectProblem:
         typical = np.median([np.sqrt(np.mean(p**2)) for p in self.parts(effects)])
-        return replace(self, outlying_from=OUTLYING * max(float(typical), 1.0))
+        return replace(self, outlying_from=np.full((1, 3), OUTLYING * max(float(typical), 1.0)))
 
     def based(self, effects: Sequence[EffectInstance]) -> ObjectProblem:
         """Returns the problem with what initial states can explain near those measured."""

@@ -33,14 +33,7 @@ from gfm.effects import EffectInstance
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem(Rollouts):
-    """Recordings and the model that should explain them, with initial states fitted.
-
-    Attributes:
-        outlying_from: Residuals from which on they are outlying, by joint for positions and
-            efforts, in units of the noise, shape (2, J).
-    """
-
-    outlying_from: Array | None = None
+    """Recordings and the model that should explain them, with initial states fitted."""
 
     @override
     def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
@@ -48,15 +41,6 @@ class Problem(Rollouts):
         rows, limits = zip(candidates, self.predictions(candidates), strict=True), self.limits()
         left = [np.concatenate(without_states(self, *row)) for row in rows]
         return np.stack([bounded(residual, limits) for residual in left])
-
-    @override
-    def limits(self) -> Array | None:
-        if self.outlying_from is None:
-            return None
-        channels = [range(shape.channels) for shape in self.layout()]
-        rows = zip(self.segments, channels, strict=True)
-        each = [np.tile(self.outlying_from[c], len(s.position)) for s, own in rows for c in own]
-        return np.concatenate(each)
 
     @override
     def robust(self, effects: Sequence[EffectInstance]) -> Problem:
@@ -78,11 +62,6 @@ class Problem(Rollouts):
             for s, part in zip(self.segments, parts, strict=True)
         ]
 
-    @property
-    @override
-    def has_efforts(self) -> bool:
-        return any(shape.channels > 1 for shape in self.layout())
-
     @override
     def positions_alone(self) -> Problem:
         segments = tuple(replace(segment, effort=None) for segment in self.segments)
@@ -98,14 +77,6 @@ class Problem(Rollouts):
             for segment, prediction in told
             if segment.effort is not None
         )
-
-    @override
-    def coarse(self) -> Problem:
-        """Returns the problem with fast integration: good enough for differences of predictions.
-
-        With no limits: it errs by more than these may be.
-        """
-        return replace(super().coarse(), outlying_from=None)
 
     def joined(self, other: Problem) -> Problem:
         """Returns the same problem with the segments of another one behind its own."""

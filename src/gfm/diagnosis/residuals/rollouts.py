@@ -70,10 +70,8 @@ class Rollouts(SegmentedProblem):
 
     Attributes:
         specs: The nominal model by command kind.
-        joints: The measured joints.
         noise: Of the sensors.
         after_command: Whether efforts were measured after the command of the same stamp.
-        given: Effects of the nominal model that its specs cannot say: every candidate has them.
         stepping: How models are simulated, by command kind; as they say where there is none. Where
             a motor is apart from its link, on the model's own step: what rings between them is
             fast.
@@ -84,11 +82,9 @@ class Rollouts(SegmentedProblem):
     """
 
     specs: Mapping[CommandKind, mujoco.MjSpec]
-    joints: tuple[str, ...]
     segments: tuple[Segment, ...]
     noise: Noise
     after_command: bool = False
-    given: tuple[EffectInstance, ...] = ()
     stepping: Mapping[CommandKind, Stepping] = field(default_factory=dict)
     still: Mapping[str, float] = field(default_factory=dict)
     rough: bool = False
@@ -207,4 +203,8 @@ class Rollouts(SegmentedProblem):
 
     @override
     def coarse(self) -> Self:
-        return replace(self, rough=True)
+        """Returns the problem with fast integration: good enough for differences of predictions.
+
+        With no limits: it errs by more than these may be.
+        """
+        return replace(self, rough=True, outlying_from=None)

@@ -12,9 +12,10 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
+from typing_extensions import override
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import LeastSquares
@@ -27,29 +28,23 @@ class SegmentedProblem(LeastSquares):
     """Recordings, and the model that should explain them.
 
     Attributes:
+        joints: The measured joints, or what else each measurement has.
+        given: Effects that the nominal model has already: every candidate has them.
         segments: What is predicted, and how each begins. Where that was fitted, each has itself
             as it was measured.
         state_basis: Per segment, an orthonormal basis of what its initial state can explain, if
             that is taken out of the residual, shape (N of the segment, up to states).
-        outlying_from: Residuals from which on they are outlying, in units of the noise; None for
-            none.
+        outlying_from: Residuals from which on they are outlying, by channel and joint, in units of
+            the noise, shape (channels, J); None for none.
         each_segment: Whether each segment is a part of the data by itself: where there are few.
     """
 
+    joints: tuple[str, ...]
+    given: tuple[EffectInstance, ...] = ()
     segments: tuple[Any, ...] = ()
     state_basis: tuple[Array, ...] = ()
-    outlying_from: Array | float | None = None
+    outlying_from: Array | None = None
     each_segment: bool = False
-
-    if TYPE_CHECKING:  # fields or properties of those that are
-
-        @property
-        def joints(self) -> tuple[str, ...]:
-            """The measured joints, or what else each measurement has."""
-
-        @property
-        def given(self) -> tuple[EffectInstance, ...]:
-            """Effects that the nominal model has already."""
 
     @abstractmethod
     def layout(self) -> list[SegmentShape]:
@@ -59,6 +54,17 @@ class SegmentedProblem(LeastSquares):
     def blocks(self) -> Blocks:
         """How a residual is divided, to be scored."""
         return blocks_of(self, each_segment=self.each_segment)
+
+    @override
+    def limits(self) -> Array | None:
+        if self.outlying_from is None:
+            return None
+        each = [
+            np.tile(self.outlying_from[channel], shape.measurements)
+            for shape in self.layout()
+            for channel in range(shape.channels)
+        ]
+        return np.concatenate(each)
 
     def slices(self) -> list[slice]:
         """Returns where each segment's numbers lie in a residual."""
@@ -110,7 +116,7 @@ class SegmentedProblem(LeastSquares):
     @property
     def has_efforts(self) -> bool:
         """Whether efforts are predicted beside positions."""
-        return False
+        return any(shape.channels > 1 for shape in self.layout())
 
     def positions_alone(self) -> Self:
         """Returns the problem without efforts."""
