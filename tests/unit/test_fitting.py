@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from gfm.diagnosis.inference.fitting import (
+    LeastSquares,
     acting,
     along_valley,
     amounts,
     at_bound,
     fit,
     measured,
-    small_differences,
     without_each,
 )
 from gfm.diagnosis.inference.intervals import half_widths
@@ -20,21 +20,8 @@ from gfm.effects import effect_library
 from one_joint import instance
 
 
-class Smooth:
-    """Nothing is outlying, and nothing is faster."""
-
-    def coarse(self):
-        return self
-
-    def limits(self):
-        return None
-
-    def differences(self, effects):
-        return small_differences(effects)
-
-
 @dataclass(frozen=True)
-class Regression(Smooth):
+class Regression(LeastSquares):
     """Least squares whose columns are those of the effects' amounts, in their order."""
 
     measured: np.ndarray
@@ -48,7 +35,7 @@ class Regression(Smooth):
 
 
 @dataclass(frozen=True)
-class Valley(Smooth):
+class Valley(LeastSquares):
     """Two amounts x and y whose product is nearly all that counts, with lower minima along it."""
 
     def residuals(self, candidates):

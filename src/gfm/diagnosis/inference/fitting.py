@@ -52,8 +52,13 @@ class LeastSquares(ABC):
         return None
 
     def differences(self, effects: Sequence[EffectInstance]) -> Array:
-        """Returns the changes of free amounts over which derivatives are taken, shape (P,)."""
-        return small_differences(effects)
+        """Returns the changes of free amounts over which derivatives are taken, shape (P,).
+
+        Small ones: where residuals are smooth.
+        """
+        low, high = bounds_of(effects)
+        least = 1e-2 * np.minimum(high - low, 1.0)
+        return np.asarray(1e-2 * np.maximum(np.abs(amounts(effects)), least))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,13 +245,6 @@ def bounds_of(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
     """Returns the least and the largest value of every free parameter, shape (P,) each."""
     both = [(e.least.get(p.name, p.lower), p.upper) for e in effects for p in _free(e)]
     return np.array([low for low, _ in both]), np.array([high for _, high in both])
-
-
-def small_differences(effects: Sequence[EffectInstance]) -> Array:
-    """Returns small changes of the free amounts, shape (P,): where residuals are smooth."""
-    low, high = bounds_of(effects)
-    least = 1e-2 * np.minimum(high - low, 1.0)
-    return np.asarray(1e-2 * np.maximum(np.abs(amounts(effects)), least))
 
 
 def derivatives(
