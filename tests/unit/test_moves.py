@@ -99,12 +99,12 @@ def test_a_right_model_is_not_open_and_a_wrong_one_is(rubbing, right):
 def test_what_one_hypothesis_gains_another_loses(rubbing):
     nominal = rubbing.with_effects()
     friction = rubbing.with_effects(instance("coulomb_friction", torque=0.1))
-    gain, loss = nominal.gain_of(friction.fit), friction.gain_of(nominal.fit)
+    gain, loss = friction.over(nominal.fit), nominal.over(friction.fit)
     assert gain.clear
     assert not loss.clear
     assert gain.nats == pytest.approx(-loss.nats)
     assert gain.error == pytest.approx(loss.error)
-    assert friction.over(nominal.fit).nats == pytest.approx(gain.nats)
+    assert (-loss).nats == pytest.approx(gain.nats)
     assert gain.nats <= 1.001 * nominal.room.nats or gain.error > 0.0
 
 
@@ -249,7 +249,7 @@ def test_a_right_effect_stays_and_is_told_with_what_was_weighed_beside_it(rubbin
     friction = rubbing.with_effects(instance("coulomb_friction", torque=0.1))
     before = rubbing.with_effects()
     tried = tuple(
-        Tried(new=fitted.effects, fit=fitted, gain=before.gain_of(fitted))
+        Tried(new=fitted.effects, fit=fitted, gain=-before.over(fitted))
         for fitted in (
             friction.fit,
             rubbing.with_effects(instance("viscous_friction", coefficient=0.1)).fit,

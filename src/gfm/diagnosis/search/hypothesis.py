@@ -68,10 +68,6 @@ class Hypothesis(Generic[Of]):
         blocks = self.problem.blocks
         return difference(blocks, self.predictive, predictive(blocks, other))
 
-    def gain_of(self, other: Fit) -> Difference:
-        """Returns by how much another fit to the same residual predicts better."""
-        return -self.over(other)
-
     def fitted(self, effects: Sequence[EffectInstance]) -> Fit:
         """Returns other effects, fitted to the same residual well enough to be compared.
 

@@ -69,7 +69,7 @@ def screen(before: Hypothesis, candidates: Sequence[Place], sample_s: float) -> 
     here = Hypothesis(problem=part, fit=start, nominal=before.nominal)
     # An amount is that of all parts: left out, a few segments would be told by one or two.
     found = [
-        Screened(one, here.gain_of(replace(base, residual=left)))
+        Screened(one, -here.over(replace(base, residual=left)))
         for one, left in _tried(part, responses, base)
     ]
     return sorted(found, key=lambda s: -s.gain.nats)

@@ -124,7 +124,7 @@ def add_of_few(before: Hypothesis, begun: Sequence[Fit]) -> Step:
 def beside(before: Hypothesis, fitted: Fit) -> Tried:
     """Returns a fit of more effects than there were before, as it was weighed."""
     new = fitted.effects[len(before.effects) :]
-    return Tried(new=new, fit=fitted, gain=before.gain_of(fitted))
+    return Tried(new=new, fit=fitted, gain=-before.over(fitted))
 
 
 def _with_front_fitted_out(before: Hypothesis, tried: Sequence[Tried]) -> list[Tried]:

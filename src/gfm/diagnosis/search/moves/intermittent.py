@@ -127,7 +127,7 @@ def gain_in(
     Each from the others, beside all else as it was found in the end.
     """
     alone = _alone(part, [e for e in effects if e is not instance])
-    return alone.gain_of(measured(alone.problem, (instance,)))
+    return -alone.over(measured(alone.problem, (instance,)))
 
 
 def _alone(part: Problem, effects: Sequence[EffectInstance]) -> Hypothesis[Problem]:
@@ -148,7 +148,7 @@ def _tried(
     report(f"fitting {describe(instance)}")
     fitted = alone.fitted((instance,))
     whole = replace(fitted, effects=(*held, *fitted.effects))
-    return Tried(new=fitted.effects, fit=whole, gain=alone.gain_of(fitted))
+    return Tried(new=fitted.effects, fit=whole, gain=-alone.over(fitted))
 
 
 def far_off(everything: Problem, effects: Sequence[EffectInstance]) -> list[int]:

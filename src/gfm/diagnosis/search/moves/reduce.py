@@ -52,7 +52,7 @@ def _removals(here: Hypothesis, whole: Hypothesis, kept: Collection[Key]) -> Ite
         rest = [e for e in here.effects if e is not instance]
         without = here.fitted(rest)
         if at_bound(instance) or not (here.over(without).notable or whole.over(without).notable):
-            tried = Tried(new=(instance,), fit=without, gain=here.gain_of(without))
+            tried = Tried(new=(instance,), fit=without, gain=-here.over(without))
             yield Step(move=Move.REMOVE, before=here.fit.cost, chosen=tried, replaced=instance)
 
 
@@ -144,7 +144,7 @@ def _compared(
     """Returns an effect of a hypothesis beside the best of its rivals."""
     others = tuple(e for e in here.effects if e is not instance)
     fits = rivals(instance, replace(here, fit=here.fitted(others)), search)
-    tried = [Tried(new=f.effects[-1:], fit=f, gain=here.gain_of(f)) for f in fits]
+    tried = [Tried(new=f.effects[-1:], fit=f, gain=-here.over(f)) for f in fits]
     best = max(tried, key=lambda one: one.gain.nats, default=None)
     return Compared(instance=instance, rival=best)
 
