@@ -10,25 +10,12 @@ Shape letters: N numbers of a residual, P parameters, B blocks, E effects.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.score import RIDGE
-
-
-class Told(NamedTuple):
-    """The amounts that one part of the data asks for.
-
-    Attributes:
-        change: From those of all data, in units of what all data tell, shape (P,).
-        covariance: Of that, by how blocks differ (White 1980), shape (P, P).
-    """
-
-    change: Array
-    covariance: Array
 
 
 def apart(
@@ -55,13 +42,16 @@ def apart(
         response: What the effect changes in the residual, shape (N,).
     """
     scaled = jacobian / (np.linalg.norm(jacobian, axis=0) + 1e-9)
-    size = float(response @ response)
+    own, size = scaled[:, columns].T @ scaled[:, columns], float(response @ response)
     strength = np.array([np.mean(response[rows] ** 2) for rows in blocks])
-    shares = [
-        _apart(scaled, residual, [[blocks[i] for i in part] for part in parts], columns, size)
-        for parts in _parts(order, strength)
-    ]
-    return max(shares, default=0.0)
+    shares = [0.0]
+    for parts in _parts(order, strength):
+        told = [_told(scaled, residual, [blocks[i] for i in part]) for part in parts]
+        change = (told[0][0] - told[1][0])[columns]
+        covariance = (told[0][1] + told[1][1])[np.ix_(columns, columns)]
+        beyond = max(float(change @ own @ change) - float(np.trace(own @ covariance)), 0.0)
+        shares.append(float(np.sqrt(beyond / max(size, 1.0))))
+    return max(shares)
 
 
 def _parts(
@@ -79,26 +69,18 @@ def _parts(
     yield from (pair for pair in pairs if len(pair[0]) and len(pair[1]))
 
 
-def _apart(
-    scaled: Array,
-    residual: Array,
-    parts: Sequence[Sequence[NDArray[np.intp]]],
-    columns: NDArray[np.bool_],
-    size: float,
-) -> float:
-    one, other = (_told(scaled, residual, blocks) for blocks in parts)
-    own = scaled[:, columns].T @ scaled[:, columns]
-    change = (one.change - other.change)[columns]
-    chance = np.trace(own @ (one.covariance + other.covariance)[np.ix_(columns, columns)])
-    beyond = max(float(change @ own @ change) - float(chance), 0.0)
-    return float(np.sqrt(beyond / max(size, 1.0)))
+def _told(
+    scaled: Array, residual: Array, blocks: Sequence[NDArray[np.intp]]
+) -> tuple[Array, Array]:
+    """Returns by how much one part of the data asks for other amounts, and how sure that is.
 
-
-def _told(scaled: Array, residual: Array, blocks: Sequence[NDArray[np.intp]]) -> Told:
+    From those of all data, in units of what all data tell, shape (P,), and the covariance of that
+    by how blocks differ (White 1980), shape (P, P).
+    """
     rows = np.concatenate(blocks)
     inner = scaled[rows].T @ scaled[rows] + RIDGE * np.eye(scaled.shape[1])
     bread = np.linalg.inv(inner)
     change = -bread @ (scaled[rows].T @ residual[rows])
     scores = np.stack([scaled[b].T @ (residual[b] + scaled[b] @ change) for b in blocks])
     meat = scores.T @ scores * len(blocks) / max(len(blocks) - 1, 1)
-    return Told(change, bread @ meat @ bread)
+    return change, bread @ meat @ bread
