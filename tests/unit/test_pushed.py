@@ -108,7 +108,7 @@ def rows_of(run, segment):
 def test_segments_begin_in_the_air_with_the_object_at_rest():
     run = recording(0, BLOCK_KG)
     touch = Touch(SPECS[CommandKind.VELOCITY], run.joint_names)
-    assert touch.ever(run)
+    assert touch.along(run).any()
     problem = all_segments(SPECS, [run], windows_s=WHOLE, touching=True)
     assert problem.pushing
     assert len(problem.segments) > 2  # of no more than about two seconds

@@ -47,11 +47,6 @@ class Touch:
         stands = ~self._robot & ~np.isin(model.geom_bodyid, _carriers(model, moved))
         model.geom_margin[stands] = np.maximum(model.geom_margin[stands], CLEARANCE_M)
 
-    def ever(self, recording: Trajectory) -> bool:
-        """Returns whether the robot touches anything; looking for it at every step takes time."""
-        step = max(len(recording.position) // CONTACT_LOOKS, 1)
-        return any(self.at(recording, row) for row in range(0, len(recording.position), step))
-
     def at(self, recording: Trajectory, row: int) -> bool:
         """Returns whether it touches anything at one measurement, or nearly."""
         model, data = self._plant.model, self._data
@@ -65,7 +60,8 @@ class Touch:
     def along(self, recording: Trajectory) -> NDArray[np.bool_]:
         """Returns whether it touches anything at each measurement, or nearly, shape (T,)."""
         rows = np.arange(len(recording.position))
-        if not self.ever(recording):
+        few = rows[:: max(len(rows) // CONTACT_LOOKS, 1)]  # looking at every step takes time
+        if not any(self.at(recording, row) for row in few.tolist()):
             return np.zeros(len(rows), dtype=bool)
         step = max(round(LOOK_S / recording.period_s), 1)
         looked = np.array([self.at(recording, row) for row in rows[::step].tolist()])
