@@ -55,11 +55,6 @@ class TorqueDomain:
     problem: Problem
     recordings: tuple[Trajectory, ...]
 
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """The measured joints."""
-        return self.problem.joints
-
     @cached_property
     def view(self) -> TorqueView:
         """All recordings as torques under the nominal model, drives as the model has them."""
@@ -79,7 +74,7 @@ class TorqueDomain:
     def missing(self, effects: Sequence[EffectInstance] = ()) -> Array:
         """Returns the torque that the model with `effects` lacks, block means, N m, (B, J)."""
         left = self.view_with(without_law(effects)).missing
-        return self.blocks(minus_laws(left, effects, self.joints, self.view))
+        return self.blocks(minus_laws(left, effects, self.problem.joints, self.view))
 
     def response(self, instance: EffectInstance) -> Array:
         """Returns the torque that an effect adds along the motion, block means, N m, (B, J).
@@ -92,7 +87,7 @@ class TorqueDomain:
 
     def law(self, instance: EffectInstance) -> Array:
         """Returns an effect's law along the motions, N m, shape (T of all, J); zero without one."""
-        return law_along(instance, self.joints, self.view)
+        return law_along(instance, self.problem.joints, self.view)
 
     def signals(self) -> dict[str, Array]:
         """Returns everything that a missing torque may go with, block means, shape (B, J) each."""
@@ -112,7 +107,7 @@ class TorqueDomain:
 
     def touched(self, instance: EffectInstance) -> list[int]:
         """Returns the numbers of the joints on which an effect acts: all, for one of the robot."""
-        return [self.joints.index(name) for name in instance.joints or self.joints]
+        return [self.problem.joints.index(name) for name in instance.joints or self.problem.joints]
 
     def of_each(self, rows: Array) -> list[tuple[Trajectory, Array]]:
         """Returns each recording with its own of rows at the measurements of all."""

@@ -131,15 +131,6 @@ class TorqueView:
         """What the servo gives beside a gravity compensation, by the motion if not measured."""
         return (self.drive if self.measured else self.needed) - self.compensation
 
-    def motion(self, joint: int, other: int | None = None) -> Motion:
-        """Returns one joint's motion, for laws in closed form."""
-        return Motion(
-            position=self.position[:, joint],
-            velocity=self.velocity[:, joint],
-            drive=self.drive[:, joint],
-            other_velocity=None if other is None else self.velocity[:, other],
-        )
-
 
 def joined(views: Sequence[TorqueView]) -> TorqueView:
     """Returns what the views of several recordings say, one after the other."""
@@ -217,7 +208,12 @@ def law_along(instance: EffectInstance, joints: Sequence[str], view: TorqueView)
     torque = np.zeros_like(view.missing)
     if has_law(instance):
         first, *second = (joints.index(name) for name in instance.joints)
-        motion = view.motion(first, *second)
+        motion = Motion(
+            position=view.position[:, first],
+            velocity=view.velocity[:, first],
+            drive=view.drive[:, first],
+            other_velocity=view.velocity[:, second[0]] if second else None,
+        )
         torque[:, first] = instance.effect.torque(motion, instance.values)
         torque[:, second] = -torque[:, [first] * len(second)]
     return torque
