@@ -57,4 +57,4 @@ def test_a_torque_beyond_the_friction_cannot_be_friction():
 def test_the_other_name_of_the_other_name_is_the_same_effect():
     offset = instance("torque_offset", torque=0.3)
     assert twin_of(twin_of(offset)) == offset
-    assert twins([offset, instance("coulomb_friction", torque=1.0)]) == [(twin_of(offset), offset)]
+    assert twins(offset, instance("coulomb_friction", torque=1.0)) == [twin_of(offset)]

@@ -110,8 +110,7 @@ def _amounts(sets: Sets, over: OverSets, index: int, *, credible: bool) -> list[
         possible = instance.least.get(name, parameter.lower), parameter.upper
         told.append(
             SetAmount(
-                effect=instance.effect.name,
-                joints=instance.joints,
+                *instance.key,
                 parameter=name,
                 unit=parameter.unit,
                 course=over.courses[index],

@@ -84,7 +84,7 @@ def two_domains(
 ) -> tuple[TwoDomains, ...]:
     """Returns named effects, and the best that were not, before both witnesses."""
     fitted = _fitted(found)
-    taken = {e.key for e in named} | {t.key for t, _ in twins(named)}
+    taken = {e.key for e in (*named, *twins(*named))}
     mine = [_as_found(instance, fitted, named) for instance in named]
     rest = [c for c in fitted if c.instance.key not in taken and (c.share or 0.0) >= LEAST_SHARE]
     others = rest[:MOST_SUSPECTS]
@@ -122,7 +122,7 @@ def _as_found(
 
     One that was only found together with others is weighed beside all of them.
     """
-    for key in (instance.key, *(twin.key for twin, _ in twins([instance]))):
+    for key in (e.key for e in (instance, *twins(instance))):
         for one in fitted:
             if one.instance.key == key:
                 return replace(one, instance=instance)
@@ -144,8 +144,7 @@ def _row(
     share, _ = regressed(torque, own, [columns[k] for k in candidate.base if k in columns])
     _, amount = regressed(torque, own, [columns[k] for k in named if k != instance.key])
     return TwoDomains(
-        effect=instance.effect.name,
-        joints=instance.joints,
+        *instance.key,
         named=is_named,
         rollout_share=candidate.share,
         torque_share=share,

@@ -92,8 +92,7 @@ def energy_balance(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> E
     spec = next(iter(domain.problem.specs.values()))
     named = tuple(
         Dissipation(
-            effect=e.effect.name,
-            joints=e.joints,
+            *e.key,
             power_w=-_mean_power(domain, domain.law(e) * domain.view.velocity),
             only_takes=e.effect.name in DISSIPATIVE and not covers(spec, e),
         )

@@ -98,7 +98,7 @@ def _in_words(new: Sequence[EffectInstance]) -> str:
 
 
 def _taken_out(found: SearchResult) -> tuple[str, ...]:
-    left = {e.key for e in found.fit.effects} | {twin.key for twin, _ in twins(found.fit.effects)}
+    left = {e.key for e in (*found.fit.effects, *twins(*found.fit.effects))}
     gone = {
         describe(step.replaced): "it predicts as well without"
         if step.move is Move.REMOVE
@@ -162,8 +162,7 @@ def confusable_sets(
     """Returns the set of every named effect, with no alternative where nothing comes close."""
     return tuple(
         ConfusableSet(
-            effect=instance.effect.name,
-            joints=instance.joints,
+            *instance.key,
             alternatives=_alternatives(instance, found),
             shown_by=instance.effect.shown_by,
         )
@@ -181,8 +180,7 @@ def _alternatives(instance: EffectInstance, found: SearchResult) -> tuple[Altern
 
 def _alternative(other: EffectInstance, instance: EffectInstance, errors: float) -> Alternative:
     return Alternative(
-        effect=other.effect.name,
-        joints=other.joints,
+        *other.key,
         errors=errors,
         told_by=other.effect.shown_by,
         more_parameters=max(parameters_of([other]) - parameters_of([instance]), 0),

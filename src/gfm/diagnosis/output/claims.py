@@ -115,8 +115,7 @@ def named_effects(
     holds = fitted.cost <= ADEQUATE_RATIO**2
     named = [
         NamedEffect(
-            effect=instance.effect.name,
-            joints=instance.joints,
+            *instance.key,
             parameters={
                 p.name: _estimate(
                     instance.values[p.name],
@@ -151,11 +150,10 @@ def _figures(found: SearchResult, instance: EffectInstance) -> dict[str, float]:
 
 def _estimate(value: float, unit: str, width: float, *, holds: bool) -> ParameterEstimate:
     """Returns a value with its interval, or with its spread where no interval would hold."""
-    if not np.isfinite(width):
-        return ParameterEstimate(value=value, unit=unit, ci95=None)
-    if not holds:
-        return ParameterEstimate(value=value, unit=unit, ci95=None, spread=SPREAD_WIDTH * width)
-    return ParameterEstimate(value=value, unit=unit, ci95=(value - width, value + width))
+    told = np.isfinite(width)
+    ci95 = (value - width, value + width) if told and holds else None
+    spread = SPREAD_WIDTH * width if told and not holds else None
+    return ParameterEstimate(value=value, unit=unit, ci95=ci95, spread=spread)
 
 
 def suspects_of(found: SearchResult, named: Sequence[EffectInstance]) -> tuple[Suspect, ...]:
@@ -190,8 +188,7 @@ def suspects_of(found: SearchResult, named: Sequence[EffectInstance]) -> tuple[S
 
 def _suspect(instance: EffectInstance, reason: str, gain: float) -> Suspect:
     return Suspect(
-        effect=instance.effect.name,
-        joints=instance.joints,
+        *instance.key,
         reason=reason,
         decided_by=instance.effect.shown_by,
         gain=float(np.clip(gain, 0.0, 1.0)),

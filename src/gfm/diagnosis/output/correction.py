@@ -78,8 +78,7 @@ def _as_named(instance: EffectInstance) -> NamedEffect:
     """Returns an effect that was given: how sure it is has been forgotten."""
     units = {p.name: p.unit for p in instance.effect.parameters}
     return NamedEffect(
-        effect=instance.effect.name,
-        joints=instance.joints,
+        *instance.key,
         parameters={
             name: ParameterEstimate(value=value, unit=units[name], ci95=None)
             for name, value in instance.values.items()

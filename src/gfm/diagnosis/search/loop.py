@@ -14,7 +14,7 @@ from functools import partial, reduce
 
 from gfm.core import Trajectory
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.candidates import Place, joint_scales, places, torque_views
+from gfm.diagnosis.search.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.search.hypothesis import Hypothesis, nominal_hypothesis, settled_hypothesis
 from gfm.diagnosis.search.moves.add import add, add_costly
 from gfm.diagnosis.search.moves.common_errors import common_errors
@@ -24,7 +24,7 @@ from gfm.diagnosis.search.nominal_parameters import least_amounts
 from gfm.diagnosis.search.steps import end, run
 from gfm.diagnosis.search.trace import SearchResult, Step, parts_of
 from gfm.diagnosis.search.under_way import Search
-from gfm.effects import EffectInstance, Key, Scope, effect_library
+from gfm.effects import Scope, effect_library
 
 #: Share of the time that is kept for rivals of what was found.
 FOR_RIVALS = 0.4
@@ -51,11 +51,10 @@ def search(
         report: Told what is happening, in words.
         time_left: The share of the time for searching that is left.
     """
-    candidates = _candidates(problem, recordings, report)
-    under_way = _begun(problem, candidates, report, time_left)
+    nominal, under_way = _begun(problem, recordings, report, time_left)
     everything = replace(everything, stepping=problem.stepping, clock=problem.clock)
-    rarely = Intermittent(everything=everything, candidates=candidates)
-    nominal = nominal_hypothesis(problem.robust(()))
+    rarely = Intermittent(everything=everything, candidates=under_way.candidates)
+    under_way.candidates = [p for p in rarely.candidates if not p.effect.intermittent]
     here = run(nominal, under_way, (add, common_errors, rarely, add_costly))
     if long is not problem:
         report("settling amounts")
@@ -83,43 +82,35 @@ def search_object(
         report: Told what is happening, in words.
         time_left: The share of the time for searching that is left.
     """
-    candidates = _candidates(problem, recordings, report)
-    felt = [place for place in candidates if place.effect.scope is Scope.OBJECT]
-    under_way = _begun(problem, felt, report, time_left)
-    here = run(nominal_hypothesis(problem.robust(())), under_way, (add,))
-    return _fitly_told(end(here, under_way))
-
-
-def _candidates(
-    problem: Problem, recordings: Sequence[Trajectory], report: Callable[[str], None]
-) -> list[Place]:
-    """Returns every effect at every place that recordings may show."""
-    report("looking at torques")
-    scales = joint_scales(problem, torque_views(problem, recordings))
-    library = (effect for effect in effect_library().values() if effect.twin is None)
-    pushing = problem.pushing
-    return [
-        replace(place, least=least_amounts(problem.specs.values(), effect, place.joints))
-        for effect in looked_for(library, recorded(problem))
-        for place in places(effect, problem.joints, scales, problem.driven, pushing=pushing)
-    ]
+    nominal, under_way = _begun(problem, recordings, report, time_left)
+    under_way.candidates = [p for p in under_way.candidates if p.effect.scope is Scope.OBJECT]
+    return _fitly_told(end(run(nominal, under_way, (add,)), under_way))
 
 
 def _begun(
     problem: Problem,
-    candidates: Sequence[Place],
+    recordings: Sequence[Trajectory],
     report: Callable[[str], None],
     time_left: Callable[[], float],
-) -> Search[Problem]:
-    """Returns a search of a robot's problem."""
-    return Search(
-        candidates=[place for place in candidates if not place.effect.intermittent],
+) -> tuple[Hypothesis[Problem], Search[Problem]]:
+    """Returns the nominal model, and a search for every effect at every place that may show."""
+    report("looking at torques")
+    scales = joint_scales(problem, torque_views(problem, recordings))
+    library = (effect for effect in effect_library().values() if effect.twin is None)
+    pushing = problem.pushing
+    under_way = Search(
+        candidates=[
+            replace(place, least=least_amounts(problem.specs.values(), effect, place.joints))
+            for effect in looked_for(library, recorded(problem))
+            for place in places(effect, problem.joints, scales, problem.driven, pushing=pushing)
+        ],
         report=report,
         after=_after,
         in_time=lambda: time_left() > 0.0,
         goes_on=lambda: time_left() > FOR_RIVALS,
         clock=problem.clock,
     )
+    return nominal_hypothesis(problem.robust(())), under_way
 
 
 def _after(here: Hypothesis[Problem], step: Step) -> Hypothesis[Problem]:
@@ -144,15 +135,6 @@ def _fitly_told(found: SearchResult[Problem]) -> SearchResult[Problem]:
         if before.key in parts:
             told = replace(told, without=gain_in(parts[before.key], effects, before))
         evidence[named.key] = told
-    return replace(found, fit=fit, evidence=evidence, equals=_equals(found.problem, fit.effects))
-
-
-def _equals(
-    problem: Problem, effects: Sequence[EffectInstance]
-) -> dict[Key, tuple[EffectInstance, ...]]:
-    """Returns the other names of effects that recordings do not tell from them."""
-    seen = recorded(problem)
-    same = {instance.key: twin for twin, instance in twins(effects)}
-    return {
-        e.key: (*((same[e.key],) if e.key in same else ()), *equals_of(e, seen)) for e in effects
-    }
+    seen = recorded(found.problem)
+    equals = {e.key: (*twins(e), *equals_of(e, seen)) for e in fit.effects}
+    return replace(found, fit=fit, evidence=evidence, equals=equals)

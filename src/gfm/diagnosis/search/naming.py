@@ -29,9 +29,9 @@ DRY = ("coulomb_friction", "stribeck_friction", "load_dependent_friction")
 SAME_S = 1e-9
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Placed:
-    """What is said of an effect somewhere.
+    """What is said of an effect somewhere: made of its `key`, and what else is said.
 
     Attributes:
         effect: Name in the effect library.
@@ -86,9 +86,9 @@ def twin_of(instance: EffectInstance) -> EffectInstance:
     return EffectInstance(effect=find_effect(other), joints=instance.joints, values=values)
 
 
-def twins(effects: Sequence[EffectInstance]) -> list[tuple[EffectInstance, EffectInstance]]:
-    """Returns the other name of each of `effects` that has one, with the effect itself."""
-    return [(twin_of(e), e) for e in effects if e.effect.name in (OFFSET, ASYMMETRY)]
+def twins(*effects: EffectInstance) -> list[EffectInstance]:
+    """Returns the same torque under its other name, of those of `effects` that have one."""
+    return [twin_of(e) for e in effects if e.effect.name in (OFFSET, ASYMMETRY)]
 
 
 def first_of_each(ranked: Iterable[Ranked], key: Callable[[Ranked], object]) -> list[Ranked]:

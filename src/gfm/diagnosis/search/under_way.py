@@ -27,7 +27,7 @@ class Search(Generic[P]):
     """A search under way.
 
     Attributes:
-        candidates: What may act all the time, and where.
+        candidates: What may be missing, and where.
         report: Told what is happening, in words.
         after: Returns the hypothesis to which a step leads from another.
         in_time: Whether there is time left to weigh rivals.
