@@ -84,7 +84,9 @@ def test_reading_joints_in_turn_shows_as_an_even_fall(make):
     late = delays([measured], [answer(command)])
     assert late.per_joint_s == pytest.approx(-0.003, rel=0.1)
     assert delays([measured]).per_joint_s is None
-    told = [one for one in timing_of([measured], [answer(command)]) if one.doubtful]
+    told = [
+        one for one in timing_of([measured], delays([measured], [answer(command)])) if one.doubtful
+    ]
     assert [one.what for one in told] == ["lateness changes from joint to joint by"]
     assert told[0].value == pytest.approx(-3.0, rel=0.1)
     assert "read_offset_s" in told[0].consequence
@@ -98,7 +100,7 @@ def test_delays_that_differ_without_order_are_the_joints_own(make):
     assert late.per_joint_s is None
     assert late.common_s == pytest.approx(0.03, abs=5e-4)
     np.testing.assert_allclose(late.own_s, own_s, atol=6e-4)
-    told = timing_of([measured], [answer(command)])
+    told = timing_of([measured], delays([measured], [answer(command)]))
     own = [one.joint for one in told if one.what == "moves later than predicted by"]
     assert own == ["b", "e"]
     assert not any(one.doubtful for one in told)
@@ -112,7 +114,7 @@ def test_commanded_and_measured_torques_have_nothing_in_between(make):
     late = delays([recording])
     # A sample shows what held in the period around it: the change itself lies half a period back.
     assert late.seconds[0] == pytest.approx(1.5 * PERIOD_S, abs=1e-3)
-    (told,) = timing_of([recording], [None])
+    (told,) = timing_of([recording], delays([recording], [None]))
     assert "nothing else lies between" in told.consequence
 
 
@@ -120,7 +122,7 @@ def test_torques_sampled_just_after_their_commands_are_not_early(make):
     steps = np.random.default_rng(0).uniform(-1.0, 1.0, 2500)
     recording = make(T, 0.1 * np.sin(T), "effort", command=steps, effort=steps)
     assert delays([recording]).seconds[0] == pytest.approx(-0.5 * PERIOD_S, abs=1e-3)
-    (told,) = timing_of([recording], [None])
+    (told,) = timing_of([recording], delays([recording], [None]))
     assert "as good as at once" in told.consequence
     assert not told.doubtful
 
@@ -130,7 +132,7 @@ def test_an_effect_before_its_cause_is_doubtful(make):
     recording = make(T, answer(command, lag_s=0.01), command=command)
     latched = replace(recording, command_stamp_ns=recording.command_stamp_ns + 40_000_000)
     assert delays([latched]).seconds[0] == pytest.approx(-0.03, abs=4e-3)
-    told = timing_of([latched], [None])
+    told = timing_of([latched], delays([latched], [None]))
     assert [one.doubtful for one in told] == [True]
     assert "an effect before its cause" in told[0].consequence
 
@@ -140,7 +142,10 @@ def test_kinds_of_command_are_not_mixed(make):
     position = make(T, answer(command, lag_s=0.06), command=command)
     told = np.gradient(command[:, 0], T)
     velocity = make(T, answer(command, lag_s=0.01), "velocity", command=told)
-    what = [one.what for one in timing_of([position, velocity], [None, None])]
+    what = [
+        one.what
+        for one in timing_of([position, velocity], delays([position, velocity], [None, None]))
+    ]
     assert what == ["answers position commands after", "answers velocity commands after"]
 
 
@@ -162,7 +167,11 @@ def test_one_stretch_is_too_little(make):
 def test_what_a_correction_explains_is_no_longer_late(make):
     command = commanded(1)
     recording = make(T, answer(command, 0.02), command=command)
-    found = timing_of([recording], [answer(command)], [answer(command, 0.02)])
+    found = timing_of(
+        [recording],
+        delays([recording], [answer(command)]),
+        delays([recording], [answer(command, 0.02)]),
+    )
     late_ms = {one.what: one.value for one in found}
     assert late_ms["the joints move later than the model by"] == pytest.approx(20.0, abs=0.5)
     assert late_ms["the joints move later than the corrected model by"] == pytest.approx(0, abs=0.5)

@@ -90,9 +90,9 @@ def all_findings(
         )
         for name, position in problem.still.items()
     ]
-    nominal = predicted_positions(problem)
-    corrected = predicted_positions(problem, effects) if effects else None
-    return (*unseen, *each, *timing_of(recordings, nominal, corrected, as_recordings(problem)))
+    parts, models = as_recordings(problem), [(), effects] if effects else [()]
+    late = [delays(parts, predicted_positions(problem, one)) for one in models]
+    return (*unseen, *each, *timing_of(recordings, *late))
 
 
 def doubts(findings: Iterable[Finding], recording: str = EVERYWHERE) -> tuple[str, ...]:
@@ -119,9 +119,7 @@ def as_recordings(problem: Problem) -> list[Trajectory]:
     ]
 
 
-def predicted_positions(
-    problem: Problem, effects: Sequence[EffectInstance] = ()
-) -> list[Array | None]:
+def predicted_positions(problem: Problem, effects: Sequence[EffectInstance]) -> list[Array | None]:
     """Returns what a model predicts for each of its segments, rad, shape (T, J).
 
     None where the simulation broke off.
@@ -130,33 +128,22 @@ def predicted_positions(
     return [None if one.diverged else one.position for one in predictions]
 
 
-def timing_of(
-    recordings: Sequence[Trajectory],
-    nominal: Sequence[Array | None],
-    corrected: Sequence[Array | None] | None = None,
-    parts: Sequence[Trajectory] | None = None,
-) -> tuple[Finding, ...]:
+def timing_of(recordings: Sequence[Trajectory], *late: Delays) -> tuple[Finding, ...]:
     """Returns what is to be said about lateness, over all recordings of a robot.
 
     Args:
         recordings: Of one robot.
-        nominal: What the nominal model predicts, see `predicted_positions`.
-        corrected: What the corrected one predicts; None where nothing was corrected. What is said
-            of single joints is said against the last of the two.
-        parts: What is predicted; the recordings themselves where it is not given.
+        late: By how much later it moves than the nominal model, and the corrected one if anything
+            was corrected, predict. What is said of single joints is said against the last.
     """
-    parts = recordings if parts is None else parts
     found: list[Finding] = []
     for kind in CommandKind:
         of_kind = [r for r in recordings if r.command_kind is kind]
         if of_kind:
             found += _after_commands(delays(of_kind), of_kind)
-    late = delays(parts, nominal)
-    found += _in_common(late, "the model")
-    if corrected is not None:
-        late = delays(parts, corrected)
-        found += _in_common(late, "the corrected model")
-    return (*found, *_joint_by_joint(late))
+    for one, model in zip(late, ("the model", "the corrected model"), strict=False):
+        found += _in_common(one, model)
+    return (*found, *_joint_by_joint(late[-1]))
 
 
 def _after_commands(late: Delays, recordings: Sequence[Trajectory]) -> Iterator[Finding]:
