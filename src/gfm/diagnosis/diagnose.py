@@ -208,7 +208,7 @@ def _plots(
     felt = [one for one in effects if one.effect.scope is Scope.OBJECT]
     robot = [one for one in effects if one not in felt]
     rare = reduce(Problem.joined, segments) if segments else None
-    floors = [-one.before / one.noise_floor for one in errors.joints]
+    floors = [-one.before / one.noise_floor for one in errors.joints.values()]
     worst = np.argsort(floors)[:2].tolist()
     return (
         *plots.law_plots(robot, found.short, found.recordings),

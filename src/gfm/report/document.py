@@ -60,10 +60,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, object]:
         "suspects": [_suspect_json(suspect) for suspect in diagnosis.suspects],
         "error": _error_json(diagnosis.error),
         "error_as_measured": diagnosis.as_measured and _error_json(diagnosis.as_measured),
-        "joints": [
-            {**vars(one), "ratio": words.ratio(one.after, one.noise_floor)}
-            for one in diagnosis.joints
-        ],
+        "joints": [_joint_json(name, one) for name, one in diagnosis.joints.items()],
         "object": {name: _error_json(one) for name, one in diagnosis.object_error.items()},
         "recordings": [_recording_json(recording) for recording in diagnosis.recordings],
         "input_quality": [dict(vars(finding)) for finding in diagnosis.findings],
@@ -124,6 +121,12 @@ def evidence(diagnosis: Diagnosis, limit: int) -> Sequence[Picture]:
 
 def _error_json(error: ErrorSummary) -> dict[str, object]:
     return {**vars(error), "ratio": words.ratio(error.after, error.noise_floor)}
+
+
+def _joint_json(joint: str, error: ErrorSummary) -> dict[str, object]:
+    told = {"joint": joint, **_error_json(error)}
+    del told["unit"]
+    return told
 
 
 def _changes_json(changes: Changes) -> dict[str, object]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -16,7 +16,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from gfm.core.checks import Array
-from gfm.diagnosis.output.result import Diagnosis, EvidencePlot, JointError, Series
+from gfm.diagnosis.output.result import Diagnosis, ErrorSummary, EvidencePlot, Series
 from gfm.report import words
 
 SERIES_POINTS = 2000
@@ -149,19 +149,20 @@ def _marks_on_lines(plot: EvidencePlot) -> dict[int, Series]:
     return {id(one): one for one in plot.series if one.style == "points" and len(one.x) == 1}
 
 
-def joint_error_picture(joints: Sequence[JointError], unit: str) -> Picture:
+def joint_error_picture(joints: Mapping[str, ErrorSummary], unit: str) -> Picture:
     """Returns before and after per joint, the noise floor beside."""
+    errors = joints.values()
     rows = (
-        Dots(label="before: the model as given", colour=ORANGE, x=[one.before for one in joints]),
-        Dots(label="after: the corrected model", colour=BLUE, x=[one.after for one in joints]),
-        floor_dots([one.noise_floor for one in joints]),
+        Dots(label="before: the model as given", colour=ORANGE, x=[one.before for one in errors]),
+        Dots(label="after: the corrected model", colour=BLUE, x=[one.after for one in errors]),
+        floor_dots([one.noise_floor for one in errors]),
     )
     caption = (
         "Look for the blue dots at the grey marks: there the corrected model predicts as well as "
         "the sensors can tell. A joint whose blue dot stays far to the right still misses "
         "something. The scale is logarithmic."
     )
-    figure = dots_figure([one.joint for one in joints], rows, f"held-out position RMSE ({unit})")
+    figure = dots_figure([*joints], rows, f"held-out position RMSE ({unit})")
     return Picture(title="Held-out error per joint", caption=caption, figure=figure)
 
 

@@ -10,7 +10,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from gfm.diagnosis.output.result import Diagnosis, ErrorSummary, JointError, NamedEffect
+from gfm.diagnosis.output.result import Diagnosis, NamedEffect
 from gfm.report import words
 from gfm.report.learned_document import learned_sentence
 from gfm.report.reveal import EffectCheck, Reveal, reveal
@@ -93,10 +93,7 @@ def _error_table(diagnosis: Diagnosis) -> Table:
     columns = ("before", "after", "noise floor", "after/floor")
     title = f"Held-out position error ({error.unit}, RMSE of open-loop rollouts)"
     table = _table(title, "joint", *columns, figures=columns)
-    lines: list[tuple[str, ErrorSummary | JointError]] = [
-        ("all joints", error),
-        *((one.joint, one) for one in diagnosis.joints),
-    ]
+    lines = [("all joints", error), *diagnosis.joints.items()]
     if diagnosis.as_measured is not None:
         lines.append(("all, begun as measured", diagnosis.as_measured))
     lines += [(f"object's {k} ({one.unit})", one) for k, one in diagnosis.object_error.items()]

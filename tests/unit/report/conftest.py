@@ -13,7 +13,6 @@ from gfm.diagnosis.output.result import (
     Diagnosis,
     ErrorSummary,
     EvidencePlot,
-    JointError,
     NamedEffect,
     ParameterEstimate,
     RecordingSummary,
@@ -223,10 +222,10 @@ def make_diagnosis(**changes):
             ),
         ),
         "error": ErrorSummary(before=0.0322, after=0.0013, noise_floor=FLOOR),
-        "joints": tuple(
-            JointError(joint=joint, before=b, after=a, noise_floor=FLOOR)
+        "joints": {
+            joint: ErrorSummary(before=b, after=a, noise_floor=FLOOR)
             for joint, b, a in zip(JOINTS, before, after, strict=True)
-        ),
+        },
         "recordings": (
             RecordingSummary(
                 name="train_position_0.mcap",

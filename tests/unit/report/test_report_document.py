@@ -13,7 +13,6 @@ from gfm.core import CommandKind, ShapeError
 from gfm.diagnosis.output.result import (
     ErrorSummary,
     EvidencePlot,
-    JointError,
     ModelPair,
     NamedEffect,
     ParameterEstimate,
@@ -40,7 +39,7 @@ HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>\"'&{{7
 EMPTY = {
     "effects": (),
     "suspects": (),
-    "joints": (),
+    "joints": {},
     "recordings": (),
     "plots": (),
     "notes": (),
@@ -232,7 +231,7 @@ def test_hostile_names_stay_text(diagnosis_with, run_with, chain_with):
         sentence=HOSTILE,
         effects=(effect,),
         suspects=(Suspect(effect=HOSTILE, joints=(), reason=HOSTILE, decided_by=HOSTILE),),
-        joints=(JointError(joint=HOSTILE, before=2.0, after=1.0, noise_floor=1.0),),
+        joints={HOSTILE: ErrorSummary(before=2.0, after=1.0, noise_floor=1.0)},
         recordings=(recording,),
         chain=chain_with((HOSTILE,), HOSTILE, (HOSTILE,), HOSTILE),
         plots=(plot,),

@@ -94,8 +94,8 @@ def test_a_single_point_on_a_line_is_a_mark_above_it():
 
 
 def test_errors_that_a_logarithm_cannot_show_are_left_out(diagnosis_with):
-    joint = replace(diagnosis_with().joints[0], before=float("nan"), after=0.0)
-    figure = joint_error_picture((joint,), "rad").figure
+    joint = replace(diagnosis_with().joints["right_j0"], before=float("nan"), after=0.0)
+    figure = joint_error_picture({"j": joint}, "rad").figure
     assert [one.x for one in figure.data] == [(None,), (None,), (joint.noise_floor,)]
 
 

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from gfm.diagnosis.output.result import ErrorSummary, JointError, NamedEffect, Suspect, Verdict
+from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, Suspect, Verdict
 from gfm.report import print_diagnosis, print_run
 
 
@@ -39,8 +39,8 @@ def test_errors_as_measured_have_a_line_where_they_are_known(diagnosis_with):
 
 def test_a_long_joint_name_is_folded_not_cut(diagnosis_with):
     name = "left_hind_leg_" * 8
-    joint = JointError(joint=name, before=1.0, after=0.5, noise_floor=0.1)
-    text = printed(print_diagnosis, diagnosis_with(joints=(joint,)))
+    joint = ErrorSummary(before=1.0, after=0.5, noise_floor=0.1)
+    text = printed(print_diagnosis, diagnosis_with(joints={name: joint}))
     assert max(map(len, text.splitlines())) <= 80
     assert "".join(text.split()).count("left_hind_leg_") >= 1
     assert "…" not in text.split("after/floor")[1].split("What else")[0]

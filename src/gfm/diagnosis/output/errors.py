@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.signals import rms
-from gfm.diagnosis.output.result import ErrorSummary, JointError, RecordingSummary
+from gfm.diagnosis.output.result import ErrorSummary, RecordingSummary
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance
@@ -31,17 +31,14 @@ class RolloutErrors:
         return error_summary(self.before, self.after, self.problem.noise.position, "rad")
 
     @property
-    def joints(self) -> tuple[JointError, ...]:
+    def joints(self) -> dict[str, ErrorSummary]:
         """The same three numbers of every joint."""
-        return tuple(
-            JointError(
-                joint=joint,
-                before=rms([error[:, j] for error in self.before]),
-                after=rms([error[:, j] for error in self.after]),
-                noise_floor=float(self.problem.noise.position[j]),
-            )
-            for j, joint in enumerate(self.problem.joints)
-        )
+        told = {}
+        for j, joint in enumerate(self.problem.joints):
+            before, after = ([error[:, j] for error in one] for one in (self.before, self.after))
+            noise = self.problem.noise.position[j : j + 1]
+            told[joint] = error_summary(before, after, noise, "rad")
+        return told
 
     def of_each(self, recordings: Sequence[Trajectory], role: str) -> list[RecordingSummary]:
         """Returns a line for each of the recordings that the segments are of."""

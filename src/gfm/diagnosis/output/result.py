@@ -105,16 +105,6 @@ class ErrorSummary:
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointError:
-    """One joint's line of the before/after table: held-out position RMSE, rad."""
-
-    joint: str
-    before: float
-    after: float
-    noise_floor: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class RecordingSummary:
     """One recording's line of the input table.
 
@@ -198,7 +188,7 @@ class Diagnosis:
         suspects: Candidates not accepted, best first.
         error: Held-out error before and after, initial states fitted.
         as_measured: The same with initial states as measured; None where that is not known.
-        joints: The same, joint by joint.
+        joints: The same of every joint, by its name.
         object_error: The same of the pushed object's position (m) and yaw (rad); empty without one.
         recordings: What went in.
         findings: What is to be known of their quality.
@@ -219,7 +209,7 @@ class Diagnosis:
     effects: tuple[NamedEffect, ...]
     suspects: tuple[Suspect, ...]
     error: ErrorSummary
-    joints: tuple[JointError, ...]
+    joints: Mapping[str, ErrorSummary]
     recordings: tuple[RecordingSummary, ...]
     corrected_xml: str
     corrected_effects: tuple[NamedEffect, ...] = ()
