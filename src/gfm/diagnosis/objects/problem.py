@@ -20,7 +20,6 @@ from typing_extensions import override
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import free_parameters, without
-from gfm.diagnosis.inference.score import SegmentShape
 from gfm.diagnosis.objects.segments import ObjectSegment, own_velocity
 from gfm.diagnosis.objects.track import in_plane, turned
 from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
@@ -80,18 +79,6 @@ class ObjectProblem(SegmentedProblem):
         ]
         numbers = [np.nan_to_num(error.ravel(), nan=LARGEST) for error in errors]
         return [np.clip(one, -LARGEST, LARGEST) for one in numbers]
-
-    @override
-    def layout(self) -> list[SegmentShape]:
-        return [
-            SegmentShape(
-                recording=segment.recording,
-                duration_s=float(segment.time_s[-1] - segment.time_s[0]),
-                channels=1,
-                measurements=len(segment.time_s),
-            )
-            for segment in self.segments
-        ]
 
     @cached_property
     def sizes(self) -> Mapping[str, float]:

@@ -18,7 +18,6 @@ from typing_extensions import override
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.score import SegmentShape
 from gfm.diagnosis.residuals.clock import Clock
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.effects import EffectInstance
@@ -189,17 +188,10 @@ class Rollouts(SegmentedProblem):
             parts.append(np.clip(np.nan_to_num(flat, nan=LARGEST), -LARGEST, LARGEST))
         return parts
 
+    @property
     @override
-    def layout(self) -> list[SegmentShape]:
-        return [
-            SegmentShape(
-                recording=segment.recording,
-                duration_s=float(segment.time_s[-1]),
-                channels=1 if segment.effort is None or segment.effort_noise is None else 2,
-                measurements=len(segment.position),
-            )
-            for segment in self.segments
-        ]
+    def channels(self) -> list[int]:
+        return [1 if s.effort is None or s.effort_noise is None else 2 for s in self.segments]
 
     @override
     def coarse(self) -> Self:

@@ -8,7 +8,6 @@ Shape letters: N numbers of a residual, J joints.
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -46,9 +45,22 @@ class SegmentedProblem(LeastSquares):
     outlying_from: Array | None = None
     each_segment: bool = False
 
-    @abstractmethod
     def layout(self) -> list[SegmentShape]:
         """Returns what each segment's numbers are."""
+        return [
+            SegmentShape(
+                recording=segment.recording,
+                duration_s=float(segment.time_s[-1] - segment.time_s[0]),
+                channels=channels,
+                measurements=len(segment.time_s),
+            )
+            for segment, channels in zip(self.segments, self.channels, strict=True)
+        ]
+
+    @property
+    def channels(self) -> list[int]:
+        """How many numbers each joint has at each measurement of every segment."""
+        return [1] * len(self.segments)
 
     @cached_property
     def blocks(self) -> Blocks:
