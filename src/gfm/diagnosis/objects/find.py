@@ -11,7 +11,7 @@ import numpy as np
 from gfm.diagnosis.inference.fitting import Fit, fit
 from gfm.diagnosis.objects.problem import ObjectProblem
 from gfm.diagnosis.search.hypothesis import Hypothesis, in_turn, nominal_hypothesis
-from gfm.diagnosis.search.moves.add import add_of_few
+from gfm.diagnosis.search.moves.add import beside, best_first
 from gfm.diagnosis.search.steps import end, run
 from gfm.diagnosis.search.trace import SearchResult, Step
 from gfm.diagnosis.search.under_way import Search
@@ -35,16 +35,15 @@ def find(
 ) -> SearchResult[ObjectProblem]:
     """Returns which of some effects the object lacks."""
 
-    def others(beside: Hypothesis) -> list[Fit]:
-        there = [one.effect for one in beside.effects]
-        return [_begun(problem, beside.effects, one) for one in seen if one not in there]
+    def others(here: Here, known: Sequence[EffectInstance]) -> list[Fit]:
+        new = [one for one in seen if one not in [e.effect for e in known]]
+        return [here.fitted_out(_begun(problem, here.effects, one)) for one in new]
 
     def one_more(before: Here, _: Search[ObjectProblem], _best: Step | None) -> Step:
-        return add_of_few(before, others(before))
+        return best_first(before, [beside(before, one) for one in others(before, before.effects)])
 
     def rivals(instance: EffectInstance, rest: Here, _: Search[ObjectProblem]) -> list[Fit]:
-        begun = [one for one in others(rest) if one.effects[-1].key != instance.key]
-        return [rest.fitted_out(one) for one in begun]
+        return others(rest, (*rest.effects, instance))
 
     search = Search(report=report, after=_after)
     here = run(nominal_hypothesis(in_turn(problem, ())[0]), search, [one_more])

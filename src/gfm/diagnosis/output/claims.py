@@ -162,14 +162,12 @@ def suspects_of(found: SearchResult, named: Sequence[EffectInstance]) -> tuple[S
     doubtful = [
         replace(
             _suspect(
-                e,
-                f"more likely wrong than right (confidence {_confidence(found, e):.2f})",
-                _explained(e, found),
+                e, f"more likely wrong than right (confidence {sure:.2f})", _explained(e, found)
             ),
-            confidence=round(_confidence(found, e), 3),
+            confidence=round(sure, 3),
             evidence=_figures(found, e),
         )
-        for e in found.fit.effects
+        for e, sure in ((e, _confidence(found, e)) for e in found.fit.effects)
         if e.key not in taken
     ]
     equal = [

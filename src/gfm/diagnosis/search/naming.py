@@ -19,7 +19,6 @@ from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import Fit, free_parameters
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import Effect, EffectInstance, Key, effect_library, find_effect
-from gfm.effects.effect import Shift
 
 Ranked = TypeVar("Ranked")
 OFFSET, ASYMMETRY = "torque_offset", "asymmetric_friction"
@@ -147,11 +146,11 @@ def equals_of(instance: EffectInstance, seen: Recorded) -> tuple[EffectInstance,
     None of what is no delay, of what is a law of its own there (a servo whose feedback is late),
     and of what does not show at all.
     """
-    shift = _shift(instance.effect, seen)
-    if shift is None or not (moved := _moved(shift, _amount(instance), seen)).any():
+    moved = _moved(instance, seen)
+    if moved is None or not moved.any():
         return ()
     others = [one for one in effect_library().values() if one.name != instance.effect.name]
-    named = [_named(other, instance, moved, seen) for other in others]
+    named = [_named(other, instance.joints, moved, seen) for other in others]
     return tuple(one for one in named if one is not None)
 
 
@@ -163,46 +162,41 @@ def looked_for(effects: Iterable[Effect], seen: Recorded) -> list[Effect]:
     """
     kept: list[Effect] = []
     for effect in effects:
-        shift, extremes = _shift(effect, seen), _extremes(effect)
-        if shift is not None:
-            shows = any(_moved(shift, _amount(one), seen).any() for one in extremes)
-            equal = ({e.effect for e in equals_of(one, seen)} for one in extremes)
+        ends = [(one, _moved(one, seen)) for one in _extremes(effect)]
+        if ends and all(moved is not None for _, moved in ends):
+            shows = any(np.any(moved) for _, moved in ends)
+            equal = ({e.effect for e in equals_of(one, seen)} for one, _ in ends)
             if not shows or all(names & set(kept) for names in equal):
                 continue
         kept.append(effect)
     return kept
 
 
-def _shift(effect: Effect, seen: Recorded) -> Shift | None:
-    """Returns what a delay moves; None where it is none."""
-    own = effect.shift
-    return None if own is None or (own.feedback and seen.has_feedback) else own
+def _moved(instance: EffectInstance, seen: Recorded) -> Array | None:
+    """Returns by how much positions and efforts are seen to move against commands, s, (2,).
 
-
-def _moved(shift: Shift, amount: float, seen: Recorded) -> Array:
-    """Returns by how much positions and efforts are seen to move against commands, s, (2,)."""
+    None of what is no delay there.
+    """
+    shift = instance.effect.shift
+    if shift is None or (shift.feedback and seen.has_feedback):
+        return None
+    amount = float(instance.values[instance.effect.parameters[0].name])
     efforts = shift.efforts * amount if seen.has_efforts else 0.0
     unseen = 0.0 <= efforts < seen.command_period_s
     return np.array([shift.positions * amount, 0.0 if unseen else efforts])
 
 
 def _named(
-    other: Effect, instance: EffectInstance, moved: Array, seen: Recorded
+    other: Effect, joints: tuple[str, ...], moved: Array, seen: Recorded
 ) -> EffectInstance | None:
     """Returns the delay that moves as much under another name; None where it cannot."""
-    shift = _shift(other, seen)
-    if shift is None:
+    if other.shift is None:
         return None
-    amount = float(moved[0] if shift.positions else moved[1])
-    values = {other.parameters[0].name: amount}
-    alike = np.abs(_moved(shift, amount, seen) - moved).max() < SAME_S
-    if not (alike and other.admissible(values)):
-        return None
-    return EffectInstance(effect=other, joints=instance.joints, values=values)
-
-
-def _amount(instance: EffectInstance) -> float:
-    return float(instance.values[instance.effect.parameters[0].name])
+    amount = float(moved[0] if other.shift.positions else moved[1])
+    one = EffectInstance(effect=other, joints=joints, values={other.parameters[0].name: amount})
+    there = _moved(one, seen)
+    alike = there is not None and np.abs(there - moved).max() < SAME_S
+    return one if alike and other.admissible(one.values) else None
 
 
 def _extremes(effect: Effect) -> list[EffectInstance]:

@@ -83,10 +83,10 @@ def _add(
         whole = [o.new for o in tried if is_whole(o.new[0].effect)]
         kinds += [(*one, *kind) for one in whole[:1] for kind in kinds]
         tried += [_tried(before, kind, search.report) for kind in kinds]
-    return _best_first(before, [*ranked, *_with_front_fitted_out(before, tried)])
+    return best_first(before, [*ranked, *_with_front_fitted_out(before, tried)])
 
 
-def _best_first(before: Hypothesis, tried: Sequence[Tried]) -> Step:
+def best_first(before: Hypothesis, tried: Sequence[Tried]) -> Step:
     """Returns the step that adds the best of what was tried."""
     return Step(
         move=Move.ADD,
@@ -114,11 +114,6 @@ def _is_worth_a_fit(
     most = max(gained, 0.0 if best is None else best.gain.nats)
     promise = Difference(FIT_GAINS * one.gain.nats, one.gain.error)
     return promise.clear and promise.nats > most and not (again and not worth_more(before, best))
-
-
-def add_of_few(before: Hypothesis, begun: Sequence[Fit]) -> Step:
-    """Returns the step that adds the best of a few effects, each begun beside those there are."""
-    return _best_first(before, [beside(before, before.fitted_out(one)) for one in begun])
 
 
 def beside(before: Hypothesis, fitted: Fit) -> Tried:
