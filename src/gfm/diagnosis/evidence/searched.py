@@ -171,17 +171,17 @@ def confusable_sets(
 
 
 def _alternatives(instance: EffectInstance, found: SearchResult) -> tuple[Alternative, ...]:
-    others = [_alternative(other, instance, 0.0) for other in found.names_of(instance)[1:]]
+    others = [(other, 0.0) for other in found.names_of(instance)[1:]]
     told = found.evidence.get(instance.key)
     if told is not None and told.rival is not None and told.by is not None:
-        others.append(_alternative(told.by, instance, max(told.rival.errors, 0.0)))
-    return tuple(sorted((o for o in others if o.errors < CLEARLY), key=lambda one: one.errors))
-
-
-def _alternative(other: EffectInstance, instance: EffectInstance, errors: float) -> Alternative:
-    return Alternative(
-        *other.key,
-        errors=errors,
-        told_by=other.effect.shown_by,
-        more_parameters=max(parameters_of([other]) - parameters_of([instance]), 0),
+        others.append((told.by, max(told.rival.errors, 0.0)))
+    return tuple(
+        Alternative(
+            *other.key,
+            errors=errors,
+            told_by=other.effect.shown_by,
+            more_parameters=max(parameters_of([other]) - parameters_of([instance]), 0),
+        )
+        for other, errors in sorted(others, key=lambda one: one[1])
+        if errors < CLEARLY
     )

@@ -82,12 +82,8 @@ class TorqueDomain:
         Zero for a motor apart from its link: no inverse dynamics of the measured joints has it.
         """
         if has_law(instance) or instance.effect.separates_motor:
-            return self.blocks(self.law(instance))
+            return self.blocks(law_along(instance, self.problem.joints, self.view))
         return self.blocks(self.view.missing - self.view_with([instance]).missing)
-
-    def law(self, instance: EffectInstance) -> Array:
-        """Returns an effect's law along the motions, N m, shape (T of all, J); zero without one."""
-        return law_along(instance, self.problem.joints, self.view)
 
     def signals(self) -> dict[str, Array]:
         """Returns everything that a missing torque may go with, block means, shape (B, J) each."""

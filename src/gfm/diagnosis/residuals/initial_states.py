@@ -123,7 +123,8 @@ def without_states(
     ringing = ringing_springs(problem, effects)
     if not ringing:
         return own
-    columns = state_columns(problem, effects, motor_steps(len(problem.joints), ringing))
+    joints = len(problem.joints)
+    columns = state_columns(problem, effects, state_steps(joints, ringing)[2 * joints :])
     rows = zip(problem.segments, own, columns, problem.state_basis, predictions, strict=True)
     for i, (segment, part, motors, basis, prediction) in enumerate(rows):
         if not led(segment):
@@ -142,7 +143,7 @@ def freely_settled(problem: R, effects: Sequence[EffectInstance]) -> R:
     if not free:
         return problem
     ringing, joints = ringing_springs(problem, effects), len(problem.joints)
-    steps = np.concatenate([_link_steps(joints), motor_steps(joints, ringing)])
+    steps = state_steps(joints, ringing)
     segments, bases = list(problem.segments), dict(enumerate(problem.state_basis))
     left = zip(free, _whitened(problem.subset(free), effects), strict=True)
     open_ = [i for i, r in left if i not in bases or mean_square(r) >= FOLLOWED]
@@ -219,19 +220,18 @@ def _best_amounts(segment: Segment, residual: Array, columns: Array, room: Array
 
 def with_state_basis(problem: R, effects: Sequence[EffectInstance] = ()) -> R:
     """Returns the problem with what each initial state can explain, to first order."""
-    columns = state_columns(problem, effects, _link_steps(len(problem.joints)))
+    columns = state_columns(problem, effects, state_steps(len(problem.joints)))
     return replace(problem, state_basis=tuple(orthonormal(c) for c in columns))
 
 
-def _link_steps(joints: int) -> Array:
-    """Returns small changes of positions and velocities, one by one, shape (2 J, 4, J)."""
-    return np.diag(np.repeat((*STATE_STEP, 0.0, 0.0), joints))[: 2 * joints].reshape(-1, 4, joints)
+def state_steps(joints: int, ringing: Sequence[Spring] = ()) -> Array:
+    """Returns small changes of positions and velocities, one by one, shape (2 J + 2 M, 4, J).
 
-
-def motor_steps(joints: int, ringing: Sequence[Spring]) -> Array:
-    """Returns small changes of motors' states beside their links', one by one, (2 M, 4, J)."""
-    each = np.diag(np.repeat((0.0, 0.0, *STATE_STEP), joints)).reshape(-1, 4, joints)
-    return each[[side * joints + one.joint for side in (2, 3) for one in ringing]]
+    Then of motors' states beside their links'.
+    """
+    each = np.diag(np.repeat((*STATE_STEP, *STATE_STEP), joints)).reshape(-1, 4, joints)
+    motors = [side * joints + one.joint for side in (2, 3) for one in ringing]
+    return each[[*range(2 * joints), *motors]]
 
 
 def state_columns(
