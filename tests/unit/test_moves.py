@@ -191,7 +191,8 @@ def wrong_all_over():
 @pytest.mark.parametrize("known", [(), (instance("coulomb_friction", torque=0.05),)])
 def test_common_errors_are_found_together_beside_what_is_known(wrong_all_over, known):
     before = wrong_all_over.with_effects(*known)
-    step = common_errors(before, wrong_all_over.search(*COMMON))
+    nothing_yet = Step(move=Move.ADD, before=before.fit.cost)
+    step = common_errors(before, wrong_all_over.search(*COMMON), nothing_yet)
     found = {e.effect.name: next(iter(e.values.values())) for e in step.chosen.fit.effects}
     assert found["command_delay"] == pytest.approx(0.03, rel=0.1)
     assert found["actuator_gain"] == pytest.approx(0.15, rel=0.05)
@@ -214,21 +215,22 @@ def test_what_says_nothing_is_removed_and_what_is_there_stays(rubbing):
     both = rubbing.with_effects(
         instance("armature", inertia=1e-3), instance("coulomb_friction", torque=0.1)
     )
-    after, steps = remove(both, rubbing.search())
+    search = rubbing.search()
+    after = remove(both, search)
     assert [e.effect.name for e in after.effects] == ["coulomb_friction"]
-    assert [(s.move, s.replaced.effect.name) for s in steps] == [(Move.REMOVE, "armature")]
+    assert [(s.move, s.replaced.effect.name) for s in search.steps] == [(Move.REMOVE, "armature")]
     assert after.effects[0].values["torque"] == pytest.approx(FRICTION, rel=0.03)
 
 
 def test_what_few_segments_judge_and_the_last_effect_are_not_removed(rubbing, right):
     armature = instance("armature", inertia=1e-3)
     both = rubbing.with_effects(armature, instance("coulomb_friction", torque=0.1))
-    assert remove(both, rubbing.search())[1]
+    assert armature.key not in {e.key for e in remove(both, rubbing.search()).effects}
     tried = Tried(new=(armature,), fit=both.fit, gain=Difference(9.0, 1.0))
     few = Step(move=Move.INTERMITTENT, before=1.0, chosen=tried, segments=4)
-    assert remove(both, rubbing.search(steps=[few])) == (both, [])
+    assert remove(both, rubbing.search(steps=[few])) is both
     alone = right.with_effects(armature)
-    assert remove(alone, right.search()) == (alone, [])
+    assert remove(alone, right.search()) is alone
 
 
 def test_a_spring_makes_way_for_the_constant_torque_that_it_stands_for(pulled):
@@ -237,9 +239,11 @@ def test_a_spring_makes_way_for_the_constant_torque_that_it_stands_for(pulled):
         instance("viscous_friction", coefficient=1e-3),
     )
     here = pulled.with_effects(spring, friction)
-    after, steps, told = exchange(here, pulled.search("torque_offset"))
+    search = pulled.search("torque_offset")
+    after, told = exchange(here, search)
     assert {e.effect.name for e in after.effects} == {"torque_offset", "viscous_friction"}
-    assert [(s.move, s.replaced.effect.name) for s in steps] == [(Move.EXCHANGE, "joint_spring")]
+    (step,) = search.steps
+    assert (step.move, step.replaced.effect.name) == (Move.EXCHANGE, "joint_spring")
     assert [one.instance.effect.name for one in told] == ["viscous_friction"]
     offset = next(e for e in after.effects if e.effect.name == "torque_offset")
     assert offset.values["torque"] == pytest.approx(OFFSET, rel=0.02)
@@ -256,9 +260,10 @@ def test_a_right_effect_stays_and_is_told_with_what_was_weighed_beside_it(rubbin
         )
     )
     step = Step(move=Move.ADD, before=before.fit.cost, ranked=tried, chosen=tried[0])
-    after, steps, told = exchange(friction, rubbing.search("armature", steps=[step]))
+    search = rubbing.search("armature", steps=[step])
+    after, told = exchange(friction, search)
     assert after is friction
-    assert steps == []
+    assert search.steps == [step]
     assert [one.rival.new[0].effect.name for one in told] == ["viscous_friction"]
     assert (-told[0].rival.gain).clear
 
@@ -296,7 +301,9 @@ def test_an_effect_whose_rivals_were_not_weighed_stays_and_less_speaks_for_it(ru
     def none_in_time(_instance, _rest, _search):
         raise OutOfTimeError
 
-    after, steps, compared = exchange(here, rubbing.search(), none_in_time)
-    assert (after, steps) == (here, [])
+    search = rubbing.search()
+    after, compared = exchange(here, search, none_in_time)
+    assert after is here
+    assert search.steps == []
     (evidence,) = support(here, compared, {}).values()
     assert evidence.rival.errors == pytest.approx(UNWEIGHED * evidence.without.errors)

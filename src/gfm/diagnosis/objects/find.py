@@ -39,7 +39,7 @@ def find(
         new = [one for one in seen if one not in [e.effect for e in known]]
         return [here.fitted_out(_begun(problem, here.effects, one)) for one in new]
 
-    def one_more(before: Here, _: Search[ObjectProblem], _best: Step | None) -> Step:
+    def one_more(before: Here, _: Search[ObjectProblem], _best: Step) -> Step:
         return best_first(before, [beside(before, one) for one in others(before, before.effects)])
 
     def rivals(instance: EffectInstance, rest: Here, _: Search[ObjectProblem]) -> list[Fit]:

@@ -20,7 +20,6 @@ from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.inference.steadiness import apart
 from gfm.diagnosis.residuals.outliers import slopes
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
-from gfm.diagnosis.search.moves.add import gain_of
 from gfm.diagnosis.search.moves.reduce import (
     Compared,
     RivalsOf,
@@ -30,7 +29,7 @@ from gfm.diagnosis.search.moves.reduce import (
     rivals_of,
 )
 from gfm.diagnosis.search.naming import describe
-from gfm.diagnosis.search.trace import Evidence, SearchResult, Step
+from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step
 from gfm.diagnosis.search.under_way import MoveFrom, Search
 from gfm.effects import EffectInstance, Key, Scope
 
@@ -52,25 +51,23 @@ def _steps(
     """Yields one hypothesis after another."""
     while here.is_open and len(search.steps) < MOST_STEPS and search.goes_on():
         best = _best(here, search, moves)
-        if best is None:
-            break
         if best.chosen is None:
             search.steps.append(best)
             break
         left, here = here.fit.cost, search.after(here, best)
         search.steps.append(best)
         search.report(f"{in_words(best)}: misfit {left:.3g} -> {here.fit.cost:.3g}")
-        here, removed = remove(here, search)
-        search.steps.extend(removed)
+        here = remove(here, search)
         yield here
     search.ended_early |= here.is_open and not search.goes_on()
 
 
-def _best(here: Hypothesis[P], search: Search[P], moves: Sequence[MoveFrom[P]]) -> Step | None:
-    best: Step | None = None
+def _best(here: Hypothesis[P], search: Search[P], moves: Sequence[MoveFrom[P]]) -> Step:
+    """Returns the best step that moves propose; one that chooses nothing where none does."""
+    best = Step(move=Move.ADD, before=here.fit.cost)
     for move in moves:
         other = move(here, search, best)
-        if other and (best is None or _comes_before(other, best)):
+        if other and _comes_before(other, best):
             best = other
     return best
 
@@ -98,17 +95,15 @@ def _reduced(
     here: Hypothesis[P], search: Search[P], rivals: RivalsOf[P]
 ) -> tuple[Hypothesis[P], list[Compared]]:
     while True:
-        here, exchanged, compared = exchange(here, search, rivals)
-        here, removed = remove(here, search)
-        search.steps.extend([*exchanged, *removed])
-        if not exchanged or not search.in_time():
+        after, compared = exchange(here, search, rivals)
+        last, here = after is here, remove(after, search)
+        if last or not search.in_time():
             return here, compared
 
 
 def _comes_before(one: Step, other: Step) -> bool:
     """Returns whether a step predicts better, or as well, and has weighed more of the same move."""
-    gains = gain_of(one), gain_of(other)
-    return gains[0] > gains[1] or (gains[0] == gains[1] and one.move is other.move)
+    return one.gain > other.gain or (one.gain == other.gain and one.move is other.move)
 
 
 def in_words(step: Step) -> str:

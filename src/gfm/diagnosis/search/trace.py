@@ -62,6 +62,11 @@ class Step:
     part: Problem | None = None
 
     @property
+    def gain(self) -> float:
+        """By how much better it predicts, nats; nothing where it chose nothing."""
+        return 0.0 if self.chosen is None else self.chosen.gain.nats
+
+    @property
     def effects(self) -> tuple[EffectInstance, ...]:
         """The effects with which a search goes on after it."""
         return () if self.chosen is None else self.chosen.fit.effects

@@ -68,4 +68,4 @@ class Search(Generic[P]):
 
 
 #: Proposes a step beside the best that others propose; None where it is not its turn.
-MoveFrom: TypeAlias = Callable[[Hypothesis[P], Search[P], Step | None], Step | None]
+MoveFrom: TypeAlias = Callable[[Hypothesis[P], Search[P], Step], Step | None]

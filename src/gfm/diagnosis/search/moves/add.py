@@ -37,23 +37,16 @@ def add(before: Hypothesis[P], search: Search[P], _best: Step | None = None) -> 
     return _add(before, search, quick)
 
 
-def add_costly(before: Hypothesis[P], search: Search[P], best: Step | None) -> Step | None:
+def add_costly(before: Hypothesis[P], search: Search[P], best: Step) -> Step | None:
     """Returns the same of what takes long to simulate, beside the best step so far.
 
     None where that step leaves nothing that is worth the time, or is about a few segments only.
     """
-    chosen = None if best is None else best.chosen
-    few = best is not None and best.part is not None
-    if few or not (worth_more(before, chosen) and search.goes_on()):
+    if best.part is not None or not (worth_more(before, best.chosen) and search.goes_on()):
         return None
-    ranked = best.ranked if best is not None and best.move is Move.ADD else ()
+    ranked = best.ranked if best.move is Move.ADD else ()
     slow = [place for place in search.candidates if takes_long(place.effect)]
-    return _add(before, search, slow, ranked, gain_of(best))
-
-
-def gain_of(step: Step | None) -> float:
-    """Returns by how much better a step predicts, nats; nothing where it chose nothing."""
-    return 0.0 if step is None or step.chosen is None else step.chosen.gain.nats
+    return _add(before, search, slow, ranked, best.gain)
 
 
 def takes_long(effect: Effect) -> bool:

@@ -16,7 +16,7 @@ from gfm.diagnosis.inference.fitting import ROUGH, Fit, acting, fit
 from gfm.diagnosis.residuals.outliers import bounded
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
-from gfm.diagnosis.search.moves.add import beside, gain_of
+from gfm.diagnosis.search.moves.add import beside
 from gfm.diagnosis.search.trace import Move, Step
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Key, Scales, Scope, find_effect
@@ -44,16 +44,14 @@ NONE = dict.fromkeys(COMMON, 0.0) | {"actuator_gain": 1.0}
 BEGUN_WITHOUT = ("", "coulomb_friction")
 
 
-def common_errors(
-    before: Hypothesis[P], search: Search[P], best: Step | None = None
-) -> Step | None:
+def common_errors(before: Hypothesis[P], search: Search[P], best: Step) -> Step | None:
     """Returns the step that adds common errors on all joints that something is missing on.
 
     None where that was tried, or the best step so far gains as much as single effects do.
     """
     tried_before = any(step.move is Move.COMMON_ERRORS for step in search.steps)
     much = before.fit.cost > MUCH * float(np.mean(before.nominal))
-    enough = gain_of(best) >= ENOUGH * before.room.nats
+    enough = best.gain >= ENOUGH * before.room.nats
     if tried_before or enough or not much or not search.goes_on():
         return None
     search.report("looking for common errors on all joints")

@@ -50,16 +50,15 @@ class Intermittent:
     looked_into: bool = False
 
     def __call__(
-        self, before: Hypothesis[Problem], search: Search[Problem], best: Step | None
+        self, before: Hypothesis[Problem], search: Search[Problem], best: Step
     ) -> Step | None:
         """Returns the step that adds such an effect.
 
         None where too few segments stay far off, or nothing that acts now and then promises
         anything.
         """
-        chosen = None if best is None else best.chosen
-        early = not self.looked_into and worth_more(before, chosen)
-        if not (early or chosen is None) or not search.goes_on():
+        early = not self.looked_into and worth_more(before, best.chosen)
+        if not (early or best.chosen is None) or not search.goes_on():
             return None
         self.looked_into = True
         everything = replace(self.everything, after_command=before.problem.after_command)

@@ -25,23 +25,23 @@ from gfm.effects import EffectInstance, Key
 RIVALS_S, RIVALS = 12.0, 2
 
 
-def remove(here: Hypothesis[P], search: Search[P]) -> tuple[Hypothesis[P], list[Step]]:
+def remove(here: Hypothesis[P], search: Search[P]) -> Hypothesis[P]:
     """Returns a hypothesis without what it predicts as well without, that first which says least.
 
     As well: to within one standard error (Breiman et al. 1984). As with all effects: what each
     leaves little worse, together would leave much worse. What a few segments judge stays. What is
     not removed in time has little to speak for it.
     """
-    whole, steps = here, list[Step]()
+    whole = here
     while len(here.effects) > 1:
         removals = _removals(here, whole, search.held)
         step = search.in_its_time(partial(next, removals, None), None)
         if step is None or step.chosen is None or step.replaced is None:
             break
         search.report(f"going on without {describe(step.replaced)}")
-        steps.append(step)
+        search.steps.append(step)
         here = replace(here, fit=step.chosen.fit)
-    return here, steps
+    return here
 
 
 def _removals(here: Hypothesis, whole: Hypothesis, kept: Collection[Key]) -> Iterator[Step]:
@@ -151,12 +151,11 @@ def _compared(
 
 def exchange(
     here: Hypothesis[P], search: Search[P], rivals: RivalsOf[P] = rivals_of
-) -> tuple[Hypothesis[P], list[Step], list[Compared]]:
-    """Returns a hypothesis with what rivals say better, the steps, and every effect's best rival.
+) -> tuple[Hypothesis[P], list[Compared]]:
+    """Returns a hypothesis with what rivals say better, and every effect's best rival.
 
     What replaced another is not exchanged back, and what a few segments judge stays.
     """
-    steps: list[Step] = []
     told: list[Compared] = []
     gone: set[Key] = set()
     for key in [e.key for e in here.effects]:
@@ -177,8 +176,8 @@ def exchange(
                 chosen=pair.rival,
                 replaced=instance,
             )
-            steps.append(step)
+            search.steps.append(step)
             here = replace(here, fit=fit(here.problem, step.effects))
         else:
             told.append(pair)
-    return here, steps, told
+    return here, told
