@@ -305,5 +305,5 @@ def test_an_effect_whose_rivals_were_not_weighed_stays_and_less_speaks_for_it(ru
     after, compared = exchange(here, search, none_in_time)
     assert after is here
     assert search.steps == []
-    (evidence,) = support(here, compared, {}).values()
+    (evidence,) = support(here, search, compared).values()
     assert evidence.rival.errors == pytest.approx(UNWEIGHED * evidence.without.errors)

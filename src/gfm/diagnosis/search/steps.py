@@ -7,7 +7,7 @@ exchanged for what says more, and it is weighed what speaks for each.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -86,7 +86,7 @@ def end(here: Hypothesis[P], search: Search[P], rivals: RivalsOf[P] = rivals_of)
         fit=here.fit,
         room=here.room,
         steps=tuple(search.steps),
-        evidence=support(here, compared, search.held),
+        evidence=support(here, search, compared),
         out_of_time=search.out_of_time,
     )
 
@@ -113,14 +113,11 @@ def in_words(step: Step) -> str:
 
 
 def support(
-    here: Hypothesis, compared: Sequence[Compared], held: Mapping[Key, Difference]
+    here: Hypothesis[P], search: Search[P], compared: Sequence[Compared]
 ) -> dict[Key, Evidence]:
-    """Returns what speaks for each effect of a hypothesis.
+    """Returns what speaks for each effect of a hypothesis, also beside its best rival.
 
-    Args:
-        here: The hypothesis.
-        compared: Its effects beside their best rivals.
-        held: What spoke for those that a few segments judge, there: all others know nothing of it.
+    For those that a few segments judge, what spoke for them there: all others know nothing of it.
     """
     rivals = {one.instance.key: one for one in compared}
     left, parts = _left_by_joint(here), _apart(here)
@@ -130,7 +127,7 @@ def support(
         rival = -beside.rival.gain if beside.rival else None
         unweighed = Difference(UNWEIGHED * without.nats, without.error)
         told[instance.key] = Evidence(
-            without=held.get(instance.key, without),
+            without=search.held.get(instance.key, without),
             rival=rival if beside.weighed else unweighed,
             by=beside.rival.new[0] if beside.rival else None,
             left=_left_of(instance, here.problem.joints, left),
