@@ -20,7 +20,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis.evidence.torques import TorqueDomain
 from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.search.naming import Placed, describe, first_of_each, twins
-from gfm.diagnosis.search.trace import Move, SearchResult
+from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance, Key
 
 #: Share of the missing torque from which on a regression on it says anything: below, it is made of
@@ -109,7 +109,7 @@ def _fitted(found: SearchResult) -> list[_Candidate]:
         )
         for number, step in enumerate(found.steps)
         for one in step.ranked
-        if step.move is not Move.REMOVE and len(one.new) == 1
+        if len(one.new) == 1
     ]
     ranked = sorted(tried, key=lambda one: -(one.share or 0.0))
     return first_of_each(ranked, lambda one: one.instance.key)

@@ -45,15 +45,9 @@ def find(
     def rivals(instance: EffectInstance, rest: Here, _: Search[ObjectProblem]) -> list[Fit]:
         return others(rest, (*rest.effects, instance))
 
-    search = Search(report=report, after=_after)
+    search = Search[ObjectProblem](report=report)
     here = run(nominal_hypothesis(in_turn(problem, ())[0]), search, [one_more])
     return end(here, search, rivals)
-
-
-def _after(here: Here, step: Step) -> Here:
-    """Returns the hypothesis after a step, segments begun as fits it best."""
-    problem, found = in_turn(here.problem, step.effects)
-    return replace(here, problem=problem, fit=found)
 
 
 def friction_cost(problem: ObjectProblem) -> float:

@@ -140,14 +140,17 @@ def _unbounded(problem: Problem, fitted: Fit) -> float:
 
 
 def in_turn(problem: P, effects: Sequence[EffectInstance]) -> tuple[P, Fit]:
-    """Returns initial states and amounts, each looked for anew where the other was found."""
+    """Returns initial states and amounts, each looked for anew where the other was found.
+
+    Where nothing of a problem is free, amounts alone.
+    """
     before = np.inf
     for _ in range(IN_TURN):
-        problem = problem.settled(effects).robust(effects)
+        begun, problem = problem, problem.settled(effects).robust(effects)
         found = fit(problem, effects)
         effects = found.effects
         left = room(problem.blocks, predictive(problem.blocks, found))
-        if found.cost > TURN_LEAVES * before or not left.clear:
+        if problem is begun or found.cost > TURN_LEAVES * before or not left.clear:
             break
         before = found.cost
     return problem, found

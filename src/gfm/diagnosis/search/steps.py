@@ -56,7 +56,8 @@ def _steps(
             break
         left, here = here.fit.cost, search.after(here, best)
         search.steps.append(best)
-        search.report(f"{in_words(best)}: misfit {left:.3g} -> {here.fit.cost:.3g}")
+        new = ", ".join(map(describe, best.chosen.new))
+        search.report(f"{best.move}: {new}: misfit {left:.3g} -> {here.fit.cost:.3g}")
         here = remove(here, search)
         yield here
     search.ended_early |= here.is_open and not search.goes_on()
@@ -104,12 +105,6 @@ def _reduced(
 def _comes_before(one: Step, other: Step) -> bool:
     """Returns whether a step predicts better, or as well, and has weighed more of the same move."""
     return one.gain > other.gain or (one.gain == other.gain and one.move is other.move)
-
-
-def in_words(step: Step) -> str:
-    """Returns what a step brought."""
-    new = () if step.chosen is None else step.chosen.new
-    return f"{step.move}: {', '.join(map(describe, new)) or 'nothing'}"
 
 
 def support(

@@ -6,11 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Generic, TypeAlias, TypeVar
 
-from gfm.diagnosis.inference.fitting import fit
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.clock import Clock, OutOfTimeError
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import Hypothesis, P
+from gfm.diagnosis.search.hypothesis import Hypothesis, P, in_turn
 from gfm.diagnosis.search.trace import Step
 from gfm.effects import Key
 
@@ -18,8 +17,9 @@ T = TypeVar("T")
 
 
 def refitted(here: Hypothesis[P], step: Step) -> Hypothesis[P]:
-    """Returns the hypothesis after a step, fitted to the same residual."""
-    return replace(here, fit=fit(here.problem, step.effects))
+    """Returns the hypothesis after a step, begun as it fits best."""
+    problem, found = in_turn(here.problem, step.effects)
+    return replace(here, problem=problem, fit=found)
 
 
 @dataclass(kw_only=True)
