@@ -69,19 +69,28 @@ class Intermittent:
         part = with_state_basis(everything.subset(far), before.effects)
         alone = _alone(part, before.effects)
         tier = open_to(before, self.candidates, before.open_joints)
-        tried = [
-            _tried(alone, before.effects, instance, search.report)
-            for instance in _likely(screen(alone, tier, SCREENING_S))
-        ]
-        return _step(before, part, alone.fit.cost, tried) if tried else None
+        own, others = _likely(screen(alone, tier, SCREENING_S))
+        if not own:
+            return None
+        tried = [_tried(alone, before.effects, one, search.report) for one in own]
+        best_own = max(tried, key=lambda one: one.gain.nats)
+        acting = _changed(before, part, best_own.new[0])
+        if best_own.gain.clear and len(acting.segments) >= LEAST_SEGMENTS:
+            # What stays far off elsewhere, for other reasons, says nothing for or against it.
+            part, alone = acting, _alone(acting, before.effects)
+            tried = [_tried(alone, before.effects, best_own.new[0], search.report)]
+        tried += [_tried(alone, before.effects, one, search.report) for one in others]
+        return _step(before, part, alone.fit.cost, tried)
 
 
-def _likely(screened: Sequence[Screened]) -> list[EffectInstance]:
-    """Returns what is worth a fit; nothing where none of it acts now and then only."""
+def _likely(
+    screened: Sequence[Screened],
+) -> tuple[list[EffectInstance], list[EffectInstance]]:
+    """Returns what is worth a fit: what acts now and then only, and what acts always."""
     likely = [one.instance for one in screened if one.gain.nats > 0.0]
-    own = [one for one in likely if one.effect.intermittent][:VALLEYS]
+    own = [one for one in likely if one.effect.intermittent]
     always = [one for one in likely if not one.effect.intermittent]
-    return [*own, *first_of_each(always, lambda e: e.key)[:OTHERS]] if own else []
+    return own[:VALLEYS], first_of_each(always, lambda e: e.key)[:OTHERS]
 
 
 def _step(before: Hypothesis[Problem], part: Problem, left: float, tried: Sequence[Tried]) -> Step:
@@ -89,7 +98,7 @@ def _step(before: Hypothesis[Problem], part: Problem, left: float, tried: Sequen
 
     Args:
         before: What was found so far.
-        part: The segments that stay far off.
+        part: Segments that stay far off.
         left: What they leave before.
         tried: What may explain them.
     """
