@@ -23,11 +23,11 @@ from gfm.diagnosis.data.segmentation import (
 )
 from gfm.diagnosis.evidence import plots
 from gfm.diagnosis.evidence.links import evidence_chain
-from gfm.diagnosis.found import Found, find_in
+from gfm.diagnosis.found import Found, find_by_itself, with_felt
 from gfm.diagnosis.learned import learned_report
 from gfm.diagnosis.objects.examine import ObjectPart, examine_object, with_cone
 from gfm.diagnosis.output.changes import Changes
-from gfm.diagnosis.output.claims import suspects_of, verdict_on, verdict_on_both
+from gfm.diagnosis.output.claims import credible, suspects_of, verdict_on, verdict_on_both
 from gfm.diagnosis.output.correction import corrected_model
 from gfm.diagnosis.output.errors import RolloutErrors, rollout_errors
 from gfm.diagnosis.output.result import Diagnosis, EvidencePlot, ModelPair, NamedEffect, Verdict
@@ -79,17 +79,23 @@ def diagnose(
         BadInputError: recordings, models and forces do not belong together.
     """
     driven, (recordings, holdout, *since) = _made_ready(specs, [recordings, holdout, *since])
-    thing = examine_object(driven[recordings[0].command_kind], recordings, holdout, report)
-    beside = _with_object(driven, thing)
-    look_in = partial(find_in, specs=beside, given=given, report=report, time_left=time_left)
+    look_in = partial(find_by_itself, specs=driven, given=given, report=report, time_left=time_left)
     found = look_in(recordings)
+    # Where the tool is follows from the joints: an encoder's offset would be told as the object's.
+    lacks = [] if found.result is None else credible(found.result)
+    spec = native_spec(driven[recordings[0].command_kind], lacks)
+    thing = examine_object(spec, recordings, holdout, report)
+    beside = _with_object(driven, thing)
+    found = with_felt(found, beside, report, time_left)
     named = found.named(keep_suspects=keep_suspects)
     report("measuring the corrected model on held-out recordings")
     robot = _judged(specs, beside, found, holdout, named, thing)
     robot = replace(
         robot,
         gfm=learned_report(found.long, recordings, learned) if learned else None,
-        changes=_changes(found, since, look_in, report),
+        changes=_changes(
+            found, since, lambda s: with_felt(look_in(s), beside, report, time_left), report
+        ),
         notes=(*notes, *robot.notes),
         provenance=dict(provenance or {}),
     )

@@ -62,14 +62,14 @@ def _named(result: SearchResult, *, keep_suspects: bool) -> tuple[NamedEffect, .
     return named_effects(result, result.fit.effects)
 
 
-def find_in(
+def find_by_itself(
     recordings: Sequence[Trajectory],
     specs: Mapping[CommandKind, mujoco.MjSpec],
     given: Sequence[EffectInstance],
     report: Callable[[str], None],
     time_left: Callable[[], float],
 ) -> Found:
-    """Returns which effects the model `specs` lacks, beside which `given` stands.
+    """Returns what the model `specs`, beside which `given` stands, lacks of the robot by itself.
 
     Args:
         recordings: What effects are looked for in and fitted to.
@@ -88,14 +88,34 @@ def find_in(
     if lack:
         return Found(recordings=recordings, short=short, long=long, lack=lack)
     everything = all_segments(specs, recordings, short.noise, given=given)
-    results = [search(short, long, everything, recordings, report, time_left)]
-    long, beside = results[0].problem, (*given, *credible(results[0]))
-    pushing = all_segments(specs, recordings, short.noise, given=beside, touching=True)
-    if pushing.pushing:
-        report("looking at what the robot feels of the object")
-        felt = prepared(pushing, SEARCHED_S)
-        results.append(search_object(felt, recordings, report, time_left))
-    return Found(recordings=recordings, short=short, long=long, results=tuple(results))
+    result = search(short, long, everything, recordings, report, time_left)
+    return Found(recordings=recordings, short=short, long=result.problem, results=(result,))
+
+
+def with_felt(
+    found: Found,
+    specs: Mapping[CommandKind, mujoco.MjSpec],
+    report: Callable[[str], None],
+    time_left: Callable[[], float],
+) -> Found:
+    """Returns what was found, and what the robot feels of an object where it pushes one.
+
+    Args:
+        found: Of the robot by itself.
+        specs: The model, with what it lacks of the object by the recorded poses.
+        report: Told what is happening, in words.
+        time_left: The share of the time for searching that is left.
+    """
+    if found.result is None:
+        return found
+    recordings, noise = found.recordings, found.short.noise
+    beside = (*found.short.given, *credible(found.result))
+    pushing = all_segments(specs, recordings, noise, given=beside, touching=True)
+    if not pushing.pushing:
+        return found
+    report("looking at what the robot feels of the object")
+    felt = search_object(prepared(pushing, SEARCHED_S), recordings, report, time_left)
+    return replace(found, results=(found.result, felt))
 
 
 def _lacking(recordings: Sequence[Trajectory]) -> str:
