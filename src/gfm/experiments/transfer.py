@@ -20,20 +20,29 @@ from rich.text import Text
 from gfm.core import Clock, CommandKind, ConfigError
 from gfm.diagnosis.output.correction import model_pair
 from gfm.effects import EffectInstance
+from gfm.envs.matching_task import TASKS
 from gfm.envs.registry import as_trained, nominal_cell
 from gfm.experiments.adapt import AdaptRequest, adapt_policy
 from gfm.experiments.attempt_files import Kept
 from gfm.experiments.diagnose_command import DiagnoseRequest, diagnose_files
 from gfm.experiments.drive_policy import DriveRequest, drive_policy
-from gfm.experiments.evaluate import policy_path
+from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_path
 from gfm.experiments.folders import check_folder
 from gfm.experiments.inputs import command_line, load_nominal, provenance
 from gfm.experiments.policy_flags import ADAPTED, CORRECTED, PLACED, RANDOMISED
 from gfm.experiments.train import TrainRequest, train
+from gfm.experiments.transfer_films import film, pair_to_show
 from gfm.policies import TRAINING_ON, shipped_policy
 from gfm.report.evaluation import Evaluation
 from gfm.report.files import model_texts, write_texts
-from gfm.report.transfer import Transfer, Treatment, print_transfer, transfer_texts
+from gfm.report.transfer import (
+    TITLES,
+    Films,
+    Transfer,
+    Treatment,
+    print_transfer,
+    transfer_texts,
+)
 
 BEFORE = "before"
 #: Recordings that the diagnosis learns from, as many as in the paper, and that judge it.
@@ -94,7 +103,7 @@ def transfer(
     campaign = _Campaign(request, console, clock, stopped)
     before = campaign.drive(BEFORE, request.start)
     diagnosis = campaign.diagnose()
-    treatments = []
+    treatments, films = [], Films()
     for name in request.treatments:
         if name in _NEED_NAMES and not diagnosis["effects"]:
             console.print(f"nothing was named: there is no corrected model ({name})")
@@ -102,10 +111,12 @@ def transfer(
         policy = campaign.treat(name)
         after = campaign.drive(f"after_{name}", policy, corrected=name in _NEED_NAMES)
         treatments.append(Treatment(name=name, evaluation=after))
+        films = films or campaign.films(name)
     report = Transfer(
         before=before,
         treatments=tuple(treatments),
         diagnosis=diagnosis,
+        films=films,
         provenance=provenance({"policy": (request.start,)}, request.drive.seed, command_line()),
     )
     write_texts(request.out, transfer_texts(report))
@@ -170,6 +181,21 @@ class _Campaign:
             else:
                 self._train(name, policy)
         return policy
+
+    def films(self, name: str) -> Films:
+        """Returns films of one target before and after a treatment, beside the report."""
+        folders = {"as it came": BEFORE, TITLES[name]: f"after_{name}"}
+        made = [Kept(self.request.out / folder, {}).attempts for folder in folders.values()]
+        task = self.request.drive.task
+        model = self._corrected() if name in _NEED_NAMES else None
+        arm = load_arm(EvaluationRequest(task=task, model=model))
+        shown = pair_to_show(*made)
+        files = {title: f"{folder}.mp4" for title, folder in folders.items()}
+        for file, attempt in zip(files.values(), shown, strict=True):
+            path = self.request.out / file
+            if not path.exists() and (why := film(path, TASKS[task], arm, attempt)):
+                return Films(missing=why)
+        return Films(goal=shown[0].goal, files=files)
 
     def _adapt(self, policy: Path) -> None:
         self._say("adapted: the policy learns to do on the corrected model what it did")

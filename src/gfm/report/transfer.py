@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rich.console import Console
@@ -16,7 +16,8 @@ from gfm.report.figures import Picture
 from gfm.report.page import render_page
 
 SCHEMA = "gfm.transfer/1"
-_TITLES = {
+#: What was done to a policy, in words.
+TITLES = {
     "placed": "unchanged, the tool placed by the corrected model",
     "adapted": "adapted to the corrected model",
     "corrected": "trained again on the corrected model",
@@ -40,7 +41,26 @@ class Treatment:
     @property
     def title(self) -> str:
         """What was done, in words."""
-        return _TITLES[self.name]
+        return TITLES[self.name]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Films:
+    """Films of one target before and after.
+
+    Attributes:
+        goal: Its number.
+        files: Beside the report, by what was done to the policy, in words.
+        missing: Why there are none; empty where there are.
+    """
+
+    goal: int = 0
+    files: Mapping[str, str] = field(default_factory=dict)
+    missing: str = ""
+
+    def __bool__(self) -> bool:
+        """Says whether it is known what there is."""
+        return bool(self.files or self.missing)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,12 +71,14 @@ class Transfer:
         before: The policy that began, on the robot.
         treatments: The same after what was done to it.
         diagnosis: Of the recordings of before, as its report.json has it.
+        films: Of one target before and after.
         provenance: Files, versions, seed and command.
     """
 
     before: Evaluation
     treatments: tuple[Treatment, ...]
     diagnosis: Mapping[str, Any]
+    films: Films
     provenance: Mapping[str, object]
 
     @property
