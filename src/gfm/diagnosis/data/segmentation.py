@@ -114,14 +114,16 @@ def all_segments(
         kind: accurately_simulated(with_still_joints(spec, still[kind]))
         for kind, spec in specs.items()
     }
-    noise, segments = noise or measure_noise(recordings), list[Segment]()
+    noise, segments, in_the_air = noise or measure_noise(recordings), list[Segment](), False
     for kind, spec in accurate.items():
         own = {i: one for i, one in enumerate(recordings) if one.command_kind is kind}
-        rows, in_air = _rows(
+        rows, contact_free = _rows(
             Touch(spec, joints), own, windows_s[kind], SHORT[kind], touching=touching
         )
-        if in_air:
+        if contact_free:
             spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        kept = sum(end - start for i in own for start, end in rows[i])
+        in_the_air |= contact_free and kept < sum(len(run.time_s) for run in own.values())
         segments += [one for i, run in own.items() for one in cut(run, i, noise, rows[i])]
     return Problem(
         specs=accurate,
@@ -130,6 +132,7 @@ def all_segments(
         noise=noise,
         given=tuple(given),
         still={name: at for one in still.values() for name, at in one.items()},
+        in_the_air=in_the_air,
     )
 
 

@@ -76,6 +76,7 @@ class Rollouts(SegmentedProblem):
             fast.
         still: Joints that the models drive and nobody recorded, and where they are taken to stand
             still, rad or m.
+        in_the_air: Whether segments in which the robot touches something are left out.
         rough: Whether they are simulated faster and less exactly.
         clock: Breaks off what takes too long.
     """
@@ -86,6 +87,7 @@ class Rollouts(SegmentedProblem):
     after_command: bool = False
     stepping: Mapping[CommandKind, Stepping] = field(default_factory=dict)
     still: Mapping[str, float] = field(default_factory=dict)
+    in_the_air: bool = False
     rough: bool = False
     clock: Clock = field(default_factory=Clock)
 

@@ -96,7 +96,9 @@ def _begun(
     """Returns the nominal model, and a search for every effect at every place that may show."""
     report("looking at torques")
     scales = joint_scales(problem, torque_views(problem, recordings))
-    library = (effect for effect in effect_library().values() if effect.twin is None)
+    library = [effect for effect in effect_library().values() if effect.twin is None]
+    if problem.in_the_air:  # what the robot runs onto is left out
+        library = [effect for effect in library if not effect.intermittent]
     pushing = problem.pushing
     under_way = Search(
         candidates=[
