@@ -19,7 +19,7 @@ from gfm.core import (
     RefusedError,
 )
 from gfm.recording import read_recording
-from gfm.transport import MemoryHub, MemoryTransport
+from gfm.transport import MemoryHub, MemoryTransport, PendingReply
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.limits import Limiter, Limits, Reason
 from gfm_robot_bridge.mirror import MirrorRobot
@@ -71,13 +71,25 @@ class Rig:
             kind=CommandKind(kind),
             joint_names=names,
             values=np.array(values),
-            stamp_ns=0,
+            stamp_ns=self.clock.utc_ns(),
             number=self.number if number is None else number,
         )
         self.number = sent.number + 1
         answer = self.ask("robot/command", sent)
         assert isinstance(answer, Observation)
         return answer
+
+    def send(self, speed: float, *, age_s: float = 0.0) -> PendingReply:
+        """Sends a velocity command without waiting for its answer."""
+        sent = Command(
+            kind=CommandKind.VELOCITY,
+            joint_names=JOINTS,
+            values=np.full(2, speed),
+            stamp_ns=self.clock.utc_ns() - round(age_s * 1e9),
+            number=self.number,
+        )
+        self.number += 1
+        return self.asker.request("robot/command", sent, timeout_s=5.0)
 
     def counter(self, name: str) -> int:
         return self.bridge.status().counters[name]
@@ -229,6 +241,40 @@ def test_stale_commands_are_refused(rig: Rig) -> None:
     rig.command("velocity", [0.2, 0.0])
     with pytest.raises(RefusedError, match="command 1 came after 1: stale"):
         rig.command("velocity", [0.1, 0.0], number=1)
+
+
+@pytest.mark.parametrize("clock", ["lockstep", "wall"])
+def test_of_many_that_wait_the_newest_command_acts_at_once(tmp_path: Path, clock: str) -> None:
+    rig = Rig(tmp_path, clock=clock)
+    rig.command("velocity", [0.1, 0.1])
+    waiting = [rig.send(0.1) for _ in range(200)]
+    stop = rig.send(0.0)
+    rig.pass_time(PERIOD_S)
+    assert rig.robot.told[-1].values.tolist() == [0.0, 0.0]
+    assert rig.counter("superseded_commands") == 200
+    with pytest.raises(RefusedError, match="command 1: a newer one came, 2"):
+        waiting[0].poll()
+    rig.pass_time(PERIOD_S)
+    assert isinstance(stop.poll(), Observation)
+
+
+@pytest.mark.parametrize(
+    ("age_s", "words"),
+    [
+        (0.21, "command 1 is 230 ms old, expected at most 200 ms"),
+        (-0.5, "command 1 is 480 ms in the future, expected at most 200 ms"),
+    ],
+)
+def test_commands_of_another_time_are_refused_and_counted(
+    wall: Rig, age_s: float, words: str
+) -> None:
+    wall.command("velocity", [0.1, 0.1])
+    late = wall.send(0.2, age_s=age_s)
+    wall.pass_time(PERIOD_S)
+    with pytest.raises(RefusedError, match=words):
+        late.poll()
+    assert wall.counter("stale_commands") == 1
+    assert len(wall.robot.told) == 1
 
 
 # Recordings

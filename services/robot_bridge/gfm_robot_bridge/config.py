@@ -19,6 +19,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
         recordings: Folder for recordings.
         position_margin_rad: How far from the ends of the joint ranges commands stay.
         velocity_share: Share of the robot's velocity limits that is allowed.
+        command_age_s: A command stamped longer ago is refused (wall clock only). 0.2 s is how long
+            the robot itself waits: what is older was made for another state of the arm.
         watchdog_periods: Silence after which the robot is made to hold (wall clock only).
     """
 
@@ -28,6 +30,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
     recordings: str = "recordings"
     position_margin_rad: float = 0.05
     velocity_share: float = 0.5
+    command_age_s: float = 0.2
     watchdog_periods: int = 2
 
     def __post_init__(self) -> None:
@@ -36,6 +39,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             "control_hz": (1.0, 200.0),
             "position_margin_rad": (0.0, 0.5),
             "velocity_share": (0.01, 1.0),
+            "command_age_s": (0.01, 10.0),
             "watchdog_periods": (2, 100),
         }
         for name, (least, most) in ranges.items():

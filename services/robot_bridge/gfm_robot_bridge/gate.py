@@ -18,10 +18,12 @@ class CommandGate:
 
     Args:
         joint_names: That every command must name, in any order.
+        oldest_ns: Age beyond which a command is refused; None takes any.
     """
 
-    def __init__(self, joint_names: tuple[str, ...]) -> None:
+    def __init__(self, joint_names: tuple[str, ...], oldest_ns: int | None = None) -> None:
         self._joint_names = joint_names
+        self._oldest_ns = oldest_ns
         self._last_number: int | None = None
         self._heard_ns = 0
         self._fault = ""
@@ -47,6 +49,19 @@ class CommandGate:
         if command.number <= self._last_number:
             return f"command {command.number} came after {self._last_number}: stale"
         return ""
+
+    def stale(self, command: Command, utc_ns: int) -> str:
+        """Returns in words how a command is too old, or from the future; empty where it is not.
+
+        Args:
+            command: Stamped by its driver.
+            utc_ns: The date here.
+        """
+        age_ns = utc_ns - command.stamp_ns
+        if self._oldest_ns is None or abs(age_ns) <= self._oldest_ns:
+            return ""
+        when = f"{abs(age_ns) * 1e-6:.0f} ms {'old' if age_ns > 0 else 'in the future'}"
+        return f"command {command.number} is {when}, expected at most {self._oldest_ns * 1e-6:g} ms"
 
     def accept(self, command: Command, now_ns: int) -> bool:
         """Takes note of a command; returns whether it begins a session."""

@@ -69,7 +69,8 @@ class BridgeService(Service):
             margin_rad=config.position_margin_rad,
             velocity_share=config.velocity_share,
         )
-        self._gate = CommandGate(robot.joint_names)
+        oldest_ns = round(config.command_age_s * 1e9) if config.clock == "wall" else None
+        self._gate = CommandGate(robot.joint_names, oldest_ns)
         self._recorder = Recorder(Path(config.recordings), _about(config))
         self._commands = transport.serve(COMMAND)
         self._records = transport.serve(RECORD)
@@ -92,10 +93,10 @@ class BridgeService(Service):
             return True
         if self._newest is None or self._config.clock == "wall":
             return self._tick_on_time()
-        request = self._commands.receive()
-        if request is not None:
-            self._take_command(request, self._newest)
-        return request is not None
+        newest = self._newest_command()
+        if newest is not None:
+            self._take_command(*newest, self._newest)
+        return newest is not None
 
     @override
     def status(self) -> Status:
@@ -124,8 +125,8 @@ class BridgeService(Service):
         self._deadline_ns += self._config.period_ns
         if self._newest is None:
             self._begin(_Exchange())
-        elif (request := self._commands.receive()) is not None:
-            self._take_command(request, self._newest)
+        elif (newest := self._newest_command()) is not None:
+            self._take_command(*newest, self._newest)
         else:
             self._watch(now_ns, self._newest)
         return True
@@ -144,17 +145,32 @@ class BridgeService(Service):
         hold = self._hold(newest)
         self._apply(None, hold, hold.values, Reason.WATCHDOG)
 
-    def _take_command(self, request: Request, newest: Observation) -> None:
-        command = request.message
-        if not isinstance(command, Command):
-            self._refuse(request, f"got {type(command).__name__}, expected Command")
-            return
-        problem = self._gate.refusal(command)
-        if problem:
-            self._refuse(request, problem)
-            return
-        if self._gate.accept(command, self._clock.now_ns()):
-            self._limiter.forget()
+    def _newest_command(self) -> tuple[Request, Command] | None:
+        """Empties the queue; returns the newest command that is listened to, refuses the rest."""
+        found: tuple[Request, Command] | None = None
+        while (request := self._commands.receive()) is not None:
+            command = request.message
+            if not isinstance(command, Command):
+                self._refuse(request, f"got {type(command).__name__}, expected Command")
+            elif problem := self._problem(command):
+                self._refuse(request, problem)
+            else:
+                if found is not None:
+                    self._counters["superseded_commands"] += 1
+                    found[0].refuse(
+                        f"command {found[1].number}: a newer one came, {command.number}"
+                    )
+                if self._gate.accept(command, self._clock.now_ns()):
+                    self._limiter.forget()
+                found = request, command
+        return found
+
+    def _problem(self, command: Command) -> str:
+        stale = self._gate.stale(command, self._clock.utc_ns())
+        self._counters["stale_commands"] += bool(stale)
+        return stale or self._gate.refusal(command)
+
+    def _take_command(self, request: Request, command: Command, newest: Observation) -> None:
         order = [command.joint_names.index(name) for name in self._robot.joint_names]
         requested = replace(
             command, joint_names=self._robot.joint_names, values=command.values[order]
@@ -269,6 +285,8 @@ class BridgeService(Service):
 _COUNTERS = (
     "ticks",
     "clipped_commands",
+    "stale_commands",
+    "superseded_commands",
     "overruns",
     "watchdog_trips",
     "robot_failures",
