@@ -160,6 +160,11 @@ class ByHand:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ReleaseRobot:
+    """Tells the robot bridge that its driver lets go: somebody else may drive from now on."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class RobotExchange:
     """Tells the simulated robot what to do, and for how long.
 

@@ -18,6 +18,7 @@ from gfm_wire.control import (
     RecordStart,
     RecordStop,
     Refusal,
+    ReleaseRobot,
     RobotExchange,
     RobotStates,
     RunEnvironment,
@@ -42,6 +43,7 @@ Message = (
     | RecordStart
     | RecordStop
     | Refusal
+    | ReleaseRobot
     | RobotExchange
     | RobotStates
     | RunEnvironment
@@ -158,6 +160,7 @@ CONTROL = (
     Schema(RecordDone, 1, {"path": TEXT, "ticks": COUNT}),
     Schema(PlaceObject, 1, {"pose": POSE}),
     Schema(ByHand, 1, {}),
+    Schema(ReleaseRobot, 1, {}),
     Schema(
         RobotExchange,
         2,

@@ -24,7 +24,16 @@ from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.limits import Limiter, Limits, Reason
 from gfm_robot_bridge.mirror import MirrorRobot
 from gfm_robot_bridge.service import BridgeService
-from gfm_wire import Ack, ByHand, Message, PlaceObject, RecordDone, RecordStart, RecordStop
+from gfm_wire import (
+    Ack,
+    ByHand,
+    Message,
+    PlaceObject,
+    RecordDone,
+    RecordStart,
+    RecordStop,
+    ReleaseRobot,
+)
 
 JOINTS = ("a", "b")
 LIMITS = Limits(
@@ -41,16 +50,19 @@ class Rig:
     """A bridge, a mirror robot and somebody who asks, in one thread."""
 
     def __init__(self, folder: Path, **settings: Any) -> None:
-        hub = MemoryHub()
+        self.hub = MemoryHub()
         self.clock = ManualClock()
         self.robot = MirrorRobot(JOINTS, LIMITS)
         config = BridgeConfig(name="bridge", recordings=str(folder), **settings)
-        transport = MemoryTransport(hub, clock=self.clock)
+        transport = MemoryTransport(self.hub, clock=self.clock)
         self.bridge = BridgeService(config, self.robot, transport, self.clock)
-        self.asker = MemoryTransport(hub, clock=self.clock)
+        self.asker = self.connect("first")
         self.observations = self.asker.subscribe("robot/observation", keep=1000)
         self.number = 0
         self.pass_time(PERIOD_S)
+
+    def connect(self, name: str) -> MemoryTransport:
+        return MemoryTransport(self.hub, name=name, clock=self.clock)
 
     def pass_time(self, seconds: float) -> None:
         for _ in range(round(seconds / 1e-3)):
@@ -275,6 +287,66 @@ def test_commands_of_another_time_are_refused_and_counted(
         late.poll()
     assert wall.counter("stale_commands") == 1
     assert len(wall.robot.told) == 1
+
+
+# One driver
+
+
+def test_a_stranger_does_not_take_the_robot(rig: Rig) -> None:
+    rig.command("velocity", [0.1, 0.1])
+    rig.asker = rig.connect("second")
+    for number in (0, 5):
+        with pytest.raises(RefusedError, match=r"the robot is held by first, heard 0\.0 s ago"):
+            rig.command("velocity", [0.3, 0.3], number=number)
+    with pytest.raises(RefusedError, match="held by first"):
+        rig.ask("robot/object", PlaceObject(pose=np.array([0.6, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0])))
+    with pytest.raises(RefusedError, match="held by first"):
+        rig.ask("robot/release", ReleaseRobot())
+    assert len(rig.robot.told) == 1
+
+
+def test_a_stranger_of_the_same_name_is_a_stranger(rig: Rig) -> None:
+    rig.command("velocity", [0.1, 0.1])
+    rig.asker = rig.connect("first")
+    with pytest.raises(RefusedError, match="the robot is held by first"):
+        rig.command("velocity", [0.3, 0.3], number=0)
+
+
+def test_a_newer_command_of_a_stranger_does_not_hide_the_drivers(rig: Rig) -> None:
+    rig.command("velocity", [0.1, 0.1])
+    stop = rig.send(0.0)
+    rig.asker, rig.number = rig.connect("second"), 0
+    stranger = rig.send(0.3)
+    rig.pass_time(PERIOD_S)
+    assert isinstance(stop.poll(), Observation)
+    with pytest.raises(RefusedError, match="held by first"):
+        stranger.poll()
+
+
+def test_a_released_robot_may_be_taken_and_its_session_is_over(rig: Rig) -> None:
+    rig.command("velocity", [0.1, 0.1])
+    assert rig.ask("robot/release", ReleaseRobot()) == Ack()
+    with pytest.raises(RefusedError, match="command has number 1, expected 0"):
+        rig.command("velocity", [0.1, 0.1])
+    rig.asker = rig.connect("second")
+    rig.command("velocity", [0.1, 0.1], number=0)
+
+
+def test_a_robot_may_be_taken_from_a_driver_that_is_gone(rig: Rig) -> None:
+    rig.command("velocity", [0.1, 0.1])
+    rig.asker = rig.connect("second")
+    rig.pass_time(4.9)
+    with pytest.raises(
+        RefusedError, match=r"heard 4\.9 s ago; expected that it lets go, or 5 s wit"
+    ):
+        rig.command("velocity", [0.1, 0.1], number=0)
+    rig.pass_time(0.2)
+    with pytest.raises(RefusedError, match="command has number 7, expected 0 to begin a session"):
+        rig.command("velocity", [0.1, 0.1], number=7)
+    rig.command("velocity", [0.1, 0.1], number=0)
+    rig.asker = rig.connect("first")
+    with pytest.raises(RefusedError, match="held by second"):
+        rig.command("velocity", [0.1, 0.1], number=1)
 
 
 # Recordings

@@ -334,6 +334,23 @@ def test_what_cannot_be_done_is_refused(message: RobotExchange, words: str) -> N
         answer(SimulatedConfig(name="robot"), ManualClock(), message)
 
 
+def test_the_robot_answers_one_bridge() -> None:
+    hub, clock = MemoryHub(), ManualClock()
+    robot = build(SimulatedConfig(name="robot"), MemoryTransport(hub, clock=clock), clock)
+    bridge, past_it = (MemoryTransport(hub, name=name, clock=clock) for name in ("bridge", "me"))
+
+    def asked(transport: MemoryTransport) -> Message | None:
+        pending = transport.request("sawyer/exchange", exchange(20), timeout_s=1.0)
+        robot.step()
+        return pending.poll()
+
+    assert isinstance(asked(bridge), RobotStates)
+    with pytest.raises(RefusedError, match=r"this robot is held by bridge, heard 0\.0 s ago"):
+        asked(past_it)
+    clock.advance_s(5.1)
+    assert isinstance(asked(past_it), RobotStates)
+
+
 def test_the_process_seals_before_it_answers(tmp_path: Path) -> None:
     path = tmp_path / "sealed.json"
     config = SimulatedConfig(

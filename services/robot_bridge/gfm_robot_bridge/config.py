@@ -21,6 +21,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
         velocity_share: Share of the robot's velocity limits that is allowed.
         command_age_s: A command stamped longer ago is refused (wall clock only). 0.2 s is how long
             the robot itself waits: what is older was made for another state of the arm.
+        lease_s: Silence after which another driver may take the robot: longer than a driver needs
+            between two motions, short enough for a person to wait for.
         watchdog_periods: Silence after which the robot is made to hold (wall clock only).
     """
 
@@ -31,6 +33,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
     position_margin_rad: float = 0.05
     velocity_share: float = 0.5
     command_age_s: float = 0.2
+    lease_s: float = 5.0
     watchdog_periods: int = 2
 
     def __post_init__(self) -> None:
@@ -40,6 +43,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             "position_margin_rad": (0.0, 0.5),
             "velocity_share": (0.01, 1.0),
             "command_age_s": (0.01, 10.0),
+            "lease_s": (0.5, 60.0),
             "watchdog_periods": (2, 100),
         }
         for name, (least, most) in ranges.items():

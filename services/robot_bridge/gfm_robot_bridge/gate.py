@@ -1,4 +1,4 @@
-"""Which commands are listened to: those of one session, complete, finite and in order."""
+"""Which commands are listened to: those of one driver, in one session, complete and in order."""
 
 from __future__ import annotations
 
@@ -7,21 +7,27 @@ from typing import final
 import numpy as np
 
 from gfm.core import Command
+from gfm_robot_bridge.lease import Lease
+from gfm_wire import Stamp
 
 
 @final
 class CommandGate:
     """Knows the session of whoever commands.
 
-    A command with number 0 begins a session. After a fault only that ends it: a driver that was
-    away learns that the robot stopped, before it moves again.
+    A command with number 0 begins a session, where nobody else holds the robot. After a fault only
+    that ends it: a driver that was away learns that the robot stopped, before it moves again.
 
     Args:
         joint_names: That every command must name, in any order.
+        lease: Who may drive.
         oldest_ns: Age beyond which a command is refused; None takes any.
     """
 
-    def __init__(self, joint_names: tuple[str, ...], oldest_ns: int | None = None) -> None:
+    def __init__(
+        self, joint_names: tuple[str, ...], lease: Lease, oldest_ns: int | None = None
+    ) -> None:
+        self.lease = lease
         self._joint_names = joint_names
         self._oldest_ns = oldest_ns
         self._last_number: int | None = None
@@ -33,21 +39,24 @@ class CommandGate:
         """Whether somebody commands the robot."""
         return self._last_number is not None and not self._fault
 
-    def refusal(self, command: Command) -> str:
+    def refusal(self, command: Command, sender: Stamp, now_ns: int) -> str:
         """Returns why a command is not listened to, in words; empty where it is."""
         if sorted(command.joint_names) != sorted(self._joint_names):
             names, expected = ", ".join(command.joint_names), ", ".join(self._joint_names)
             return f"command names joints {names}, expected {expected}"
         if not np.isfinite(command.values).all():
             return f"command holds {command.values.tolist()}, expected finite numbers"
-        if command.number == 0:
-            return ""
+        if problem := self.lease.refusal(sender, now_ns):
+            return problem
+        return "" if command.number == 0 else self._out_of_order(command.number, sender)
+
+    def _out_of_order(self, number: int, sender: Stamp) -> str:
         if self._fault:
             return f"{self._fault}; a command with number 0 begins again"
-        if self._last_number is None:
-            return f"command has number {command.number}, expected 0 to begin a session"
-        if command.number <= self._last_number:
-            return f"command {command.number} came after {self._last_number}: stale"
+        if self._last_number is None or not self.lease.is_held_by(sender):
+            return f"command has number {number}, expected 0 to begin a session"
+        if number <= self._last_number:
+            return f"command {number} came after {self._last_number}: stale"
         return ""
 
     def stale(self, command: Command, utc_ns: int) -> str:
@@ -63,8 +72,9 @@ class CommandGate:
         when = f"{abs(age_ns) * 1e-6:.0f} ms {'old' if age_ns > 0 else 'in the future'}"
         return f"command {command.number} is {when}, expected at most {self._oldest_ns * 1e-6:g} ms"
 
-    def accept(self, command: Command, now_ns: int) -> bool:
+    def accept(self, command: Command, sender: Stamp, now_ns: int) -> bool:
         """Takes note of a command; returns whether it begins a session."""
+        self.lease.take(sender, now_ns)
         self._fault = ""
         self._last_number = command.number
         self._heard_ns = now_ns
@@ -77,3 +87,8 @@ class CommandGate:
     def latch(self, fault: str) -> None:
         """Ends the session with a fault, in words."""
         self._fault = fault
+
+    def release(self) -> None:
+        """Ends the session, and with it the lease: whoever comes next may begin one."""
+        self.lease.release()
+        self._last_number = None

@@ -17,16 +17,18 @@ from gfm.service import Service, make_status
 from gfm.transport import Request, Transport
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.gate import CommandGate
+from gfm_robot_bridge.lease import Lease
 from gfm_robot_bridge.limits import Limiter, Reason
 from gfm_robot_bridge.recorder import Recorder
 from gfm_robot_bridge.robot import Robot
-from gfm_wire import Ack, ByHand, PlaceObject, RecordStart, RecordStop
+from gfm_wire import Ack, ByHand, PlaceObject, RecordStart, RecordStop, ReleaseRobot
 
 _log = logging.getLogger(__name__)
 
 COMMAND = "robot/command"
 RECORD = "robot/record"
 OBJECT = "robot/object"
+RELEASE = "robot/release"
 OBSERVATION = "robot/observation"
 _RETRY_NS = 1_000_000_000
 _QUATERNION_TOLERANCE = 1e-3
@@ -70,11 +72,13 @@ class BridgeService(Service):
             velocity_share=config.velocity_share,
         )
         oldest_ns = round(config.command_age_s * 1e9) if config.clock == "wall" else None
-        self._gate = CommandGate(robot.joint_names, oldest_ns)
+        lease = Lease("the robot", round(config.lease_s * 1e9))
+        self._gate = CommandGate(robot.joint_names, lease, oldest_ns)
         self._recorder = Recorder(Path(config.recordings), _about(config))
         self._commands = transport.serve(COMMAND)
         self._records = transport.serve(RECORD)
         self._places = transport.serve(OBJECT)
+        self._releases = transport.serve(RELEASE)
         self._counters: Counter[str] = Counter(dict.fromkeys(_COUNTERS, 0))
         self._newest: Observation | None = None
         self._exchange: _Exchange | None = None
@@ -90,6 +94,9 @@ class BridgeService(Service):
             return True
         if (request := self._places.receive()) is not None:
             self._answer_place(request)
+            return True
+        if (request := self._releases.receive()) is not None:
+            self._answer_release(request)
             return True
         if self._newest is None or self._config.clock == "wall":
             return self._tick_on_time()
@@ -152,7 +159,7 @@ class BridgeService(Service):
             command = request.message
             if not isinstance(command, Command):
                 self._refuse(request, f"got {type(command).__name__}, expected Command")
-            elif problem := self._problem(command):
+            elif problem := self._problem(request, command):
                 self._refuse(request, problem)
             else:
                 if found is not None:
@@ -160,15 +167,15 @@ class BridgeService(Service):
                     found[0].refuse(
                         f"command {found[1].number}: a newer one came, {command.number}"
                     )
-                if self._gate.accept(command, self._clock.now_ns()):
+                if self._gate.accept(command, request.stamp, self._clock.now_ns()):
                     self._limiter.forget()
                 found = request, command
         return found
 
-    def _problem(self, command: Command) -> str:
+    def _problem(self, request: Request, command: Command) -> str:
         stale = self._gate.stale(command, self._clock.utc_ns())
         self._counters["stale_commands"] += bool(stale)
-        return stale or self._gate.refusal(command)
+        return stale or self._gate.refusal(command, request.stamp, self._clock.now_ns())
 
     def _take_command(self, request: Request, command: Command, newest: Observation) -> None:
         order = [command.joint_names.index(name) for name in self._robot.joint_names]
@@ -257,11 +264,25 @@ class BridgeService(Service):
         if not isinstance(message, PlaceObject):
             self._refuse(request, f"got {type(message).__name__}, expected PlaceObject")
             return
+        if problem := self._gate.lease.refusal(request.stamp, self._clock.now_ns()):
+            self._refuse(request, problem)
+            return
         length = float(np.linalg.norm(message.pose[3:]))
         if abs(length - 1.0) > _QUATERNION_TOLERANCE:
             self._refuse(request, f"pose has a quaternion of length {length:.3g}, expected 1")
             return
         request.reply(Ack() if self._robot.place_object(message.pose) else ByHand())
+
+    def _answer_release(self, request: Request) -> None:
+        """Ends the holder's session."""
+        message = request.message
+        if not isinstance(message, ReleaseRobot):
+            self._refuse(request, f"got {type(message).__name__}, expected ReleaseRobot")
+        elif problem := self._gate.lease.refusal(request.stamp, self._clock.now_ns()):
+            self._refuse(request, problem)
+        else:
+            self._gate.release()
+            request.reply(Ack())
 
     def _refuse(self, request: Request, reason: str) -> None:
         self._counters["rejected_messages"] += 1

@@ -23,7 +23,16 @@ from gfm.core.checks import Array
 from gfm.excitation.motion import JointRanges, Motion, Purpose, minimum_jerk
 from gfm.sim.sawyer import JOINT_NAMES, READY
 from gfm.transport import Transport
-from gfm_wire import Ack, ByHand, Message, PlaceObject, RecordDone, RecordStart, RecordStop
+from gfm_wire import (
+    Ack,
+    ByHand,
+    Message,
+    PlaceObject,
+    RecordDone,
+    RecordStart,
+    RecordStop,
+    ReleaseRobot,
+)
 
 #: Velocity commands follow the reference with this gain on the position error, 1/s: enough to stay
 #: on it, too little to hide what the drives do.
@@ -101,6 +110,7 @@ def drive(
     for motion in motions:
         driver.approach(motion)
         yield driver.record(motion)
+    driver.release()
 
 
 @final
@@ -221,6 +231,14 @@ class Driver:
         if not isinstance(answer, Ack | ByHand):
             raise RefusedError(f"the bridge answered {type(answer).__name__}, not Ack or ByHand")
         return isinstance(answer, Ack)
+
+    def release(self) -> None:
+        """Lets go of the robot: somebody else may drive it.
+
+        Raises:
+            RefusedError: somebody else does already.
+        """
+        self._ask("robot/release", ReleaseRobot())
 
     @contextmanager
     def recording(self, name: str, about: Mapping[str, str]) -> Iterator[list[RecordDone]]:

@@ -6,13 +6,13 @@ import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 
-from gfm.core import BadInputError, Clock, ConfigError, MonotonicClock
+from gfm.core import BadInputError, Clock, ConfigError, GfmError, MonotonicClock
 from gfm.envs.arm import CONTROL_PERIOD_S
 from gfm.envs.matching import Matching
 from gfm.envs.matching_task import RADIAL_GOALS, TASKS
@@ -187,9 +187,14 @@ def _driven(request: DriveRequest, clock: Clock, drives: Callable[[Driver, Perso
         ):
             driver = Driver(transport, clock, idle)
             driver.begin(JOINT_NAMES, _WAIT_S)
-            drives(
-                driver, Person(key=keyboard.key, stopped=stop, say=_say, is_there=keyboard.is_there)
-            )
+            try:
+                drives(
+                    driver,
+                    Person(key=keyboard.key, stopped=stop, say=_say, is_there=keyboard.is_there),
+                )
+            finally:
+                with suppress(GfmError):  # where the bridge is gone, that was said already
+                    driver.release()
             return stop()
     except BadInputError:
         if fresh and not (request.out / RESULT).exists():

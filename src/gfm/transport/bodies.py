@@ -42,12 +42,15 @@ class Bodies:
 
     def decode(self, key: str, body: bytes) -> Message:
         """Returns the message of a body, or counts it and raises the WireError."""
+        return self.decode_stamped(key, body)[0]
+
+    def decode_stamped(self, key: str, body: bytes) -> tuple[Message, Stamp]:
+        """Returns the message of a body and who sent it; refuses as `decode` does."""
         try:
-            message, _ = decode_stamped(body, max_bytes=self._max_bytes)
+            return decode_stamped(body, max_bytes=self._max_bytes)
         except WireError as error:
             self._count(key, error)
             raise
-        return message
 
     def _count(self, key: str, error: WireError) -> None:
         self.rejected[error.reason] += 1

@@ -44,6 +44,12 @@ class MemoryHub:
         self.tamper: Callable[[str, bytes], bytes | None] = _untouched
         self._subscriptions: list[_MemorySubscription] = []
         self._servers: list[_MemoryServer] = []
+        self._epoch = -1
+
+    def new_epoch(self, utc_ns: int) -> int:
+        """Returns when a connection begins: now, and later than every earlier one."""
+        self._epoch = max(utc_ns, self._epoch + 1)
+        return self._epoch
 
     def add(self, end: _MemorySubscription | _MemoryServer) -> None:
         """Connects a receiver."""
@@ -85,7 +91,7 @@ class MemoryTransport(Transport):
     def __init__(self, hub: MemoryHub, *, name: str = "memory", clock: Clock | None = None) -> None:
         self._hub = hub
         self._clock = clock or MonotonicClock()
-        self._bodies = Bodies(name, self._clock.utc_ns())
+        self._bodies = Bodies(name, hub.new_epoch(self._clock.utc_ns()))
         self.rejected = self._bodies.rejected
 
     @override
@@ -232,7 +238,7 @@ class _MemoryServer(Server):
         while self._waiting:
             request = self._waiting.popleft()
             try:
-                request.message = self.bodies.decode(self.key, request.body)
+                request.message, request.stamp = self.bodies.decode_stamped(self.key, request.body)
             except WireError as error:
                 request.refuse(str(error))
                 continue

@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 from types import TracebackType
 from typing import Self
 
-from gfm_wire import Message
+from gfm_wire import Message, Stamp
 
 
 class Subscription(ABC):
@@ -45,9 +45,15 @@ class PendingReply(ABC):
 
 
 class Request(ABC):
-    """A question that has arrived. Exactly one of `reply` and `refuse` is called."""
+    """A question that has arrived. Exactly one of `reply` and `refuse` is called.
+
+    Attributes:
+        message: What is asked.
+        stamp: Of the connection that asks.
+    """
 
     message: Message
+    stamp: Stamp
 
     @abstractmethod
     def reply(self, message: Message) -> None:

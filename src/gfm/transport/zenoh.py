@@ -265,7 +265,7 @@ class _ZenohServer(Server):
             request = _ZenohRequest(self._full_key, query, self._bodies)
             try:
                 body = b"" if query.payload is None else query.payload.to_bytes()
-                request.message = self._bodies.decode(self._key, body)
+                request.message, request.stamp = self._bodies.decode_stamped(self._key, body)
             except WireError as error:
                 request.refuse(str(error))
                 continue

@@ -11,6 +11,7 @@ from gfm.core import Clock, Command, ConfigError, Observation, RefusedError, Sta
 from gfm.service import Service, make_status
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import Request, Transport
+from gfm_robot_bridge.lease import Lease
 from gfm_robot_bridge.simulated.config import SimulatedConfig
 from gfm_robot_bridge.simulated.robot import SimulatedRobot
 from gfm_wire import RobotExchange, RobotStates
@@ -23,11 +24,13 @@ _SHORTEST_ADVANCE_NS = 2_000_000
 #: A robot so far behind the wall clock is no longer driven in real time, and seldom catches up.
 _FARTHEST_BEHIND_NS = 2_000_000_000
 _KEPT_REPORTS = 1000
+#: Another bridge is listened to after this silence of the first, as when that was started anew.
+_BRIDGE_SILENCE_NS = 5_000_000_000
 
 
 @final
 class SimulatedService(Service):
-    """Answers RobotExchange with RobotStates.
+    """Answers RobotExchange with RobotStates, to one bridge: nobody goes past it to the robot.
 
     On the lockstep clock the robot's time passes in exchanges only, by as much as they ask for.
     On the wall clock it passes by itself, and an exchange returns what was reported since the
@@ -42,6 +45,7 @@ class SimulatedService(Service):
         self._clock = clock
         self._started_ns = clock.now_ns()
         self._server = transport.serve(EXCHANGE)
+        self._bridge = Lease("this robot", _BRIDGE_SILENCE_NS)
         self._reports: deque[Observation] = deque(maxlen=_KEPT_REPORTS)
         self._counters: Counter[str] = Counter(exchanges=0, rejected_messages=0)
 
@@ -71,11 +75,12 @@ class SimulatedService(Service):
 
     def _answer(self, request: Request) -> None:
         message = request.message
-        problem = _problem(message)
+        problem = _problem(message) or self._bridge.refusal(request.stamp, self._clock.now_ns())
         if problem or not isinstance(message, RobotExchange):
             self._counters["rejected_messages"] += 1
             request.refuse(problem)
             return
+        self._bridge.take(request.stamp, self._clock.now_ns())
         if message.object_pose is not None:
             try:
                 self._robot.place_object(message.object_pose)
