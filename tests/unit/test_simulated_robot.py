@@ -138,6 +138,20 @@ def test_without_commands_the_robot_leaves_velocity_mode_and_holds() -> None:
     assert abs(rest.velocity).max() < 2e-3
 
 
+@pytest.mark.parametrize("kind", ["velocity", "effort"])
+def test_left_alone_it_slows_down_within_its_limits(kind: str) -> None:
+    robot = SimulatedRobot(READY, sensors=replace(QUIET, period_ns=MS))
+    values = np.array([0.8, -0.6, 0.9, -0.9, 1.5, 1.5, 2.0])
+    values = values if kind == "velocity" else np.array([5.0, -4.0, 3.0, -3.0, 4.0, 4.0, 6.0])
+    robot.advance(command(values, 0, kind), COMMAND_TIMEOUT_NS + 5 * MS)
+    speeds = np.array([report.velocity for report in robot.advance(None, 600 * MS)])
+    slowing = np.diff(np.abs(speeds), axis=0) / 1e-3
+    limits = np.array([10.0, 8.0, 10.0, 10.0, 12.0, 12.0, 12.0])
+    assert np.abs(speeds[0]).max() > 0.8
+    assert (slowing >= -limits).all()
+    assert np.abs(speeds[-1]).max() < 2e-3
+
+
 # What is hidden
 
 
@@ -273,7 +287,7 @@ def answer(config: SimulatedConfig, clock: ManualClock, *messages: Message) -> l
 
 
 def exchange(advance_ms: int, sent: Command | None = None) -> RobotExchange:
-    return RobotExchange(command=sent, advance_ns=advance_ms * MS)
+    return RobotExchange(commands=() if sent is None else (sent,), advance_ns=advance_ms * MS)
 
 
 def test_in_lockstep_time_passes_only_in_exchanges() -> None:

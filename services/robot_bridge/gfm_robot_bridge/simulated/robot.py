@@ -27,6 +27,10 @@ from gfm_robot_bridge.simulated.tracker import Tracker, Tracking
 COMMAND_LATENCY_NS = 4_000_000
 #: As the real arm: without a command for so long, it leaves velocity and torque mode and holds.
 COMMAND_TIMEOUT_NS = 200_000_000
+#: How it does that, rad/s^2: by seven tenths of what its joints may do, as they pull at each other.
+_BRAKING = 0.7 * np.array([10.0, 8.0, 10.0, 10.0, 12.0, 12.0, 12.0])
+#: rad/s; slower than that it holds.
+_STILL = 0.01
 _STEP_NS = 500_000
 
 
@@ -91,6 +95,7 @@ class SimulatedRobot:
         self._received = 0
         self._commanded_ns = 0
         self._in_force: Command | None = None
+        self._stop: tuple[int, Array] | None = None
         self.latest = self._report()
         self._next_report_ns = 0
 
@@ -103,7 +108,7 @@ class SimulatedRobot:
             advance_ns: Time to pass.
         """
         if command is not None:
-            self._put(command)
+            self.take(command)
         until_ns = self.time_ns + advance_ns
         reports: list[Observation] = []
         while True:
@@ -117,7 +122,8 @@ class SimulatedRobot:
                 return tuple(reports)
             self._step(until_ns)
 
-    def _put(self, command: Command) -> None:
+    def take(self, command: Command) -> None:
+        """Keeps a command until it acts, as one of `advance` does."""
         due_ns = command.stamp_ns + COMMAND_LATENCY_NS + self._hidden_delay_ns
         heapq.heappush(self._waiting, (due_ns, self._received, command))
         self._received += 1
@@ -129,10 +135,24 @@ class SimulatedRobot:
             self._arm.servo.command(command.kind, command.values[order], self._arm.position)
             self._in_force = command
             self._commanded_ns = self.time_ns
-        silent_ns = self.time_ns - self._commanded_ns
-        if silent_ns > COMMAND_TIMEOUT_NS and self._arm.servo.kind is not CommandKind.POSITION:
-            here = self._arm.position
-            self._arm.servo.command(CommandKind.POSITION, here, here)
+            self._stop = None
+        if self.time_ns - self._commanded_ns > COMMAND_TIMEOUT_NS:
+            self._stop_by_itself()
+
+    def _stop_by_itself(self) -> None:
+        """Leaves velocity and torque mode: slows down evenly, then holds where the arm is."""
+        arm = self._arm
+        if arm.servo.kind is CommandKind.POSITION:
+            return
+        if self._stop is None:
+            self._stop = self.time_ns, arm.velocity
+        began_ns, speed = self._stop
+        lost = _BRAKING * (self.time_ns - began_ns) * 1e-9
+        left = np.sign(speed) * np.maximum(np.abs(speed) - lost, 0.0)
+        if left.any() or (np.abs(arm.velocity) > _STILL).any():
+            arm.servo.command(CommandKind.VELOCITY, left, arm.position)
+        else:
+            arm.servo.command(CommandKind.POSITION, arm.position, arm.position)
 
     def _step(self, until_ns: int) -> None:
         """Advances to the next thing that happens, at most by the time step."""
