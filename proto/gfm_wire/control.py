@@ -169,12 +169,13 @@ class RobotExchange:
     """Tells the simulated robot what to do, and for how long.
 
     Attributes:
-        command: What to do from now on; None leaves the command in force.
+        commands: What to do from the time on that each is stamped with, oldest first; none leave
+            what is in force.
         advance_ns: Robot time to pass before the answer, at least 0.
         object_pose: Where to put the object before that, as in PlaceObject; None leaves it.
     """
 
-    command: Command | None
+    commands: tuple[Command, ...]
     advance_ns: int
     object_pose: Array | None = None
 

@@ -163,8 +163,8 @@ CONTROL = (
     Schema(ReleaseRobot, 1, {}),
     Schema(
         RobotExchange,
-        2,
-        {"command": Optional(COMMAND), "advance_ns": COUNT, "object_pose": Optional(POSE)},
+        3,
+        {"commands": ListOf(COMMAND), "advance_ns": COUNT, "object_pose": Optional(POSE)},
     ),
     Schema(RobotStates, 2, {"states": ListOf(OBSERVATION)}),
 )

@@ -131,8 +131,8 @@ EXAMPLES: tuple[Message, ...] = (
     PlaceObject(pose=np.arange(7.0)),
     ByHand(),
     ReleaseRobot(),
-    RobotExchange(command=COMMAND, advance_ns=10**7, object_pose=np.arange(7.0)),
-    RobotExchange(command=None, advance_ns=0),
+    RobotExchange(commands=(COMMAND, COMMAND), advance_ns=10**7, object_pose=np.arange(7.0)),
+    RobotExchange(commands=(), advance_ns=0),
     RobotStates(states=(OBSERVATION, OBSERVATION)),
 )
 

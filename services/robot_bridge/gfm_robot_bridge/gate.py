@@ -91,4 +91,4 @@ class CommandGate:
     def release(self) -> None:
         """Ends the session, and with it the lease: whoever comes next may begin one."""
         self.lease.release()
-        self._last_number = None
+        self._last_number, self._fault = None, ""

@@ -1,4 +1,6 @@
-"""What the bridge lets through: limits on commands, and why a command was changed.
+"""What a robot may do, what the bridge lets through of a wish, and why it was changed.
+
+Every function here is pure: arrays in, arrays out.
 
 Shape letters: J joints.
 """
@@ -7,11 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntFlag
-from typing import final
 
 import numpy as np
 
-from gfm.core import Command, CommandKind
 from gfm.core.checks import Array
 
 
@@ -29,7 +29,13 @@ class Reason(IntFlag):
     EFFORT = 8
     """It was stronger than allowed."""
     WATCHDOG = 16
-    """None came in time: the robot holds."""
+    """None came in time: the robot is stopped."""
+    MODE = 32
+    """It was of another kind: the arm comes to rest first."""
+    POWER = 64
+    """It would have put more power into the motion than allowed."""
+    STOPPED = 128
+    """The robot is stopped: its driver let go, or something failed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,78 +57,99 @@ class Limits:
     effort: Array
 
 
-#: Towards the end of its range a joint may go at this rate of what is left, 1/s.
-_APPROACH_RATE = 5.0
+@dataclass(frozen=True, kw_only=True)
+class Bounds:
+    """Within which setpoints stay, so that the arm behind them keeps to the robot's limits.
 
-
-@final
-class Limiter:
-    """Changes commands so that they keep to the limits.
-
-    Args:
-        limits: The robot's.
-        period_s: Between two commands.
-        margin_rad: How far from the ends of the joint ranges commands stay.
-        velocity_share: Share of the robot's velocity limit that is allowed.
+    Attributes:
+        lower: rad, shape (J,).
+        upper: rad, shape (J,).
+        velocity: rad/s, shape (J,).
+        acceleration: Of what is driven, rad/s^2, shape (J,).
+        braking: Of a stop, rad/s^2, shape (J,).
+        effort: N m, shape (J,).
+        still: Slower than this a joint is at rest, rad/s, shape (J,).
+        power_w: That torques may put into the arm, W.
+        patience_s: For how long a setpoint may be in force: until the robot stops by itself.
     """
 
-    def __init__(
-        self, limits: Limits, *, period_s: float, margin_rad: float, velocity_share: float
-    ) -> None:
-        self._lower = limits.lower + margin_rad
-        self._upper = limits.upper - margin_rad
-        self._velocity = velocity_share * limits.velocity
-        self._speed_step = limits.acceleration * period_s
-        self._effort = limits.effort
-        self._period_s = period_s
-        self._kind: CommandKind | None = None
-        self._last = np.zeros(len(limits.lower))
-
-    def forget(self) -> None:
-        """Starts the next command from where the robot then is, not from the last command."""
-        self._kind = None
-
-    def limited(self, command: Command, position: Array, velocity: Array) -> tuple[Array, Reason]:
-        """Returns the setpoints to apply, shape (J,), and why they differ.
-
-        Args:
-            command: Finite, in the order of the joints.
-            position: Measured, rad, shape (J,).
-            velocity: Measured, rad/s, shape (J,).
-        """
-        if command.kind is not self._kind:
-            moving = {CommandKind.POSITION: position, CommandKind.VELOCITY: velocity}
-            self._last = moving.get(command.kind, np.zeros_like(position))
-            self._kind = command.kind
-        match command.kind:
-            case CommandKind.POSITION:
-                values, reason = self._position(command.values)
-            case CommandKind.VELOCITY:
-                values, reason = self._speed(command.values, position)
-            case CommandKind.EFFORT:
-                values, reason = _clipped(command.values, self._effort, Reason.EFFORT)
-        self._last = values
-        return values, reason
-
-    def _position(self, wanted: Array) -> tuple[Array, Reason]:
-        inside = np.clip(wanted, self._lower, self._upper)
-        step, fast = _clipped(inside - self._last, self._velocity * self._period_s, Reason.VELOCITY)
-        outside = Reason.POSITION if (inside != wanted).any() else Reason.NONE
-        return (self._last + step if fast else inside), outside | fast
-
-    def _speed(self, wanted: Array, position: Array) -> tuple[Array, Reason]:
-        slow, fast = _clipped(wanted, self._velocity, Reason.VELOCITY)
-        step, sudden = _clipped(slow - self._last, self._speed_step, Reason.ACCELERATION)
-        smooth = self._last + step if sudden else slow
-        down = np.minimum(_APPROACH_RATE * (self._lower - position), 0.0)
-        up = np.maximum(_APPROACH_RATE * (self._upper - position), 0.0)
-        # Last, because it is what must hold: a stop at the end of the range may be sudden.
-        safe = np.clip(smooth, down, up)
-        outside = Reason.POSITION if (safe != smooth).any() else Reason.NONE
-        return safe, fast | sudden | outside
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    braking: Array
+    effort: Array
+    still: Array
+    power_w: float
+    patience_s: float
 
 
-def _clipped(values: Array, limit: Array, reason: Reason) -> tuple[Array, Reason]:
+def approach_speed(distance: Array, acceleration: Array, after_s: float) -> Array:
+    """Returns from which speed a joint still comes to rest within a distance, rad/s, shape (J,).
+
+    It goes on for `after_s`, then brakes: v after_s + v^2 / (2 acceleration) = distance.
+
+    Args:
+        distance: rad, shape (J,); 0 is returned where it is negative.
+        acceleration: rad/s^2, shape (J,).
+        after_s: s.
+    """
+    lost = acceleration * after_s
+    left = np.maximum(distance, 0.0)
+    return np.asarray(np.sqrt(lost**2 + 2.0 * acceleration * left) - lost)
+
+
+def limited_speed(
+    wanted: Array, last: Array, position: Array, bounds: Bounds, *, period_s: float, after_s: float
+) -> tuple[Array, Reason]:
+    """Returns the speed at the end of a period, rad/s, shape (J,), and why it is not as wanted.
+
+    Args:
+        wanted: rad/s, shape (J,).
+        last: At the end of the last period, rad/s, shape (J,).
+        position: rad, shape (J,).
+        bounds: To keep to.
+        period_s: Over which the speed changes.
+        after_s: For how long it must be possible to go on before braking.
+    """
+    slow, fast = clipped(wanted, bounds.velocity, Reason.VELOCITY)
+    down = approach_speed(position - bounds.lower, bounds.acceleration, after_s)
+    up = approach_speed(bounds.upper - position, bounds.acceleration, after_s)
+    inside = np.clip(slow, -down, up)
+    outside = Reason.POSITION if (inside != slow).any() else Reason.NONE
+    # Last, because it can always be kept; the approach leaves room for it.
+    step, sudden = clipped(inside - last, bounds.acceleration * period_s, Reason.ACCELERATION)
+    return (last + step if sudden else inside), fast | outside | sudden
+
+
+def limited_position(
+    wanted: Array, last: Array, speed: Array, bounds: Bounds, *, period_s: float
+) -> tuple[Array, Array, Reason]:
+    """Returns the position at the end of a period, rad, the speed until then, rad/s, and why.
+
+    The way to the wanted position becomes a speed, and that is limited. A position that is far away
+    is approached so that the arm comes to rest there; one that moves evenly is followed.
+
+    Args:
+        wanted: rad, shape (J,).
+        last: At the end of the last period, rad, shape (J,).
+        speed: During the last period, rad/s, shape (J,).
+        bounds: To keep to.
+        period_s: Of both.
+    """
+    inside = np.clip(wanted, bounds.lower, bounds.upper)
+    outside = Reason.POSITION if (inside != wanted).any() else Reason.NONE
+    asked = (inside - last) / period_s
+    near = approach_speed(np.abs(inside - last), bounds.acceleration, period_s)
+    even = np.abs(asked - speed) <= bounds.acceleration * period_s
+    towards = np.where(even, asked, np.clip(asked, -near, near))
+    after, reason = limited_speed(towards, speed, last, bounds, period_s=period_s, after_s=period_s)
+    reason |= clipped(asked, bounds.velocity, Reason.VELOCITY)[1]
+    reason |= Reason.ACCELERATION if (towards != asked).any() else Reason.NONE
+    return (last + after * period_s if reason else inside), after, outside | reason
+
+
+def clipped(values: Array, limit: Array, reason: Reason) -> tuple[Array, Reason]:
     """Returns values within plus and minus a limit, and the reason where that changed any."""
-    clipped = np.clip(values, -limit, limit)
-    return clipped, reason if (clipped != values).any() else Reason.NONE
+    within = np.clip(values, -limit, limit)
+    return within, reason if (within != values).any() else Reason.NONE

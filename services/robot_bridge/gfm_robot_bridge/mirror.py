@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import final
 
 import numpy as np
 from typing_extensions import override
 
 from gfm.core import Command, CommandKind, Observation, UnreachableError
+from gfm.core.checks import Array
 from gfm_robot_bridge.limits import Limits
 from gfm_robot_bridge.robot import Robot
 from gfm_robot_bridge.simulated_sawyer import sawyer_limits
+from gfm_robot_bridge.torque import Dynamics
 
 
 @final
 class MirrorRobot(Robot):
     """Jumps to commanded positions, moves at commanded velocities, feels no torque.
+
+    Of several commands in one exchange it follows the last.
 
     Args:
         joint_names: Of its joints.
@@ -36,6 +41,8 @@ class MirrorRobot(Robot):
         self.joint_names = joint_names
         self.limits = limits or sawyer_limits()
         self.command_latency_ns = 0
+        self.patience_s = 0.2
+        self.dynamics = UnitMasses()
         self.told: list[Command] = []
         self.lost = False
         self._report_ns = report_ns
@@ -49,11 +56,12 @@ class MirrorRobot(Robot):
         return self._time_ns
 
     @override
-    def begin(self, command: Command | None, advance_ns: int) -> None:
-        if command is not None:
-            self._obey(command)
-        count = max(advance_ns // self._report_ns, 1)
-        self._reports = tuple(self._advance() for _ in range(count))
+    def begin(self, commands: Sequence[Command], advance_ns: int) -> None:
+        self.told.extend(commands)
+        if commands:
+            self._obey(commands[-1])
+        reports = [self._advance() for _ in range(advance_ns // self._report_ns)]
+        self._reports = tuple(reports) or (self._report(),)
 
     @override
     def poll(self) -> tuple[Observation, ...] | None:
@@ -62,7 +70,6 @@ class MirrorRobot(Robot):
         return self._reports
 
     def _obey(self, command: Command) -> None:
-        self.told.append(command)
         self._velocity = np.zeros(len(self.joint_names))
         match command.kind:
             case CommandKind.POSITION:
@@ -73,6 +80,9 @@ class MirrorRobot(Robot):
     def _advance(self) -> Observation:
         self._time_ns += self._report_ns
         self._position = self._position + self._velocity * self._report_ns * 1e-9
+        return self._report()
+
+    def _report(self) -> Observation:
         return Observation(
             joint_names=self.joint_names,
             position=self._position.copy(),
@@ -80,3 +90,16 @@ class MirrorRobot(Robot):
             effort=np.zeros(len(self.joint_names)),
             stamp_ns=self._time_ns,
         )
+
+
+@final
+class UnitMasses(Dynamics):
+    """Joints of 1 kg m^2 each that do not feel one another."""
+
+    @override
+    def accelerations(self, position: Array, velocity: Array, torque: Array) -> Array:
+        return torque
+
+    @override
+    def torques(self, position: Array, velocity: Array, acceleration: Array) -> Array:
+        return acceleration

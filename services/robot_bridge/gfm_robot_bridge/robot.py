@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 from gfm.core import Command, Observation
 from gfm.core.checks import Array
 from gfm_robot_bridge.limits import Limits
+from gfm_robot_bridge.torque import Dynamics
 
 
 class Robot(ABC):
@@ -16,22 +18,27 @@ class Robot(ABC):
         joint_names: In the order of every array.
         limits: What the joints may do.
         command_latency_ns: From a command's stamp until it acts, as the robot documents it.
+        patience_s: For how long it goes on with what it was told, without hearing more.
+        dynamics: Its torques and motions; None where they are not known.
     """
 
     joint_names: tuple[str, ...]
     limits: Limits
     command_latency_ns: int
+    patience_s: float
+    dynamics: Dynamics | None
 
     @abstractmethod
     def time_ns(self) -> int:
         """Returns what the robot's clock shows now: commands are stamped with it."""
 
     @abstractmethod
-    def begin(self, command: Command | None, advance_ns: int) -> None:
-        """Sends a command (None: none) and asks for what the sensors report.
+    def begin(self, commands: Sequence[Command], advance_ns: int) -> None:
+        """Sends commands and asks for what the sensors report.
 
         Args:
-            command: Stamped with the robot's time, in the order of the joints.
+            commands: Stamped with the robot's time, oldest first, in the order of the joints; the
+                robot keeps them until then.
             advance_ns: How long to let a robot run whose time passes on demand; ignored by others.
         """
 

@@ -4,47 +4,46 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import final
 
-import numpy as np
 from typing_extensions import override
 
 from gfm import __version__
-from gfm.core import Clock, Command, CommandKind, GfmError, Observation, RefusedError, Status
+from gfm.core import Clock, Command, GfmError, Observation, Status
 from gfm.service import Service, make_status
 from gfm.transport import Request, Transport
 from gfm_robot_bridge.config import BridgeConfig
+from gfm_robot_bridge.desk import Desk
 from gfm_robot_bridge.gate import CommandGate
 from gfm_robot_bridge.lease import Lease
-from gfm_robot_bridge.limits import Limiter, Reason
+from gfm_robot_bridge.limiter import Limiter
+from gfm_robot_bridge.limits import Reason
+from gfm_robot_bridge.plan import Plan
 from gfm_robot_bridge.recorder import Recorder
 from gfm_robot_bridge.robot import Robot
-from gfm_wire import Ack, ByHand, PlaceObject, RecordStart, RecordStop, ReleaseRobot
 
 _log = logging.getLogger(__name__)
 
 COMMAND = "robot/command"
-RECORD = "robot/record"
-OBJECT = "robot/object"
-RELEASE = "robot/release"
 OBSERVATION = "robot/observation"
 _RETRY_NS = 1_000_000_000
-_QUATERNION_TOLERANCE = 1e-3
+#: A stop takes less than this, or the robot does not answer.
+_LONGEST_STOP_NS = 1_000_000_000
+_POLL_NS = 500_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Exchange:
-    """What the robot was told in the exchange that is under way.
+class _InForce:
+    """What the robot was told last.
 
     Attributes:
-        request: Who waits for the answer.
-        applied: The command as the recording has it, or None where the last one goes on.
+        applied: The command as the recording has it, or None before the first.
         reason: Why it is not what was requested.
     """
 
-    request: Request | None = None
     applied: Command | None = None
     reason: Reason = Reason.NONE
 
@@ -55,7 +54,8 @@ class BridgeService(Service):
 
     A Command is answered, a control period later, by the newest Observation; it says what was
     applied and why that differs. On the lockstep clock the robot's time passes only in these
-    periods. On the wall clock there is an exchange every period, and silence trips the watchdog.
+    periods, and while the robot is stopped. On the wall clock the robot's reports are read every
+    period, the command is decided by them and sent, and silence trips the watchdog.
     """
 
     def __init__(
@@ -65,49 +65,41 @@ class BridgeService(Service):
         self._robot = robot
         self._transport = transport
         self._clock = clock
-        self._limiter = Limiter(
-            robot.limits,
-            period_s=config.period_ns * 1e-9,
-            margin_rad=config.position_margin_rad,
-            velocity_share=config.velocity_share,
-        )
+        bounds = config.bounds(robot.limits, robot.patience_s)
+        self._limiter = Limiter(bounds, robot.dynamics, config.period_ns * 1e-9)
         oldest_ns = round(config.command_age_s * 1e9) if config.clock == "wall" else None
         lease = Lease("the robot", round(config.lease_s * 1e9))
         self._gate = CommandGate(robot.joint_names, lease, oldest_ns)
         self._recorder = Recorder(Path(config.recordings), _about(config))
-        self._commands = transport.serve(COMMAND)
-        self._records = transport.serve(RECORD)
-        self._places = transport.serve(OBJECT)
-        self._releases = transport.serve(RELEASE)
         self._counters: Counter[str] = Counter(dict.fromkeys(_COUNTERS, 0))
+        self._commands = transport.serve(COMMAND)
+        self._desk = Desk(transport, clock, robot, self._recorder, lease, released=self._let_go)
         self._newest: Observation | None = None
-        self._exchange: _Exchange | None = None
-        self._deadline_ns = clock.now_ns()
+        self._under_way = False
+        self._reads = False
+        self._waiting: Request | None = None
+        self._in_force = _InForce()
+        self._stopping = Reason.NONE
+        self._stamp_ns = -1
+        self._deadline_ns = self._retry_ns = clock.now_ns()
         self._note = "waiting for the robot"
 
     @override
     def step(self) -> bool:
-        if self._exchange is not None:
-            return self._continue_exchange(self._exchange)
-        if (request := self._records.receive()) is not None:
-            self._answer_record(request)
-            return True
-        if (request := self._places.receive()) is not None:
-            self._answer_place(request)
-            return True
-        if (request := self._releases.receive()) is not None:
-            self._answer_release(request)
-            return True
+        if self._under_way:
+            return self._continue_exchange()
+        return self._desk.answer() or self._tick()
+
+    def _tick(self) -> bool:
+        """Begins a period where it is time for one; returns whether it was."""
         if self._newest is None or self._config.clock == "wall":
             return self._tick_on_time()
-        newest = self._newest_command()
-        if newest is not None:
-            self._take_command(*newest, self._newest)
-        return newest is not None
+        return self._decide(self._newest)
 
     @override
     def status(self) -> Status:
         counters = dict(self._counters) | {"recordings": self._recorder.finished}
+        counters["rejected_messages"] += self._desk.rejected
         gauges = {"robot_time_s": self._robot.time_ns() * 1e-9}
         return make_status(
             "robot_bridge", self._config.name, counters=counters, gauges=gauges, note=self._note
@@ -115,9 +107,12 @@ class BridgeService(Service):
 
     @override
     def close(self) -> None:
-        """Leaves the robot holding (its own watchdog stands behind this), the recording whole."""
-        if self._newest is not None:
-            self._robot.begin(self._stamped(self._hold(self._newest)), 0)
+        """Leaves the robot at rest (its own watchdog stands behind this), the recording whole."""
+        self._stop(Reason.STOPPED, "the bridge is closed")
+        until_ns = self._clock.now_ns() + _LONGEST_STOP_NS
+        while self._stopping and self._clock.now_ns() < until_ns:
+            if not self.step():
+                self._clock.sleep_until_ns(self._clock.now_ns() + _POLL_NS)
         if self._recorder.name:
             self._recorder.stop()
 
@@ -130,27 +125,45 @@ class BridgeService(Service):
             self._counters["overruns"] += self._newest is not None
             self._deadline_ns = now_ns
         self._deadline_ns += self._config.period_ns
-        if self._newest is None:
-            self._begin(_Exchange())
-        elif (newest := self._newest_command()) is not None:
-            self._take_command(*newest, self._newest)
-        else:
-            self._watch(now_ns, self._newest)
+        self._reads = self._newest is not None
+        self._begin((), passes=self._reads)
         return True
 
-    def _watch(self, now_ns: int, newest: Observation) -> None:
-        """Begins an exchange without a request; holds where there should have been one."""
-        silent_ns = self._gate.silent_ns(now_ns)
-        if silent_ns < self._config.watchdog_periods * self._config.period_ns:
-            self._begin(_Exchange())
-            return
-        fault = f"no command for {silent_ns * 1e-6:.0f} ms, the robot holds"
+    def _decide(self, newest: Observation) -> bool:
+        """Tells the robot what is next, by its newest report; returns whether there is anything."""
+        found = self._newest_command()
+        if self._stopping:
+            return self._clock.now_ns() >= self._retry_ns and self._go_on_stopping(newest)
+        if found is not None:
+            self._take_command(*found, newest)
+            return True
+        silent_ns = self._gate.silent_ns(self._clock.now_ns())
+        watched = self._config.clock == "wall"
+        if not watched or silent_ns < self._config.watchdog_periods * self._config.period_ns:
+            return False
         self._counters["watchdog_trips"] += 1
+        self._stop(Reason.WATCHDOG, f"no command for {silent_ns * 1e-6:.0f} ms, the robot holds")
+        return self._go_on_stopping(newest)
+
+    def _stop(self, reason: Reason, fault: str) -> None:
+        """Begins to stop the robot, and ends the session with a fault."""
         self._note = fault
         _log.warning("%s", fault)
         self._gate.latch(fault)
-        hold = self._hold(newest)
-        self._apply(None, hold, hold.values, Reason.WATCHDOG)
+        self._stopping = reason
+
+    def _let_go(self) -> None:
+        self._stop(Reason.STOPPED, "its driver let go, the robot holds")
+        self._gate.release()
+
+    def _go_on_stopping(self, newest: Observation) -> bool:
+        """Tells the robot the next part of a stop; returns False where it holds already."""
+        plan = self._limiter.stopped(newest)
+        if plan is None:
+            self._stopping = Reason.NONE
+            return False
+        self._apply(None, replace(plan, reason=plan.reason | self._stopping))
+        return True
 
     def _newest_command(self) -> tuple[Request, Command] | None:
         """Empties the queue; returns the newest command that is listened to, refuses the rest."""
@@ -168,139 +181,107 @@ class BridgeService(Service):
                         f"command {found[1].number}: a newer one came, {command.number}"
                     )
                 if self._gate.accept(command, request.stamp, self._clock.now_ns()):
-                    self._limiter.forget()
+                    self._stopping = Reason.NONE
                 found = request, command
         return found
 
     def _problem(self, request: Request, command: Command) -> str:
         stale = self._gate.stale(command, self._clock.utc_ns())
         self._counters["stale_commands"] += bool(stale)
-        return stale or self._gate.refusal(command, request.stamp, self._clock.now_ns())
+        refused = self._gate.refusal(command, request.stamp, self._clock.now_ns())
+        return stale or refused or self._limiter.refusal(command.kind)
 
     def _take_command(self, request: Request, command: Command, newest: Observation) -> None:
         order = [command.joint_names.index(name) for name in self._robot.joint_names]
         requested = replace(
             command, joint_names=self._robot.joint_names, values=command.values[order]
         )
-        values, reason = self._limiter.limited(requested, newest.position, newest.velocity)
-        self._counters["clipped_commands"] += bool(reason)
+        plan = self._limiter.limited(requested, newest)
+        self._counters["clipped_commands"] += bool(plan.reason)
         self._note = f"commanded in {command.kind} mode"
-        self._apply(request, requested, values, reason)
+        self._waiting = request
+        self._apply(requested, plan)
 
-    def _apply(
-        self, request: Request | None, requested: Command, values: np.ndarray, reason: Reason
-    ) -> None:
-        """Tells the robot; what is recorded is stamped with the time at which it acts."""
-        sent = self._stamped(replace(requested, values=values))
-        acts_ns = sent.stamp_ns + self._robot.command_latency_ns
-        applied = replace(sent, stamp_ns=acts_ns)
-        self._recorder.command(replace(requested, stamp_ns=acts_ns), applied)
-        self._begin(_Exchange(request=request, applied=applied, reason=reason), sent)
+    def _apply(self, requested: Command | None, plan: Plan) -> None:
+        """Tells the robot a plan; what is recorded is stamped with the time at which it acts."""
+        now_ns = max(self._robot.time_ns(), self._stamp_ns + 1)
+        sent = [
+            Command(
+                kind=plan.kind,
+                joint_names=self._robot.joint_names,
+                values=values,
+                stamp_ns=now_ns + round(k * plan.spacing_s * 1e9),
+                number=0 if requested is None else requested.number,
+            )
+            for k, values in enumerate(plan.values)
+        ]
+        self._stamp_ns = sent[-1].stamp_ns
+        for command in sent:
+            acts_ns = command.stamp_ns + self._robot.command_latency_ns
+            applied = replace(command, stamp_ns=acts_ns)
+            self._recorder.command(replace(requested or applied, stamp_ns=acts_ns), applied)
+            self._in_force = _InForce(applied=applied, reason=plan.reason)
+        self._begin(sent, passes=self._config.clock == "lockstep")
 
-    def _begin(self, exchange: _Exchange, command: Command | None = None) -> None:
-        first = self._newest is None
-        self._exchange = exchange
-        self._robot.begin(command, 0 if first else self._config.period_ns)
+    def _begin(self, commands: Sequence[Command], *, passes: bool) -> None:
+        """Begins an exchange; says whether a robot on the lockstep clock lets a period pass."""
+        self._under_way = True
+        self._robot.begin(commands, self._config.period_ns if passes else 0)
 
-    def _continue_exchange(self, exchange: _Exchange) -> bool:
+    def _continue_exchange(self) -> bool:
         try:
             reports = self._robot.poll()
         except GfmError as error:
-            self._fail(exchange, str(error))
+            self._fail(str(error))
             return True
         if reports is None:
             return False
-        self._exchange = None
-        self._counters["ticks"] += 1
-        self._take_reports(reports, exchange)
-        if exchange.request is not None and self._newest is not None:
-            exchange.request.reply(self._newest)
+        self._under_way = False
+        reads, self._reads = self._reads, False
+        newest = self._take_reports(reports)
+        if newest is not None and not (reads and self._decide(newest)):
+            self._end_period(newest)
         return True
 
-    def _take_reports(self, reports: tuple[Observation, ...], exchange: _Exchange) -> None:
-        """Records and publishes what is new among the robot's reports."""
+    def _end_period(self, newest: Observation) -> None:
+        """Publishes the newest report, by which the last command is answered."""
+        self._counters["ticks"] += 1
+        self._transport.publish(OBSERVATION, newest)
+        if self._waiting is not None:
+            self._waiting.reply(newest)
+            self._waiting = None
+
+    def _take_reports(self, reports: tuple[Observation, ...]) -> Observation | None:
+        """Records what is new among the robot's reports; returns the newest."""
         last_ns = -1 if self._newest is None else self._newest.stamp_ns
-        in_force = exchange.applied or (self._newest.applied if self._newest else None)
-        received_ns = self._clock.now_ns()
         for report in reports:
             if report.stamp_ns > last_ns:
                 self._recorder.report(report)
         if reports:
             self._newest = replace(
                 reports[-1],
-                received_ns=received_ns,
-                applied=in_force,
-                reason=int(exchange.reason),
+                received_ns=self._clock.now_ns(),
+                applied=self._in_force.applied,
+                reason=int(self._in_force.reason),
             )
-            self._transport.publish(OBSERVATION, self._newest)
+        return self._newest
 
-    def _fail(self, exchange: _Exchange, problem: str) -> None:
+    def _fail(self, problem: str) -> None:
         """The robot did not answer: whoever asked is told, and the next try waits a little."""
-        self._exchange = None
+        self._under_way = self._reads = False
         self._counters["robot_failures"] += 1
-        self._note = f"robot: {problem}"
-        _log.warning("robot: %s", problem)
-        self._gate.latch(f"robot: {problem}")
-        self._deadline_ns = self._clock.now_ns() + _RETRY_NS
-        if exchange.request is not None:
-            self._refuse(exchange.request, f"robot: {problem}")
-
-    def _answer_record(self, request: Request) -> None:
-        message = request.message
-        try:
-            if isinstance(message, RecordStart):
-                self._recorder.start(message)
-                request.reply(Ack())
-            elif isinstance(message, RecordStop):
-                request.reply(self._recorder.stop())
-            else:
-                got = type(message).__name__
-                self._refuse(request, f"got {got}, expected RecordStart or RecordStop")
-        except RefusedError as error:
-            self._refuse(request, str(error))
-
-    def _answer_place(self, request: Request) -> None:
-        message = request.message
-        if not isinstance(message, PlaceObject):
-            self._refuse(request, f"got {type(message).__name__}, expected PlaceObject")
-            return
-        if problem := self._gate.lease.refusal(request.stamp, self._clock.now_ns()):
-            self._refuse(request, problem)
-            return
-        length = float(np.linalg.norm(message.pose[3:]))
-        if abs(length - 1.0) > _QUATERNION_TOLERANCE:
-            self._refuse(request, f"pose has a quaternion of length {length:.3g}, expected 1")
-            return
-        request.reply(Ack() if self._robot.place_object(message.pose) else ByHand())
-
-    def _answer_release(self, request: Request) -> None:
-        """Ends the holder's session."""
-        message = request.message
-        if not isinstance(message, ReleaseRobot):
-            self._refuse(request, f"got {type(message).__name__}, expected ReleaseRobot")
-        elif problem := self._gate.lease.refusal(request.stamp, self._clock.now_ns()):
-            self._refuse(request, problem)
-        else:
-            self._gate.release()
-            request.reply(Ack())
+        self._stop(Reason.STOPPED, f"robot: {problem}")
+        self._limiter.forget()
+        self._deadline_ns = self._retry_ns = self._clock.now_ns() + _RETRY_NS
+        if self._waiting is not None:
+            self._refuse(self._waiting, f"robot: {problem}")
+            self._waiting = None
+        while (request := self._commands.receive()) is not None:
+            self._refuse(request, f"robot: {problem}")
 
     def _refuse(self, request: Request, reason: str) -> None:
         self._counters["rejected_messages"] += 1
         request.refuse(reason)
-
-    def _stamped(self, command: Command) -> Command:
-        return replace(command, stamp_ns=self._robot.time_ns())
-
-    def _hold(self, newest: Observation) -> Command:
-        """Returns the command to come to rest: at no speed in velocity mode, else where it is."""
-        in_force = None if newest.applied is None else newest.applied.kind
-        by_speed = in_force is CommandKind.VELOCITY
-        return Command(
-            kind=CommandKind.VELOCITY if by_speed else CommandKind.POSITION,
-            joint_names=self._robot.joint_names,
-            values=np.zeros_like(newest.position) if by_speed else newest.position,
-            stamp_ns=0,
-        )
 
 
 _COUNTERS = (

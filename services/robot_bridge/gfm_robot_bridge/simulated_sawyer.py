@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import final
 
 import numpy as np
@@ -13,11 +14,14 @@ from gfm.sim.sawyer_numbers import JOINTS
 from gfm.transport import PendingReply, Transport
 from gfm_robot_bridge.limits import Limits
 from gfm_robot_bridge.robot import Robot
+from gfm_robot_bridge.sawyer_dynamics import SawyerDynamics
 from gfm_wire import RobotExchange, RobotStates
 
 EXCHANGE = "sawyer/exchange"
 #: Documented by the robot: its controller keeps commands until then.
 COMMAND_LATENCY_NS = 4_000_000
+#: Documented by the robot: after so much silence it stops by itself.
+PATIENCE_S = 0.2
 #: rad/s^2, of the manufacturer's simulator.
 _ACCELERATION = (10.0, 8.0, 10.0, 10.0, 12.0, 12.0, 12.0)
 
@@ -50,6 +54,8 @@ class SimulatedSawyer(Robot):
         self.joint_names = tuple(joint.name for joint in JOINTS)
         self.limits = sawyer_limits()
         self.command_latency_ns = COMMAND_LATENCY_NS
+        self.patience_s = PATIENCE_S
+        self.dynamics = SawyerDynamics()
         self._transport = transport
         self._clock = clock
         self._lockstep = lockstep
@@ -65,9 +71,9 @@ class SimulatedSawyer(Robot):
         return self._robot_ns + passed_ns
 
     @override
-    def begin(self, command: Command | None, advance_ns: int) -> None:
+    def begin(self, commands: Sequence[Command], advance_ns: int) -> None:
         exchange = RobotExchange(
-            command=command, advance_ns=advance_ns, object_pose=self._object_pose
+            commands=tuple(commands), advance_ns=advance_ns, object_pose=self._object_pose
         )
         self._object_pose = None
         self._pending = self._transport.request(EXCHANGE, exchange, timeout_s=self._timeout_s)

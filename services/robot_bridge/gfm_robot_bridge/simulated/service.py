@@ -7,7 +7,7 @@ from typing import final
 
 from typing_extensions import override
 
-from gfm.core import Clock, Command, ConfigError, Observation, RefusedError, Status
+from gfm.core import Clock, ConfigError, Observation, RefusedError, Status
 from gfm.service import Service, make_status
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import Request, Transport
@@ -89,7 +89,9 @@ class SimulatedService(Service):
                 return
         self._counters["exchanges"] += 1
         advance_ns = 0 if self._config.clock == "wall" else message.advance_ns
-        self._reports.extend(self._robot.advance(message.command, advance_ns))
+        for command in message.commands:
+            self._robot.take(command)
+        self._reports.extend(self._robot.advance(None, advance_ns))
         states = tuple(self._reports) or (self._robot.latest,)
         self._reports.clear()
         request.reply(RobotStates(states=states))
@@ -116,10 +118,8 @@ def _problem(message: object) -> str:
         return f"got {type(message).__name__}, expected RobotExchange"
     if message.advance_ns > _LONGEST_ADVANCE_NS:
         return f"advance_ns is {message.advance_ns}, expected at most {_LONGEST_ADVANCE_NS}"
-    return _command_problem(message.command)
-
-
-def _command_problem(command: Command | None) -> str:
-    if command is None or set(command.joint_names) == set(JOINT_NAMES):
-        return ""
-    return f"command names {', '.join(command.joint_names)}, expected {', '.join(JOINT_NAMES)}"
+    for command in message.commands:
+        if set(command.joint_names) != set(JOINT_NAMES):
+            names, expected = ", ".join(command.joint_names), ", ".join(JOINT_NAMES)
+            return f"command names {names}, expected {expected}"
+    return ""

@@ -1,0 +1,144 @@
+"""From commands to what the robot is told: limited, without a jump, and stopped by a ramp.
+
+Shape letters: J joints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import final
+
+import numpy as np
+
+from gfm.core import Command, CommandKind, Observation
+from gfm.core.checks import Array
+from gfm_robot_bridge.limits import Bounds, Reason, limited_position, limited_speed
+from gfm_robot_bridge.plan import SPACING_S, Plan, positions, speeds
+from gfm_robot_bridge.torque import Dynamics, limited_torque
+
+#: A speed servo follows its setpoint by at most so much later, s: the arm stretched out.
+_SERVO_LAG_S = 0.1
+
+
+@final
+class Limiter:
+    """Makes a plan for every period, and remembers what the last one led to.
+
+    Args:
+        bounds: To keep to.
+        dynamics: By which torques are limited; None where the robot has none.
+        period_s: Between two commands.
+    """
+
+    def __init__(self, bounds: Bounds, dynamics: Dynamics | None, period_s: float) -> None:
+        self._bounds = bounds
+        self._dynamics = dynamics
+        self._period_s = period_s
+        self._kind: CommandKind | None = None
+        self._last = np.zeros_like(bounds.lower)
+        self._speed = np.zeros_like(bounds.lower)
+        self._braking = False
+
+    @property
+    def holds(self) -> bool:
+        """Whether the last plan leaves the arm at rest."""
+        return self._kind is CommandKind.POSITION and not self._speed.any()
+
+    def refusal(self, kind: CommandKind) -> str:
+        """Returns why commands of a kind are not taken; empty where they are."""
+        if kind is CommandKind.EFFORT and self._dynamics is None:
+            return "effort commands need a robot with dynamics to limit them by; it has none"
+        return ""
+
+    def limited(self, command: Command, seen: Observation) -> Plan:
+        """Returns what to apply of a command.
+
+        Args:
+            command: Finite, in the order of the joints.
+            seen: The newest report.
+        """
+        if command.kind is CommandKind.POSITION and not self._enters_position(seen):
+            braked = self._brake(seen)
+            return replace(braked, reason=braked.reason | Reason.MODE)
+        self._braking = False
+        match command.kind:
+            case CommandKind.POSITION:
+                return self._to_position(command.values)
+            case CommandKind.VELOCITY:
+                return self._to_speed(command.values, seen)
+            case CommandKind.EFFORT:
+                return self._to_torque(command.values, seen)
+
+    def stopped(self, seen: Observation) -> Plan | None:
+        """Returns the next part of a stop: a ramp to rest, then holding; None where it holds."""
+        if self.holds:
+            return None
+        if not self._at_rest(seen.velocity):
+            return self._brake(seen)
+        self._hold(seen.position)
+        return self._plan(CommandKind.POSITION, seen.position[None])
+
+    def forget(self) -> None:
+        """Lets the next plan begin at what the arm then does: the last one may not have acted."""
+        self._kind = None
+        self._braking = False
+
+    def _enters_position(self, seen: Observation) -> bool:
+        """Returns whether positions may be told; the first one begins where the arm rests."""
+        if self._kind is CommandKind.POSITION:
+            return True
+        if not self._at_rest(seen.velocity):
+            return False
+        self._hold(seen.position)
+        return True
+
+    def _at_rest(self, velocity: Array) -> bool:
+        told_to_move = self._kind is CommandKind.VELOCITY and self._last.any()
+        return bool((np.abs(velocity) < self._bounds.still).all()) and not told_to_move
+
+    def _hold(self, position: Array) -> None:
+        self._kind, self._braking = CommandKind.POSITION, False
+        self._last, self._speed = position.copy(), np.zeros_like(position)
+
+    def _brake(self, seen: Observation) -> Plan:
+        """Returns the next part of a ramp to rest; it begins at the speed that the arm has."""
+        if not self._braking:
+            self._last = seen.velocity.copy()
+        self._kind, self._braking = CommandKind.VELOCITY, True
+        step = self._bounds.braking * self._period_s
+        slower = self._last - np.clip(self._last, -step, step)
+        values = speeds(self._last, slower, self._bounds.braking, self._period_s)
+        self._last = slower
+        return self._plan(CommandKind.VELOCITY, values)
+
+    def _to_position(self, wanted: Array) -> Plan:
+        after, self._speed, reason = limited_position(
+            wanted, self._last, self._speed, self._bounds, period_s=self._period_s
+        )
+        values, spacing_s = positions(self._last, after, self._period_s)
+        self._last = after
+        return Plan(kind=CommandKind.POSITION, values=values, spacing_s=spacing_s, reason=reason)
+
+    def _to_speed(self, wanted: Array, seen: Observation) -> Plan:
+        if self._kind is not CommandKind.VELOCITY:
+            self._kind, self._last = CommandKind.VELOCITY, seen.velocity.copy()
+        period_s, bounds = self._period_s, self._bounds
+        after_s = bounds.patience_s + _SERVO_LAG_S
+        after, reason = limited_speed(
+            wanted, self._last, seen.position, bounds, period_s=period_s, after_s=after_s
+        )
+        values = speeds(self._last, after, bounds.acceleration, period_s)
+        self._last = after
+        return self._plan(CommandKind.VELOCITY, values, reason)
+
+    def _to_torque(self, wanted: Array, seen: Observation) -> Plan:
+        if self._dynamics is None:
+            raise AssertionError("refusal() comes first")
+        self._kind = CommandKind.EFFORT
+        torque, reason = limited_torque(
+            wanted, seen.position, seen.velocity, self._dynamics, self._bounds
+        )
+        return self._plan(CommandKind.EFFORT, torque[None], reason)
+
+    def _plan(self, kind: CommandKind, values: Array, reason: Reason = Reason.NONE) -> Plan:
+        return Plan(kind=kind, values=values, spacing_s=SPACING_S, reason=reason)
