@@ -34,7 +34,14 @@ from gfm.excitation.motion import Purpose
 from gfm.excitation.waypoints import motions
 from gfm.experiments.drive import drive, sawyer_ranges
 from gfm.experiments.run import KINDS, nominal_arm
-from gfm.launch import Supervisor, SystemSpec, free_endpoint, replay_process, robot_processes
+from gfm.launch import (
+    LOCKSTEP,
+    Supervisor,
+    SystemSpec,
+    free_endpoint,
+    replay_process,
+    robot_processes,
+)
 from gfm.report.files import model_texts, write_texts
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -81,8 +88,8 @@ def drive_round(folder: Path, effect: str, seed: int, motion_seed: int) -> list[
     """Drives all motions once, unless they were, and returns purpose and path of each."""
     found = folder / "driven.json"
     if not found.exists():
-        target = ("--recordings", str((folder / "recordings").absolute()))
-        robot = ("--hidden-effect", effect, "--seed", str(seed))
+        target = ("--recordings", str((folder / "recordings").absolute()), *LOCKSTEP)
+        robot = ("--hidden-effect", effect, "--seed", str(seed), *LOCKSTEP)
         processes = (replay_process(), *robot_processes(target, robot))
         system = SystemSpec(run="drive", endpoint=free_endpoint(), processes=processes)
         with Supervisor(system, folder / "logs") as running:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 from gfm.core import Command, Observation
 from gfm.core.checks import Array, check_shapes
@@ -164,6 +165,13 @@ class ReleaseRobot:
     """Tells the robot bridge that its driver lets go: somebody else may drive from now on."""
 
 
+class RobotClock(StrEnum):
+    """How a robot's time passes: by itself, or only as exchanges ask for it."""
+
+    WALL = "wall"
+    LOCKSTEP = "lockstep"
+
+
 @dataclass(frozen=True, kw_only=True)
 class RobotExchange:
     """Tells the simulated robot what to do, and for how long.
@@ -173,11 +181,13 @@ class RobotExchange:
             what is in force.
         advance_ns: Robot time to pass before the answer, at least 0.
         object_pose: Where to put the object before that, as in PlaceObject; None leaves it.
+        clock: How the bridge believes that the robot's time passes; another belief is refused.
     """
 
     commands: tuple[Command, ...]
     advance_ns: int
     object_pose: Array | None = None
+    clock: RobotClock = RobotClock.WALL
 
     def __post_init__(self) -> None:
         check_shapes({"object_pose": self.object_pose}, {"object_pose": (7,)})

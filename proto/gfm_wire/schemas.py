@@ -19,6 +19,7 @@ from gfm_wire.control import (
     RecordStop,
     Refusal,
     ReleaseRobot,
+    RobotClock,
     RobotExchange,
     RobotStates,
     RunEnvironment,
@@ -164,7 +165,12 @@ CONTROL = (
     Schema(
         RobotExchange,
         3,
-        {"commands": ListOf(COMMAND), "advance_ns": COUNT, "object_pose": Optional(POSE)},
+        {
+            "commands": ListOf(COMMAND),
+            "advance_ns": COUNT,
+            "object_pose": Optional(POSE),
+            "clock": Choice(RobotClock),
+        },
     ),
     Schema(RobotStates, 2, {"states": ListOf(OBSERVATION)}),
 )

@@ -40,6 +40,7 @@ from gfm_robot_bridge.simulated.__main__ import build as build_robot
 from gfm_robot_bridge.simulated.config import SimulatedConfig
 from gfm_robot_bridge.simulated.tracker import Tracker
 from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
+from gfm_wire import RobotClock
 
 POSITION = POSITION_MATCHING.name
 
@@ -59,12 +60,19 @@ class Rig:
         self.robot_answers = True
         self.hub = MemoryHub()
         self._bridge = build_bridge(
-            BridgeConfig(name="bridge", recordings=str(folder), control_hz=control_hz, clock=clock),
+            BridgeConfig(
+                name="bridge",
+                recordings=str(folder),
+                control_hz=control_hz,
+                clock=RobotClock(clock),
+            ),
             MemoryTransport(self.hub, name="bridge", clock=self.time),
             self.time,
         )
         self._robot = build_robot(
-            SimulatedConfig(name="robot", task=task, seed=4, clock=clock, engine=engine),
+            SimulatedConfig(
+                name="robot", task=task, seed=4, clock=RobotClock(clock), engine=engine
+            ),
             MemoryTransport(self.hub, name="robot", clock=self.time),
             self.time,
         )
@@ -165,7 +173,7 @@ def test_a_bridge_of_another_rate_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("clock", ["lockstep", "wall"])
 def test_the_robot_can_be_driven_on_either_clock(tmp_path: Path, clock: str) -> None:
-    made = attempts(Rig(tmp_path, clock=clock).driver)
+    made = attempts(Rig(tmp_path, clock=RobotClock(clock)).driver)
     made.begin()
     assert (attempt := made.make(2, 0, "either")) is not None
     assert attempt.outcome == "reached"

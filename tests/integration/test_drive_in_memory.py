@@ -9,7 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gfm.core import BadInputError, CommandKind, ConfigError, ManualClock, UnreachableError
+from gfm.core import (
+    BadInputError,
+    CommandKind,
+    ConfigError,
+    ManualClock,
+    RefusedError,
+    UnreachableError,
+)
 from gfm.excitation.motion import Motion, Purpose
 from gfm.excitation.waypoints import motions
 from gfm.experiments.drive import Driven, drive, sawyer_ranges
@@ -21,19 +28,27 @@ from gfm_robot_bridge.__main__ import build as build_bridge
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.simulated.__main__ import build as build_robot
 from gfm_robot_bridge.simulated.config import SimulatedConfig
+from gfm_wire import RobotClock
 
 
 def driven(
-    folder: Path, chosen: Sequence[Motion], *, clock: str = "lockstep", effect: str = "none"
+    folder: Path,
+    chosen: Sequence[Motion],
+    *,
+    clock: str = "lockstep",
+    robot_clock: str = "",
+    effect: str = "none",
 ) -> list[Driven]:
     hub, time = MemoryHub(), ManualClock()
     bridge = build_bridge(
-        BridgeConfig(name="bridge", recordings=str(folder), clock=clock),
+        BridgeConfig(name="bridge", recordings=str(folder), clock=RobotClock(clock)),
         MemoryTransport(hub, name="bridge", clock=time),
         time,
     )
     robot = build_robot(
-        SimulatedConfig(name="robot", clock=clock, hidden_effect=effect, seed=4),
+        SimulatedConfig(
+            name="robot", clock=RobotClock(robot_clock or clock), hidden_effect=effect, seed=4
+        ),
         MemoryTransport(hub, name="robot", clock=time),
         time,
     )
@@ -56,7 +71,7 @@ def short_motions() -> list[Motion]:
 @pytest.mark.parametrize("clock", ["lockstep", "wall"])
 def test_motions_become_recordings(tmp_path: Path, clock: str) -> None:
     chosen = short_motions()
-    done = driven(tmp_path, chosen, clock=clock)
+    done = driven(tmp_path, chosen, clock=RobotClock(clock))
     assert [(d.name, d.purpose, d.kind) for d in done] == [
         (m.name, m.purpose, m.kind) for m in chosen
     ]
@@ -96,6 +111,15 @@ def test_another_control_rate_is_noticed(tmp_path: Path) -> None:
     chosen = motions(sawyer_ranges(), seed=3, duration_s=4.0, period_s=0.05)[:1]
     with pytest.raises(BadInputError, match="the bridge's control rate is not 20 Hz"):
         driven(tmp_path, chosen)
+
+
+@pytest.mark.parametrize(("clock", "other"), [("lockstep", "wall"), ("wall", "lockstep")])
+def test_a_bridge_on_another_clock_than_its_robot_says_so(
+    tmp_path: Path, clock: str, other: str
+) -> None:
+    words = f"robot: the bridge is on the {clock} clock and this robot on the {other} clock, expec"
+    with pytest.raises(RefusedError, match=words):
+        driven(tmp_path, short_motions(), clock=clock, robot_clock=other)
 
 
 def test_without_a_bridge_the_wait_is_bounded() -> None:

@@ -31,6 +31,7 @@ from gfm_robot_bridge.__main__ import build as build_bridge
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.simulated.__main__ import build as build_robot
 from gfm_robot_bridge.simulated.config import SimulatedConfig
+from gfm_wire import RobotClock
 
 MODEL = sawyer_spec(command=CommandKind.POSITION).compile()
 #: Close to where the simulated robot starts: the way there takes a second.
@@ -53,6 +54,9 @@ def made_plan(kind: CommandKind) -> Plan:
     return replace(plan, motions=tuple(begun(one) for one in plan.motions[:2]))
 
 
+LOCKSTEP = RobotClock.LOCKSTEP
+
+
 def begun(planned: PlannedMotion) -> PlannedMotion:
     motion, torque = planned.motion, planned.torque[:PERIODS]
     tracking = None if motion.tracking is None else replace(motion.tracking, torque=torque)
@@ -63,12 +67,12 @@ def begun(planned: PlannedMotion) -> PlannedMotion:
 def driven(folder: Path, plan: Plan, *, model=MODEL) -> tuple[tuple[Path, ...], PlanReport]:
     hub, time = MemoryHub(), ManualClock()
     bridge = build_bridge(
-        BridgeConfig(name="bridge", recordings=str(folder / "recordings")),
+        BridgeConfig(name="bridge", recordings=str(folder / "recordings"), clock=LOCKSTEP),
         MemoryTransport(hub, name="bridge", clock=time),
         time,
     )
     robot = build_robot(
-        SimulatedConfig(name="robot", hidden_effect="none", seed=4),
+        SimulatedConfig(name="robot", hidden_effect="none", seed=4, clock=LOCKSTEP),
         MemoryTransport(hub, name="robot", clock=time),
         time,
     )

@@ -12,6 +12,7 @@ import numpy as np
 
 from gfm.core import Command, CommandKind, MonotonicClock
 from gfm.launch import (
+    LOCKSTEP,
     Supervisor,
     SystemSpec,
     actor_processes,
@@ -82,7 +83,7 @@ def test_the_whole_system_drives_records_and_fits_on_this_machine(tmp_path):
         endpoint=free_endpoint(),
         processes=(
             replay_process(("--min-size", "32")),
-            *robot_processes(("--recordings", str(tmp_path / "recordings"))),
+            *robot_processes(("--recordings", str(tmp_path / "recordings"), *LOCKSTEP), LOCKSTEP),
         ),
     )
     with Supervisor(system, tmp_path / "logs") as supervisor:

@@ -20,6 +20,7 @@ from gfm_robot_bridge import __main__ as bridge_command
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.simulated import __main__ as robot_command
 from gfm_robot_bridge.simulated.config import SimulatedConfig
+from gfm_wire import RobotClock
 
 ENVIRONMENT = EnvironmentSettings(horizon=10)
 
@@ -82,8 +83,8 @@ def test_sequences_batches_and_weights_go_all_the_way_round(learning):
 
 def test_a_command_goes_through_the_bridge_to_the_robot_and_its_effect_comes_back(tmp_path):
     system = System()
-    system.add(robot_command.build, SimulatedConfig(name="robot"))
-    bridge = BridgeConfig(name="bridge", recordings=str(tmp_path))
+    system.add(robot_command.build, SimulatedConfig(name="robot", clock=RobotClock.LOCKSTEP))
+    bridge = BridgeConfig(name="bridge", recordings=str(tmp_path), clock=RobotClock.LOCKSTEP)
     system.add(bridge_command.build, bridge)
     asking = system.connect()
     positions = []

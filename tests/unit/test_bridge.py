@@ -31,6 +31,7 @@ from gfm_wire import (
     RecordStart,
     RecordStop,
     ReleaseRobot,
+    RobotClock,
 )
 
 JOINTS = ("a", "b")
@@ -47,11 +48,13 @@ PERIOD_S = 0.02
 class Rig:
     """A bridge, a mirror robot and somebody who asks, in one thread."""
 
-    def __init__(self, folder: Path, **settings: Any) -> None:
+    def __init__(self, folder: Path, *, clock: str = "lockstep", **settings: Any) -> None:
         self.hub = MemoryHub()
         self.clock = ManualClock()
         self.robot = MirrorRobot(JOINTS, LIMITS)
-        config = BridgeConfig(name="bridge", recordings=str(folder), **settings)
+        config = BridgeConfig(
+            name="bridge", recordings=str(folder), clock=RobotClock(clock), **settings
+        )
         transport = MemoryTransport(self.hub, clock=self.clock)
         self.bridge = BridgeService(config, self.robot, transport, self.clock)
         self.asker = self.connect("first")

@@ -35,7 +35,7 @@ from gfm_robot_bridge.simulated.robot import (
 )
 from gfm_robot_bridge.simulated.sealed import seal
 from gfm_robot_bridge.simulated_sawyer import COMMAND_LATENCY_NS as DOCUMENTED_LATENCY_NS
-from gfm_wire import Message, RobotExchange, RobotStates
+from gfm_wire import Message, RobotClock, RobotExchange, RobotStates
 
 MS = 1_000_000
 QUIET = Sensors(position_noise=0.0, velocity_noise=0.0, effort_noise=0.0, encoder_step=1e-12)
@@ -286,12 +286,15 @@ def answer(config: SimulatedConfig, clock: ManualClock, *messages: Message) -> l
     return answers
 
 
-def exchange(advance_ms: int, sent: Command | None = None) -> RobotExchange:
-    return RobotExchange(commands=() if sent is None else (sent,), advance_ns=advance_ms * MS)
+def exchange(
+    advance_ms: int, sent: Command | None = None, clock: RobotClock = RobotClock.LOCKSTEP
+) -> RobotExchange:
+    commands = () if sent is None else (sent,)
+    return RobotExchange(commands=commands, advance_ns=advance_ms * MS, clock=clock)
 
 
 def test_in_lockstep_time_passes_only_in_exchanges() -> None:
-    config = SimulatedConfig(name="robot")
+    config = SimulatedConfig(name="robot", clock=RobotClock.LOCKSTEP)
     first, second, third = answer(config, ManualClock(), exchange(0), exchange(20), exchange(10))
     assert isinstance(first, RobotStates)
     assert isinstance(second, RobotStates)
@@ -302,7 +305,7 @@ def test_in_lockstep_time_passes_only_in_exchanges() -> None:
 
 
 def test_an_exchange_of_no_time_repeats_the_latest_report() -> None:
-    config = SimulatedConfig(name="robot")
+    config = SimulatedConfig(name="robot", clock=RobotClock.LOCKSTEP)
     first, again = answer(config, ManualClock(), exchange(0), exchange(0))
     assert isinstance(first, RobotStates)
     assert isinstance(again, RobotStates)
@@ -310,8 +313,9 @@ def test_an_exchange_of_no_time_repeats_the_latest_report() -> None:
 
 
 def test_on_the_wall_clock_time_passes_by_itself() -> None:
-    config = SimulatedConfig(name="robot", clock="wall")
-    first, second, third = answer(config, ManualClock(), exchange(0), exchange(500), exchange(0))
+    config = SimulatedConfig(name="robot")
+    asked = [exchange(ms, clock=RobotClock.WALL) for ms in (0, 500, 0)]
+    first, second, third = answer(config, ManualClock(), *asked)
     assert isinstance(first, RobotStates)
     assert isinstance(second, RobotStates)
     assert isinstance(third, RobotStates)
@@ -321,7 +325,7 @@ def test_on_the_wall_clock_time_passes_by_itself() -> None:
 
 def test_a_robot_that_cannot_keep_up_with_the_wall_clock_says_so() -> None:
     clock = ManualClock()
-    config = SimulatedConfig(name="robot", clock="wall")
+    config = SimulatedConfig(name="robot")
     robot = build(config, MemoryTransport(MemoryHub(), clock=clock), clock)
     clock.advance_s(2.5)
     with pytest.raises(ConfigError, match=r"robot is 2\.5 s behind it: .* expected lockstep"):
@@ -331,6 +335,10 @@ def test_a_robot_that_cannot_keep_up_with_the_wall_clock_says_so() -> None:
 @pytest.mark.parametrize(
     ("message", "words"),
     [
+        (
+            exchange(20, clock=RobotClock.WALL),
+            "the bridge is on the wall clock and this robot on the lockstep clock, expected both",
+        ),
         (exchange(20_000), "advance_ns is 20000000000"),
         (
             exchange(
@@ -345,12 +353,16 @@ def test_a_robot_that_cannot_keep_up_with_the_wall_clock_says_so() -> None:
 )
 def test_what_cannot_be_done_is_refused(message: RobotExchange, words: str) -> None:
     with pytest.raises(RefusedError, match=words):
-        answer(SimulatedConfig(name="robot"), ManualClock(), message)
+        answer(SimulatedConfig(name="robot", clock=RobotClock.LOCKSTEP), ManualClock(), message)
 
 
 def test_the_robot_answers_one_bridge() -> None:
     hub, clock = MemoryHub(), ManualClock()
-    robot = build(SimulatedConfig(name="robot"), MemoryTransport(hub, clock=clock), clock)
+    robot = build(
+        SimulatedConfig(name="robot", clock=RobotClock.LOCKSTEP),
+        MemoryTransport(hub, clock=clock),
+        clock,
+    )
     bridge, past_it = (MemoryTransport(hub, name=name, clock=clock) for name in ("bridge", "me"))
 
     def asked(transport: MemoryTransport) -> Message | None:

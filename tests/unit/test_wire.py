@@ -34,6 +34,7 @@ from gfm_wire import (
     RecordStop,
     Refusal,
     ReleaseRobot,
+    RobotClock,
     RobotExchange,
     RobotStates,
     RunEnvironment,
@@ -132,7 +133,7 @@ EXAMPLES: tuple[Message, ...] = (
     ByHand(),
     ReleaseRobot(),
     RobotExchange(commands=(COMMAND, COMMAND), advance_ns=10**7, object_pose=np.arange(7.0)),
-    RobotExchange(commands=(), advance_ns=0),
+    RobotExchange(commands=(), advance_ns=0, clock=RobotClock.LOCKSTEP),
     RobotStates(states=(OBSERVATION, OBSERVATION)),
 )
 

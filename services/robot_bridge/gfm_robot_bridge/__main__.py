@@ -14,6 +14,7 @@ from gfm_robot_bridge.mirror import MirrorRobot
 from gfm_robot_bridge.robot import Robot
 from gfm_robot_bridge.service import BridgeService
 from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
+from gfm_wire import RobotClock
 
 
 def build(config: BridgeConfig, transport: Transport, clock: Clock) -> Service:
@@ -22,7 +23,7 @@ def build(config: BridgeConfig, transport: Transport, clock: Clock) -> Service:
     if config.robot == "mirror":
         robot = MirrorRobot(JOINT_NAMES)
     else:
-        robot = SimulatedSawyer(transport, clock, lockstep=config.clock == "lockstep")
+        robot = SimulatedSawyer(transport, clock, robot_clock=config.clock)
     return BridgeService(config, robot, transport, clock)
 
 
@@ -37,8 +38,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     group.add_argument("--robot", choices=("sim", "mirror"), help="(default: sim)")
     group.add_argument(
         "--clock",
-        choices=("lockstep", "wall"),
-        help="whether robot time passes only with commands, or by itself (default: lockstep)",
+        choices=tuple(RobotClock),
+        help="whether robot time passes by itself, or only with commands (default: wall)",
     )
     group.add_argument("--control-hz", type=float, help="commands per second (default: 50)")
     group.add_argument("--recordings", metavar="DIR", help="where to write recordings")

@@ -7,6 +7,7 @@ from typing import Literal
 from gfm.core import ConfigError
 from gfm.service import ServiceConfig
 from gfm_robot_bridge.limits import Bounds, Limits
+from gfm_wire import RobotClock
 
 #: Speeds are commanded up to this part of what is allowed: when others change speed, a joint whose
 #: servo is soft exceeds its setpoint (by 12 % in the worst of many tries in the simulated arm).
@@ -20,8 +21,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
 
     Attributes:
         robot: sim: the simulated Sawyer in another process; mirror: a stand-in in this one.
-        clock: lockstep: the robot's time passes with every command, as fast as the machine can;
-            wall: in real time, with a watchdog. As the robot's own setting.
+        clock: wall: in real time, with a watchdog. lockstep: a simulated robot's time passes with
+            every command, as fast as the machine can. As the robot's own setting.
         control_hz: Commands per second of robot time.
         recordings: Folder for recordings.
         position_margin_rad: How far from the ends of the joint ranges commands stay.
@@ -38,7 +39,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
     """
 
     robot: Literal["sim", "mirror"] = "sim"
-    clock: Literal["lockstep", "wall"] = "lockstep"
+    clock: RobotClock = RobotClock.WALL
     control_hz: float = 50.0
     recordings: str = "recordings"
     position_margin_rad: float = 0.05

@@ -24,6 +24,7 @@ from gfm_robot_bridge.limits import Reason
 from gfm_robot_bridge.plan import Plan
 from gfm_robot_bridge.recorder import Recorder
 from gfm_robot_bridge.robot import Robot
+from gfm_wire import RobotClock
 
 _log = logging.getLogger(__name__)
 
@@ -67,7 +68,7 @@ class BridgeService(Service):
         self._clock = clock
         bounds = config.bounds(robot.limits, robot.patience_s)
         self._limiter = Limiter(bounds, robot.dynamics, config.period_ns * 1e-9)
-        oldest_ns = round(config.command_age_s * 1e9) if config.clock == "wall" else None
+        oldest_ns = round(config.command_age_s * 1e9) if config.clock == RobotClock.WALL else None
         lease = Lease("the robot", round(config.lease_s * 1e9))
         self._gate = CommandGate(robot.joint_names, lease, oldest_ns)
         self._recorder = Recorder(Path(config.recordings), _about(config))
@@ -92,7 +93,7 @@ class BridgeService(Service):
 
     def _tick(self) -> bool:
         """Begins a period where it is time for one; returns whether it was."""
-        if self._newest is None or self._config.clock == "wall":
+        if self._newest is None or self._config.clock == RobotClock.WALL:
             return self._tick_on_time()
         return self._decide(self._newest)
 
@@ -138,7 +139,7 @@ class BridgeService(Service):
             self._take_command(*found, newest)
             return True
         silent_ns = self._gate.silent_ns(self._clock.now_ns())
-        watched = self._config.clock == "wall"
+        watched = self._config.clock == RobotClock.WALL
         if not watched or silent_ns < self._config.watchdog_periods * self._config.period_ns:
             return False
         self._counters["watchdog_trips"] += 1
@@ -221,7 +222,7 @@ class BridgeService(Service):
             applied = replace(command, stamp_ns=acts_ns)
             self._recorder.command(replace(requested or applied, stamp_ns=acts_ns), applied)
             self._in_force = _InForce(applied=applied, reason=plan.reason)
-        self._begin(sent, passes=self._config.clock == "lockstep")
+        self._begin(sent, passes=self._config.clock == RobotClock.LOCKSTEP)
 
     def _begin(self, commands: Sequence[Command], *, passes: bool) -> None:
         """Begins an exchange; says whether a robot on the lockstep clock lets a period pass."""

@@ -15,7 +15,7 @@ from gfm.transport import PendingReply, Transport
 from gfm_robot_bridge.limits import Limits
 from gfm_robot_bridge.robot import Robot
 from gfm_robot_bridge.sawyer_dynamics import SawyerDynamics
-from gfm_wire import RobotExchange, RobotStates
+from gfm_wire import RobotClock, RobotExchange, RobotStates
 
 EXCHANGE = "sawyer/exchange"
 #: Documented by the robot: its controller keeps commands until then.
@@ -44,12 +44,17 @@ class SimulatedSawyer(Robot):
     Args:
         transport: The connection.
         clock: Of this process.
-        lockstep: Whether the robot's time passes in exchanges only.
+        robot_clock: How the robot's time passes.
         timeout_s: How long to wait for an answer.
     """
 
     def __init__(
-        self, transport: Transport, clock: Clock, *, lockstep: bool, timeout_s: float = 10.0
+        self,
+        transport: Transport,
+        clock: Clock,
+        *,
+        robot_clock: RobotClock,
+        timeout_s: float = 10.0,
     ) -> None:
         self.joint_names = tuple(joint.name for joint in JOINTS)
         self.limits = sawyer_limits()
@@ -58,7 +63,7 @@ class SimulatedSawyer(Robot):
         self.dynamics = SawyerDynamics()
         self._transport = transport
         self._clock = clock
-        self._lockstep = lockstep
+        self._robot_clock = robot_clock
         self._timeout_s = timeout_s
         self._pending: PendingReply | None = None
         self._object_pose: Array | None = None
@@ -67,13 +72,17 @@ class SimulatedSawyer(Robot):
 
     @override
     def time_ns(self) -> int:
-        passed_ns = 0 if self._lockstep else self._clock.now_ns() - self._heard_ns
-        return self._robot_ns + passed_ns
+        if self._robot_clock == RobotClock.LOCKSTEP:
+            return self._robot_ns
+        return self._robot_ns + self._clock.now_ns() - self._heard_ns
 
     @override
     def begin(self, commands: Sequence[Command], advance_ns: int) -> None:
         exchange = RobotExchange(
-            commands=tuple(commands), advance_ns=advance_ns, object_pose=self._object_pose
+            commands=tuple(commands),
+            advance_ns=advance_ns,
+            object_pose=self._object_pose,
+            clock=self._robot_clock,
         )
         self._object_pose = None
         self._pending = self._transport.request(EXCHANGE, exchange, timeout_s=self._timeout_s)

@@ -186,12 +186,15 @@ class Driver:
     ) -> bool:
         """Goes somewhere and comes to rest there; returns False where that was broken off.
 
+        It begins a session: a driver that wrote files meanwhile was too silent for the last one.
+
         Args:
             joint_names: J of them.
             position: rad, shape (J,).
             period_s: Of the bridge.
             interrupts: Asked before every command whether to break off.
         """
+        self._number = 0
         start, way = self.newest.position, position - self.newest.position
         duration_s = max(1.875 * float(np.abs(way).max()) / _APPROACH_SPEED, _SHORTEST_APPROACH_S)
         for time_s in np.arange(0.0, duration_s + _SETTLE_S, period_s):

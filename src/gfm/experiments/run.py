@@ -49,6 +49,7 @@ from gfm.experiments.sealed import unseal
 from gfm.experiments.slsqp import Identified, identify
 from gfm.experiments.transfer import TransferRequest, transfer
 from gfm.launch import (
+    LOCKSTEP,
     Supervisor,
     SystemSpec,
     free_endpoint,
@@ -181,13 +182,15 @@ class _Run:
         robot = (
             *("--hidden-effect", self._settings.hidden_effect),
             *("--seed", str(seed), "--sealed", str(self._sealed)),
+            *LOCKSTEP,
         )
+        bridge = ("--recordings", str(folder / "recordings"), *LOCKSTEP)
         system = SystemSpec(
             run="loop",  # a router of its own: nobody else is there
             endpoint=free_endpoint(),
             processes=(
                 replay_process(),
-                *robot_processes(("--recordings", str(folder / "recordings")), robot),
+                *robot_processes(bridge, robot),
             ),
         )
         return Supervisor(system, folder / "logs", clock=self._clock)

@@ -1,6 +1,7 @@
 """Starts, watches and stops the services as processes of this machine."""
 
 from gfm.launch.spec import (
+    LOCKSTEP,
     ProcessSpec,
     SystemSpec,
     actor_processes,
@@ -13,6 +14,7 @@ from gfm.launch.supervisor import Supervisor, watching
 from gfm.launch.survey import statuses, summary
 
 __all__ = [
+    "LOCKSTEP",
     "ProcessSpec",
     "Supervisor",
     "SystemSpec",

@@ -19,6 +19,9 @@ before the robot, so that it can hold it; last the hub through which everybody s
 ENGINES = {"sim": "mujoco", "drake": "drake"}
 """Simulated robots by the name that commands have for them, with the engine of each."""
 
+LOCKSTEP = ("--clock", "lockstep")
+"""What a simulated robot and its bridge are both told where time shall pass with commands only."""
+
 _MODULES = {
     "replay": "gfm_replay",
     "learner": "gfm_learner",

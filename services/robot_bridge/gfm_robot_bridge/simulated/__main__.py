@@ -17,6 +17,7 @@ from gfm_robot_bridge.simulated.mechanics import MakeMechanics
 from gfm_robot_bridge.simulated.robot import Sensors, SimulatedRobot
 from gfm_robot_bridge.simulated.sealed import seal
 from gfm_robot_bridge.simulated.service import SimulatedService
+from gfm_wire import RobotClock
 
 
 def build(config: SimulatedConfig, transport: Transport, clock: Clock) -> Service:
@@ -62,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     group.add_argument(
         "--engine", choices=("mujoco", "drake"), help="what moves it (default: mujoco)"
     )
-    group.add_argument("--clock", choices=("lockstep", "wall"), help="(default: lockstep)")
+    group.add_argument("--clock", choices=tuple(RobotClock), help="(default: wall)")
     group.add_argument(
         "--hidden-effect",
         metavar="NAME",

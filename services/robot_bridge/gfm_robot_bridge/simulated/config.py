@@ -8,6 +8,7 @@ from typing import Literal
 from gfm.core import ConfigError
 from gfm.service import ServiceConfig
 from gfm_robot_bridge.simulated.hidden import GivenEffect, check_choice, given, needs_object
+from gfm_wire import RobotClock
 
 
 class SimulatedConfig(ServiceConfig, frozen=True, kw_only=True):
@@ -15,8 +16,8 @@ class SimulatedConfig(ServiceConfig, frozen=True, kw_only=True):
 
     Attributes:
         engine: What moves it: mujoco, with an integrator of its own, or drake.
-        clock: lockstep: time passes only in exchanges, as fast as the machine can. wall: it
-            passes by itself.
+        clock: wall: time passes by itself. lockstep: only in exchanges, as fast as the machine can.
+            As the bridge's own setting.
         hidden_effect: What the robot has beyond its nominal model: an effect's name, `random` for
             any one, several joined by `+`, or `none`.
         hidden: Effects that the robot has beyond its nominal model, with amounts, in place of
@@ -29,7 +30,7 @@ class SimulatedConfig(ServiceConfig, frozen=True, kw_only=True):
     """
 
     engine: Literal["mujoco", "drake"] = "mujoco"
-    clock: Literal["lockstep", "wall"] = "lockstep"
+    clock: RobotClock = RobotClock.WALL
     hidden_effect: str = "none"
     hidden: tuple[GivenEffect, ...] = ()
     task: Literal["none", "position", "pose"] = "none"

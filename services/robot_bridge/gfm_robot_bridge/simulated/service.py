@@ -14,7 +14,7 @@ from gfm.transport import Request, Transport
 from gfm_robot_bridge.lease import Lease
 from gfm_robot_bridge.simulated.config import SimulatedConfig
 from gfm_robot_bridge.simulated.robot import SimulatedRobot
-from gfm_wire import RobotExchange, RobotStates
+from gfm_wire import RobotClock, RobotExchange, RobotStates
 
 EXCHANGE = "sawyer/exchange"
 #: An exchange that asks for more than this is a mistake, and would stop the answers for long.
@@ -51,7 +51,7 @@ class SimulatedService(Service):
 
     @override
     def step(self) -> bool:
-        if self._config.clock == "wall":
+        if self._config.clock == RobotClock.WALL:
             self._keep_up()
         request = self._server.receive()
         if request is None:
@@ -75,7 +75,9 @@ class SimulatedService(Service):
 
     def _answer(self, request: Request) -> None:
         message = request.message
-        problem = _problem(message) or self._bridge.refusal(request.stamp, self._clock.now_ns())
+        problem = self._problem(message) or self._bridge.refusal(
+            request.stamp, self._clock.now_ns()
+        )
         if problem or not isinstance(message, RobotExchange):
             self._counters["rejected_messages"] += 1
             request.refuse(problem)
@@ -88,13 +90,19 @@ class SimulatedService(Service):
                 request.refuse(str(error))
                 return
         self._counters["exchanges"] += 1
-        advance_ns = 0 if self._config.clock == "wall" else message.advance_ns
+        advance_ns = 0 if self._config.clock == RobotClock.WALL else message.advance_ns
         for command in message.commands:
             self._robot.take(command)
         self._reports.extend(self._robot.advance(None, advance_ns))
         states = tuple(self._reports) or (self._robot.latest,)
         self._reports.clear()
         request.reply(RobotStates(states=states))
+
+    def _problem(self, message: object) -> str:
+        """Returns why an exchange is refused, or nothing."""
+        if not isinstance(message, RobotExchange):
+            return f"got {type(message).__name__}, expected RobotExchange"
+        return _problem(message, self._config.clock)
 
     def _keep_up(self) -> None:
         """Lets the robot's time catch up with the clock.
@@ -112,10 +120,12 @@ class SimulatedService(Service):
             self._reports.extend(self._robot.advance(None, behind_ns))
 
 
-def _problem(message: object) -> str:
-    """Returns why an exchange is refused, or nothing."""
-    if not isinstance(message, RobotExchange):
-        return f"got {type(message).__name__}, expected RobotExchange"
+def _problem(message: RobotExchange, clock: RobotClock) -> str:
+    if message.clock != clock:
+        return (
+            f"the bridge is on the {message.clock} clock and this robot on the {clock} clock, "
+            "expected both on the same (--clock)"
+        )
     if message.advance_ns > _LONGEST_ADVANCE_NS:
         return f"advance_ns is {message.advance_ns}, expected at most {_LONGEST_ADVANCE_NS}"
     for command in message.commands:
