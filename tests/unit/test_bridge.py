@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import threading
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +20,13 @@ from gfm.core import (
     Observation,
     RefusedError,
 )
-from gfm.recording import read_recording
+from gfm.recording import RecordingWriter, read_recording
 from gfm.transport import MemoryHub, MemoryTransport, PendingReply
+from gfm_robot_bridge.background import Background, InThread, Piece
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.limits import Limits, Reason
 from gfm_robot_bridge.mirror import MirrorRobot
+from gfm_robot_bridge.recorder import Recorder
 from gfm_robot_bridge.service import BridgeService
 from gfm_wire import (
     Ack,
@@ -370,6 +376,101 @@ def test_closing_completes_the_recording_and_holds_the_robot(rig: Rig, tmp_path:
     ]
     assert rig.robot.told[-1].kind is CommandKind.POSITION
     assert len(read_recording(tmp_path / "one.mcap").stamp_ns) >= 20
+
+
+class FullDisk:
+    """A recording's file on a disk that takes no more."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.full = False
+        written = RecordingWriter.write_state
+
+        def write(writer: RecordingWriter, *arguments: Any) -> None:
+            if self.full:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            written(writer, *arguments)
+
+        monkeypatch.setattr(RecordingWriter, "write_state", write)
+
+
+def test_a_full_disk_ends_the_recording_and_control_goes_on(
+    rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk = FullDisk(monkeypatch)
+    rig.command("velocity", [0.0, 0.0])
+    rig.ask("robot/record", RecordStart(name="one"))
+    rig.command("velocity", [0.02, 0.0])
+    disk.full = True
+    for _ in range(5):
+        assert rig.command("velocity", [0.02, 0.0]).reason == Reason.NONE
+    words = r"one\.mcap: No space left on device; what there is stays in one\.mcap\.part"
+    with pytest.raises(RefusedError, match=words):
+        rig.ask("robot/record", RecordStop())
+    assert (rig.counter("recordings"), rig.counter("lost_recordings")) == (0, 1)
+    assert [path.name for path in tmp_path.iterdir()] == ["one.mcap.part"]
+    disk.full = False
+    assert rig.ask("robot/record", RecordStart(name="two")) == Ack()
+    assert isinstance(rig.ask("robot/record", RecordStop()), RecordDone)
+
+
+def test_what_a_crash_left_is_kept_aside(rig: Rig, tmp_path: Path) -> None:
+    for crash in range(2):
+        (tmp_path / "one.mcap.part").write_bytes(bytes([crash]) * 1000)
+        rig.ask("robot/record", RecordStart(name="one"))
+        rig.command("velocity", [0.0, 0.0], number=0)
+        rig.ask("robot/record", RecordStop())
+        (tmp_path / "one.mcap").unlink()
+    kept = sorted(tmp_path.glob("*.part"))
+    assert [path.name for path in kept] == [
+        "one_crashed_1.mcap.part",
+        "one_crashed_2.mcap.part",
+    ]
+    assert [path.read_bytes() for path in kept] == [b"\x00" * 1000, b"\x01" * 1000]
+
+
+def test_a_recording_that_cannot_begin_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    rig = Rig(tmp_path / "file")
+    with pytest.raises(RefusedError, match=r"one\.mcap: File exists$"):
+        rig.ask("robot/record", RecordStart(name="one"))
+    with pytest.raises(RefusedError, match="nothing is being recorded"):
+        rig.ask("robot/record", RecordStop())
+
+
+def test_work_in_a_thread_is_done_in_order_and_bounded() -> None:
+    done: list[int] = []
+    holds, began = threading.Event(), threading.Event()
+    background = InThread(waiting=3)
+
+    def wait() -> None:
+        began.set()
+        holds.wait()
+
+    assert background.do(wait)
+    began.wait()
+    assert [background.do(partial(done.append, number)) for number in range(4)] == [
+        True,
+        True,
+        True,
+        False,
+    ]
+    holds.set()
+    background.close(10.0)
+    assert done == [0, 1, 2]
+
+
+def test_a_disk_that_is_too_slow_ends_the_recording(tmp_path: Path) -> None:
+    class Stuck(Background):
+        def do(self, _piece: Piece) -> bool:
+            return False
+
+        def close(self, timeout_s: float) -> None:
+            pass
+
+    recorder = Recorder(tmp_path, {}, Stuck())
+    answer = recorder.start(RecordStart(name="one"))
+    with pytest.raises(RefusedError, match=r"one\.mcap: the disk is too slow"):
+        answer()
 
 
 # On the wall clock

@@ -9,6 +9,7 @@ from gfm.core import Clock
 from gfm.service import Service, make_parser, service_main
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import Transport
+from gfm_robot_bridge.background import AtOnce, Background, InThread
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.mirror import MirrorRobot
 from gfm_robot_bridge.robot import Robot
@@ -17,14 +18,19 @@ from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
 from gfm_wire import RobotClock
 
 
-def build(config: BridgeConfig, transport: Transport, clock: Clock) -> Service:
+def build(
+    config: BridgeConfig,
+    transport: Transport,
+    clock: Clock,
+    background: Background | None = None,
+) -> Service:
     """Returns the service that the settings describe."""
     robot: Robot
     if config.robot == "mirror":
         robot = MirrorRobot(JOINT_NAMES)
     else:
         robot = SimulatedSawyer(transport, clock, robot_clock=config.clock)
-    return BridgeService(config, robot, transport, clock)
+    return BridgeService(config, robot, transport, clock, background)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -49,7 +55,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     group.add_argument(
         "--position-margin-rad", type=float, help="distance to the joint limits (default: 0.05)"
     )
-    return service_main(parser, BridgeConfig, build, argv)
+    return service_main(parser, BridgeConfig, _build_process, argv)
+
+
+def _build_process(config: BridgeConfig, transport: Transport, clock: Clock) -> Service:
+    """Returns the service as it runs in a process: on the wall clock no file delays the robot."""
+    waits = config.clock == RobotClock.LOCKSTEP
+    return build(config, transport, clock, AtOnce() if waits else InThread())
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import numpy as np
 from gfm.core import Clock, RefusedError
 from gfm.transport import Request, Transport
 from gfm_robot_bridge.lease import Lease
-from gfm_robot_bridge.recorder import Recorder
+from gfm_robot_bridge.recorder import Pending, Recorder
 from gfm_robot_bridge.robot import Robot
 from gfm_wire import Ack, ByHand, PlaceObject, RecordStart, RecordStop, ReleaseRobot
 
@@ -52,6 +52,7 @@ class Desk:
         self._recorder = recorder
         self._lease = lease
         self._released = released
+        self._pending: list[tuple[Request, Pending]] = []
         self._servers = (
             (transport.serve(RECORD), self._answer_record),
             (transport.serve(OBJECT), self._answer_place),
@@ -59,21 +60,34 @@ class Desk:
         )
 
     def answer(self) -> bool:
-        """Answers the next question; returns whether there was any."""
+        """Answers the next question, and those whose answer is known now; returns whether any."""
+        waiting, self._pending = self._pending, []
+        for asked, pending in waiting:
+            self._answer_when_known(asked, pending)
         for server, answer in self._servers:
             if (request := server.receive()) is not None:
                 answer(request)
                 return True
-        return False
+        return len(self._pending) < len(waiting)
+
+    def _answer_when_known(self, request: Request, pending: Pending) -> None:
+        try:
+            answer = pending()
+        except RefusedError as error:
+            self._refuse(request, str(error))
+            return
+        if answer is None:
+            self._pending.append((request, pending))
+        else:
+            request.reply(answer)
 
     def _answer_record(self, request: Request) -> None:
         message = request.message
         try:
             if isinstance(message, RecordStart):
-                self._recorder.start(message)
-                request.reply(Ack())
+                self._answer_when_known(request, self._recorder.start(message))
             elif isinstance(message, RecordStop):
-                request.reply(self._recorder.stop())
+                self._answer_when_known(request, self._recorder.stop())
             else:
                 self._refuse_kind(request, "RecordStart or RecordStop")
         except RefusedError as error:

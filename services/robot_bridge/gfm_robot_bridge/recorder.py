@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import final
 
 from gfm.core import Command, CommandKind, Observation, RefusedError
 from gfm.recording import RecordingWriter
-from gfm_wire import RecordDone, RecordStart
+from gfm_robot_bridge.background import Background, Piece
+from gfm_robot_bridge.recording_file import RecordingFile
+from gfm_wire import Ack, RecordDone, RecordStart
 
 _log = logging.getLogger(__name__)
+#: Asked for an answer; None while it is not known.
+Pending = Callable[[], Ack | RecordDone | None]
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
@@ -21,7 +26,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 class _Recording:
     """One recording under way, or ended by a change of mode."""
 
-    writer: RecordingWriter
+    file: RecordingFile
     kind: CommandKind | None = None
     reports: int = 0
     ended: bool = False
@@ -33,33 +38,39 @@ class Recorder:
     """Writes reports and commands while a recording is under way.
 
     A recording begins with the command that is in force, if that is of the kind of those that
-    follow. Commands of another kind end it: a recording has one kind.
+    follow. Commands of another kind end it: a recording has one kind. So does a disk that is full,
+    or too slow.
 
     Args:
         folder: Where recordings go.
         about: What every recording says about itself.
+        background: That writes.
 
     Attributes:
         finished: Recordings completed.
+        failed: Recordings that the disk ended.
     """
 
-    def __init__(self, folder: Path, about: Mapping[str, str]) -> None:
+    def __init__(self, folder: Path, about: Mapping[str, str], background: Background) -> None:
         self.finished = 0
+        self.failed = 0
         self._folder = folder
         self._about = dict(about)
+        self._background = background
         self._recording: _Recording | None = None
         self._in_force: tuple[Command, Command] | None = None
 
     @property
     def name(self) -> str:
         """The recording under way, or nothing."""
-        return "" if self._recording is None else self._recording.writer.path.name
+        return "" if self._recording is None else self._recording.file.path.name
 
-    def start(self, request: RecordStart) -> None:
-        """Begins a recording.
+    def start(self, request: RecordStart) -> Pending:
+        """Begins a recording; returns what to ask for the answer.
 
         Raises:
-            RefusedError: one is under way, or the name is no plain file name or is taken.
+            RefusedError: one is under way, or the name is no plain file name or is taken; asked for
+                the answer, too: the file cannot be written.
         """
         if self._recording is not None:
             raise RefusedError(f"{self.name} is being recorded; stop it first")
@@ -68,24 +79,56 @@ class Recorder:
         path = self._folder / f"{request.name}.mcap"
         if path.exists():
             raise RefusedError(f"{path} exists; recordings are never overwritten")
-        try:
-            writer = RecordingWriter(path, about=self._about | dict(request.metadata))
-        except OSError as exc:
-            raise RefusedError(f"{path} cannot be written: {exc.strerror}") from exc
-        self._recording = _Recording(writer=writer)
+        recording = _Recording(file=RecordingFile(path, self._about | dict(request.metadata)))
+        self._recording = recording
+        self._do(recording.file, recording.file.begin)
 
-    def stop(self) -> RecordDone:
-        """Completes the recording.
+        def answer() -> Ack | None:
+            if recording.file.problem:
+                self._recording = None
+                self._raise(recording.file)
+            return Ack() if recording.file.is_open else None
+
+        return answer
+
+    def stop(self) -> Pending:
+        """Completes the recording; returns what to ask for the answer.
 
         Raises:
-            RefusedError: none is under way.
+            RefusedError: none is under way; asked for the answer, too: the disk ended it.
         """
         if self._recording is None:
             raise RefusedError("nothing is being recorded")
         recording, self._recording = self._recording, None
-        recording.writer.close()
-        self.finished += 1
-        return RecordDone(path=str(recording.writer.path), ticks=recording.reports)
+        self._do(recording.file, recording.file.finish)
+
+        def answer() -> RecordDone | None:
+            if recording.file.problem:
+                self._raise(recording.file)
+            if not recording.file.is_done:
+                return None
+            self.finished += 1
+            return RecordDone(path=str(recording.file.path), ticks=recording.reports)
+
+        return answer
+
+    def close(self, timeout_s: float) -> None:
+        """Completes what is under way, or gives up after `timeout_s`."""
+        if self._recording is not None:
+            self._background.do(self._recording.file.finish)
+        self._background.close(timeout_s)
+
+    def _raise(self, file: RecordingFile) -> None:
+        self.failed += 1
+        raise RefusedError(file.problem)
+
+    def _do(self, file: RecordingFile, piece: Piece) -> None:
+        if not self._background.do(piece):
+            file.give_up("the disk is too slow")
+
+    def _write(self, file: RecordingFile, piece: Callable[[RecordingWriter], None]) -> None:
+        if not file.problem:
+            self._do(file, partial(file.write, piece))
 
     def command(self, requested: Command, applied: Command) -> None:
         """Takes what was asked for and what the robot was told, both stamped as they act."""
@@ -96,31 +139,40 @@ class Recorder:
         if recording.kind is None:
             recording.kind = applied.kind
             if before is not None and before[1].kind is applied.kind:
-                _write(recording.writer, *before)
+                self._write(recording.file, partial(_both, *before))
         if recording.kind is applied.kind:
-            _write(recording.writer, requested, applied)
+            self._write(recording.file, partial(_both, requested, applied))
         else:
             recording.ended = True
             _log.warning("%s ends: %s commands follow", self.name, applied.kind)
 
     def report(self, report: Observation) -> None:
         """Takes one sensor report."""
-        if self._recording is not None and not self._recording.ended:
-            self._recording.writer.write_state(
-                report.stamp_ns, report.joint_names, report.position, report.velocity, report.effort
-            )
-            self._recording.reports += 1
-            self._object_pose(self._recording, report)
+        recording = self._recording
+        if recording is not None and not recording.ended:
+            self._write(recording.file, partial(_state, report))
+            recording.reports += 1
+            self._object_pose(recording, report)
 
     def _object_pose(self, recording: _Recording, report: Observation) -> None:
         """Writes where the object was, once for each time that it was tracked."""
-        place, turn = report.object_position, report.object_quaternion
-        if place is None or turn is None or report.object_stamp_ns <= recording.tracked_ns:
+        place, turn, seen_ns = (
+            report.object_position,
+            report.object_quaternion,
+            report.object_stamp_ns,
+        )
+        if place is None or turn is None or seen_ns <= recording.tracked_ns:
             return
-        recording.tracked_ns = report.object_stamp_ns
-        recording.writer.write_object_pose(report.object_stamp_ns, place, turn)
+        recording.tracked_ns = seen_ns
+        self._write(recording.file, lambda writer: writer.write_object_pose(seen_ns, place, turn))
 
 
-def _write(writer: RecordingWriter, requested: Command, applied: Command) -> None:
+def _both(requested: Command, applied: Command, writer: RecordingWriter) -> None:
     writer.write_command(applied)
     writer.write_requested(requested)
+
+
+def _state(report: Observation, writer: RecordingWriter) -> None:
+    writer.write_state(
+        report.stamp_ns, report.joint_names, report.position, report.velocity, report.effort
+    )

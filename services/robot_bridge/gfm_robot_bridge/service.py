@@ -15,6 +15,7 @@ from gfm import __version__
 from gfm.core import Clock, Command, GfmError, Observation, Status
 from gfm.service import Service, make_status
 from gfm.transport import Request, Transport
+from gfm_robot_bridge.background import AtOnce, Background
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.desk import Desk
 from gfm_robot_bridge.gate import CommandGate
@@ -34,6 +35,7 @@ _RETRY_NS = 1_000_000_000
 #: A stop takes less than this, or the robot does not answer.
 _LONGEST_STOP_NS = 1_000_000_000
 _POLL_NS = 500_000
+_LONGEST_WRITE_S = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,10 +59,22 @@ class BridgeService(Service):
     applied and why that differs. On the lockstep clock the robot's time passes only in these
     periods, and while the robot is stopped. On the wall clock the robot's reports are read every
     period, the command is decided by them and sent, and silence trips the watchdog.
+
+    Args:
+        config: Its settings.
+        robot: To drive.
+        transport: The connection to whoever commands.
+        clock: Of this process.
+        background: That writes recordings; by default they are written at once.
     """
 
     def __init__(
-        self, config: BridgeConfig, robot: Robot, transport: Transport, clock: Clock
+        self,
+        config: BridgeConfig,
+        robot: Robot,
+        transport: Transport,
+        clock: Clock,
+        background: Background | None = None,
     ) -> None:
         self._config = config
         self._robot = robot
@@ -71,7 +85,7 @@ class BridgeService(Service):
         oldest_ns = round(config.command_age_s * 1e9) if config.clock == RobotClock.WALL else None
         lease = Lease("the robot", round(config.lease_s * 1e9))
         self._gate = CommandGate(robot.joint_names, lease, oldest_ns)
-        self._recorder = Recorder(Path(config.recordings), _about(config))
+        self._recorder = Recorder(Path(config.recordings), _about(config), background or AtOnce())
         self._counters: Counter[str] = Counter(dict.fromkeys(_COUNTERS, 0))
         self._commands = transport.serve(COMMAND)
         self._desk = Desk(transport, clock, robot, self._recorder, lease, released=self._let_go)
@@ -99,7 +113,11 @@ class BridgeService(Service):
 
     @override
     def status(self) -> Status:
-        counters = dict(self._counters) | {"recordings": self._recorder.finished}
+        counters = dict(self._counters)
+        counters |= {
+            "recordings": self._recorder.finished,
+            "lost_recordings": self._recorder.failed,
+        }
         counters["rejected_messages"] += self._desk.rejected
         gauges = {"robot_time_s": self._robot.time_ns() * 1e-9}
         return make_status(
@@ -114,8 +132,7 @@ class BridgeService(Service):
         while self._stopping and self._clock.now_ns() < until_ns:
             if not self.step():
                 self._clock.sleep_until_ns(self._clock.now_ns() + _POLL_NS)
-        if self._recorder.name:
-            self._recorder.stop()
+        self._recorder.close(_LONGEST_WRITE_S)
 
     def _tick_on_time(self) -> bool:
         """Begins the exchange of a period when it is due (the first one also in lockstep)."""

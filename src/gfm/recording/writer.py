@@ -95,6 +95,10 @@ class RecordingWriter:
         self._finish()
         self._part.unlink()
 
+    def abandon(self) -> None:
+        """Leaves the `.part` as it is: nothing more can be written."""
+        self._file.close()
+
     def __enter__(self) -> Self:
         return self
 
