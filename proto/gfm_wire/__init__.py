@@ -17,8 +17,10 @@ from gfm_wire.control import (
     RobotStates,
     RunEnvironment,
     SampleRequest,
+    ScaleSpeed,
     SequenceAck,
     StatusRequest,
+    StopRobot,
     WeightsRequest,
 )
 from gfm_wire.kinds import Reason
@@ -44,9 +46,11 @@ __all__ = [
     "RobotStates",
     "RunEnvironment",
     "SampleRequest",
+    "ScaleSpeed",
     "SequenceAck",
     "Stamp",
     "StatusRequest",
+    "StopRobot",
     "WeightsRequest",
     "decode",
     "decode_stamped",

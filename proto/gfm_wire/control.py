@@ -165,6 +165,28 @@ class ReleaseRobot:
     """Tells the robot bridge that its driver lets go: somebody else may drive from now on."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class StopRobot:
+    """Tells the robot bridge to stop the robot: its driver has to begin again. Anybody may.
+
+    Attributes:
+        reason: Why, for whoever drives.
+    """
+
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScaleSpeed:
+    """Tells the robot bridge at which part of the commanded speed to go. Anybody may slow it down.
+
+    Attributes:
+        scale: 0 to 1; 0 is a soft stop, after which the driver may go on.
+    """
+
+    scale: float
+
+
 class RobotClock(StrEnum):
     """How a robot's time passes: by itself, or only as exchanges ask for it."""
 

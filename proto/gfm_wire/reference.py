@@ -22,6 +22,8 @@ _KEYS = (
     ("robot/record", "question", "RecordStart", "Ack", "whoever records asks the bridge"),
     ("robot/record", "question", "RecordStop", "RecordDone", "whoever records asks the bridge"),
     ("robot/object", "question", "PlaceObject", "Ack or ByHand", "driver to robot bridge"),
+    ("robot/stop", "question", "StopRobot", "Ack", "whoever sees that the robot must stop"),
+    ("robot/speed", "question", "ScaleSpeed", "Ack", "whoever wants it slower, or at rest"),
     ("robot/release", "question", "ReleaseRobot", "Ack", "the driver lets go of the robot"),
     ("sawyer/exchange", "question", "RobotExchange", "RobotStates", "bridge to simulated robot"),
     ("status/ROLE/NAME", "question", "StatusRequest", "Status", "every service answers"),

@@ -24,8 +24,10 @@ from gfm_wire.control import (
     RobotStates,
     RunEnvironment,
     SampleRequest,
+    ScaleSpeed,
     SequenceAck,
     StatusRequest,
+    StopRobot,
     WeightsRequest,
 )
 from gfm_wire.kinds import Array, Choice, Integer, ListOf, MapOf, Number, Optional, Text
@@ -49,10 +51,12 @@ Message = (
     | RobotStates
     | RunEnvironment
     | SampleRequest
+    | ScaleSpeed
     | Sequence
     | SequenceAck
     | Status
     | StatusRequest
+    | StopRobot
     | Weights
     | WeightsRequest
 )
@@ -162,6 +166,8 @@ CONTROL = (
     Schema(PlaceObject, 1, {"pose": POSE}),
     Schema(ByHand, 1, {}),
     Schema(ReleaseRobot, 1, {}),
+    Schema(StopRobot, 1, {"reason": TEXT}),
+    Schema(ScaleSpeed, 1, {"scale": Number()}),
     Schema(
         RobotExchange,
         3,

@@ -38,6 +38,8 @@ from gfm_wire import (
     RecordStop,
     ReleaseRobot,
     RobotClock,
+    ScaleSpeed,
+    StopRobot,
 )
 
 JOINTS = ("a", "b")
@@ -529,7 +531,101 @@ def test_a_slow_bridge_counts_what_it_missed(wall: Rig) -> None:
     assert wall.counter("overruns") == 1
 
 
+# Stops that somebody asks for
+
+
+def test_anybody_may_stop_the_robot_and_only_a_new_session_moves_it(wall: Rig) -> None:
+    for _ in range(10):
+        wall.command("velocity", [0.1, 0.1])
+    driver, wall.asker = wall.asker, wall.connect("person")
+    assert wall.ask("robot/stop", StopRobot(reason="it smells")) == Ack()
+    wall.pass_time(0.1)
+    assert wall.robot.told[-1].kind is CommandKind.POSITION
+    newest = wall.observations.latest()
+    assert isinstance(newest, Observation)
+    assert Reason.STOPPED in Reason(newest.reason)
+    wall.asker = driver
+    with pytest.raises(RefusedError, match="stopped by person: it smells; a command with number 0"):
+        wall.command("velocity", [0.1, 0.1])
+    wall.command("velocity", [0.1, 0.1], number=0)
+
+
+def test_in_lockstep_a_stop_takes_the_time_that_it_needs(rig: Rig) -> None:
+    for _ in range(10):
+        rig.command("velocity", [0.4, 0.4])
+    began_ns = rig.robot.time_ns()
+    rig.ask("robot/stop", StopRobot(reason="enough"))
+    rig.pass_time(1.0)
+    assert rig.robot.told[-1].kind is CommandKind.POSITION
+    assert rig.robot.time_ns() - began_ns == 80_000_000  # 0.4 rad/s at 7 rad/s^2, and the hold
+
+
+@pytest.mark.parametrize("kind", ["velocity", "position", "effort"])
+def test_a_soft_stop_scales_the_speed_to_zero_and_back(rig: Rig, kind: str) -> None:
+    def go(step: int) -> Observation:
+        wanted = 0.001 * step if kind == "position" else 0.05
+        return rig.command(kind, [wanted, 0.0])
+
+    for step in range(1, 20):
+        go(step)
+    driver, rig.asker = rig.asker, rig.connect("person")
+    assert rig.ask("robot/speed", ScaleSpeed(scale=0.0)) == Ack()
+    rig.asker = driver
+    for step in range(20, 30):
+        stands = go(step)
+    assert Reason.SCALED in Reason(stands.reason)
+    assert stands.velocity.tolist() == [0.0, 0.0]
+    before = rig.robot.told[-1].values
+    np.testing.assert_array_equal(go(30).position, stands.position)
+    np.testing.assert_array_equal(rig.robot.told[-1].values, before)
+    assert rig.ask("robot/speed", ScaleSpeed(scale=1.0)) == Ack()
+    goes = [go(step) for step in range(31, 60)][-1]
+    assert Reason(goes.reason) == Reason.NONE
+    assert goes.applied is not None
+    np.testing.assert_allclose(goes.applied.values[0], 0.059 if kind == "position" else 0.05)
+
+
+def test_half_speed_is_half_of_every_speed(rig: Rig) -> None:
+    rig.ask("robot/speed", ScaleSpeed(scale=0.5))
+    answer = [rig.command("velocity", [0.04, -0.02]) for _ in range(5)][-1]
+    assert answer.applied is not None
+    np.testing.assert_allclose(answer.applied.values, [0.02, -0.01])
+
+
+def test_who_did_not_slow_the_robot_down_does_not_let_it_go_faster(rig: Rig) -> None:
+    rig.command("velocity", [0.0, 0.0])
+    rig.asker = rig.connect("person")
+    rig.ask("robot/speed", ScaleSpeed(scale=0.2))
+    rig.asker = rig.connect("stranger")
+    with pytest.raises(RefusedError, match="slowed down by person; expected that it or the driver"):
+        rig.ask("robot/speed", ScaleSpeed(scale=1.0))
+    for scale in (-0.1, 1.1, float("nan")):
+        with pytest.raises(RefusedError, match=f"scale is {scale}, expected 0 to 1"):
+            rig.ask("robot/speed", ScaleSpeed(scale=scale))
+
+
 # Faults
+
+
+@pytest.mark.parametrize("kind", ["velocity", "position"])
+def test_a_joint_that_something_holds_stops_the_robot(rig: Rig, kind: str) -> None:
+    rig.robot.held = True
+
+    def push() -> None:
+        for step in range(200):
+            rig.command(kind, [0.005 * step if kind == "position" else 0.4, 0.0])
+
+    with pytest.raises(RefusedError, match=r"a is 0\.\d\d rad behind what it is told .* holds it"):
+        push()
+    assert rig.counter("stalls") == 1
+
+
+@pytest.mark.parametrize("kind", ["velocity", "position"])
+def test_a_joint_that_follows_does_not_stop_the_robot(rig: Rig, kind: str) -> None:
+    for step in range(200):
+        turn = 0.4 * np.sin(0.1 * step)
+        rig.command(kind, [0.5 * turn if kind == "position" else turn, 0.0])
+    assert rig.counter("stalls") == 0
 
 
 def test_a_lost_robot_ends_the_session_and_is_tried_again(rig: Rig) -> None:

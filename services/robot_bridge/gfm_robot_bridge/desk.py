@@ -1,23 +1,55 @@
-"""What is asked of the bridge beside commands: recordings, the object, letting go."""
+"""What is asked of the bridge beside commands: recordings, the object, stops, letting go."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from abc import ABC, abstractmethod
 from typing import final
 
 import numpy as np
 
 from gfm.core import Clock, RefusedError
 from gfm.transport import Request, Transport
-from gfm_robot_bridge.lease import Lease
+from gfm_robot_bridge.lease import Lease, name_of, same_connection
 from gfm_robot_bridge.recorder import Pending, Recorder
 from gfm_robot_bridge.robot import Robot
-from gfm_wire import Ack, ByHand, PlaceObject, RecordStart, RecordStop, ReleaseRobot
+from gfm_wire import (
+    Ack,
+    ByHand,
+    PlaceObject,
+    RecordStart,
+    RecordStop,
+    ReleaseRobot,
+    ScaleSpeed,
+    Stamp,
+    StopRobot,
+)
 
 RECORD = "robot/record"
 OBJECT = "robot/object"
 RELEASE = "robot/release"
+STOP = "robot/stop"
+SPEED = "robot/speed"
 _QUATERNION_TOLERANCE = 1e-3
+
+
+class Controls(ABC):
+    """What may be done to a robot beside commanding it."""
+
+    @abstractmethod
+    def let_go(self) -> None:
+        """Ends its driver's session."""
+
+    @abstractmethod
+    def stop(self, why: str) -> None:
+        """Stops it; only a new session moves it again."""
+
+    @abstractmethod
+    def scale(self) -> float:
+        """Returns at which part of the commanded speed it goes."""
+
+    @abstractmethod
+    def set_scale(self, scale: float) -> None:
+        """Lets it go at a part of the commanded speed, 0 to 1."""
 
 
 @final
@@ -30,7 +62,7 @@ class Desk:
         robot: That may put an object somewhere.
         recorder: That records it.
         lease: Who drives it.
-        released: Called where the driver lets go.
+        controls: That act on the robot.
 
     Attributes:
         rejected: Questions that were refused.
@@ -44,19 +76,22 @@ class Desk:
         recorder: Recorder,
         lease: Lease,
         *,
-        released: Callable[[], None],
+        controls: Controls,
     ) -> None:
         self.rejected = 0
         self._clock = clock
         self._robot = robot
         self._recorder = recorder
         self._lease = lease
-        self._released = released
+        self._controls = controls
+        self._slowed_by: Stamp | None = None
         self._pending: list[tuple[Request, Pending]] = []
         self._servers = (
             (transport.serve(RECORD), self._answer_record),
             (transport.serve(OBJECT), self._answer_place),
             (transport.serve(RELEASE), self._answer_release),
+            (transport.serve(STOP), self._answer_stop),
+            (transport.serve(SPEED), self._answer_speed),
         )
 
     def answer(self) -> bool:
@@ -108,8 +143,36 @@ class Desk:
         if not isinstance(request.message, ReleaseRobot):
             self._refuse_kind(request, "ReleaseRobot")
         elif self._is_holders(request):
-            self._released()
+            self._controls.let_go()
             request.reply(Ack())
+
+    def _answer_stop(self, request: Request) -> None:
+        message = request.message
+        if not isinstance(message, StopRobot):
+            self._refuse_kind(request, "StopRobot")
+            return
+        self._controls.stop(f"stopped by {name_of(request.stamp)}: {message.reason}")
+        request.reply(Ack())
+
+    def _answer_speed(self, request: Request) -> None:
+        """Slows the robot down for anybody; the same one, or the driver, may end that."""
+        message = request.message
+        if not isinstance(message, ScaleSpeed):
+            self._refuse_kind(request, "ScaleSpeed")
+        elif not 0.0 <= message.scale <= 1.0:
+            self._refuse(request, f"scale is {message.scale}, expected 0 to 1")
+        elif message.scale > self._controls.scale() and not self._may_raise(request.stamp):
+            who = "nobody" if self._slowed_by is None else name_of(self._slowed_by)
+            self._refuse(request, f"slowed down by {who}; expected that it or the driver ends that")
+        else:
+            self._slowed_by = request.stamp
+            self._controls.set_scale(message.scale)
+            request.reply(Ack())
+
+    def _may_raise(self, sender: Stamp) -> bool:
+        slowed = self._slowed_by
+        is_same = slowed is not None and same_connection(slowed, sender)
+        return is_same or self._lease.is_held_by(sender)
 
     def _is_holders(self, request: Request) -> bool:
         """Returns whether whoever asks may do so; refuses where somebody else drives."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from gfm.core import Command, CommandKind, Observation
 from gfm.core.checks import Array
+from gfm_robot_bridge.following import Told
 from gfm_robot_bridge.limits import Bounds, Reason, limited_position, limited_speed
 from gfm_robot_bridge.plan import SPACING_S, Plan, positions, speeds
 from gfm_robot_bridge.torque import Dynamics, limited_torque
@@ -28,9 +29,13 @@ class Limiter:
         bounds: To keep to.
         dynamics: By which torques are limited; None where the robot has none.
         period_s: Between two commands.
+
+    Attributes:
+        scale: Part of the commanded speed at which to go, 0 to 1.
     """
 
     def __init__(self, bounds: Bounds, dynamics: Dynamics | None, period_s: float) -> None:
+        self.scale = 1.0
         self._bounds = bounds
         self._dynamics = dynamics
         self._period_s = period_s
@@ -43,6 +48,17 @@ class Limiter:
     def holds(self) -> bool:
         """Whether the last plan leaves the arm at rest."""
         return self._kind is CommandKind.POSITION and not self._speed.any()
+
+    @property
+    def told(self) -> Told | None:
+        """What the arm is to follow; None where that is no motion."""
+        match self._kind:
+            case CommandKind.POSITION:
+                return Told(speed=self._speed, position=self._last)
+            case CommandKind.VELOCITY:
+                return Told(speed=self._last)
+            case _:
+                return None
 
     def refusal(self, kind: CommandKind) -> str:
         """Returns why commands of a kind are not taken; empty where they are."""
@@ -60,14 +76,24 @@ class Limiter:
         if command.kind is CommandKind.POSITION and not self._enters_position(seen):
             braked = self._brake(seen)
             return replace(braked, reason=braked.reason | Reason.MODE)
+        plan = self._towards(command, seen)
+        return plan if self.scale == 1.0 else replace(plan, reason=plan.reason | Reason.SCALED)
+
+    def _towards(self, command: Command, seen: Observation) -> Plan:
+        if command.kind is CommandKind.EFFORT and self.scale == 0.0:
+            return self.stopped(seen) or self._plan(CommandKind.POSITION, self._last[None])
         self._braking = False
         match command.kind:
             case CommandKind.POSITION:
                 return self._to_position(command.values)
             case CommandKind.VELOCITY:
-                return self._to_speed(command.values, seen)
+                return self._to_speed(self.scale * command.values, seen)
             case CommandKind.EFFORT:
                 return self._to_torque(command.values, seen)
+
+    @property
+    def _scaled(self) -> Bounds:
+        return replace(self._bounds, velocity=self.scale * self._bounds.velocity)
 
     def stopped(self, seen: Observation) -> Plan | None:
         """Returns the next part of a stop: a ramp to rest, then holding; None where it holds."""
@@ -113,7 +139,7 @@ class Limiter:
 
     def _to_position(self, wanted: Array) -> Plan:
         after, self._speed, reason = limited_position(
-            wanted, self._last, self._speed, self._bounds, period_s=self._period_s
+            wanted, self._last, self._speed, self._scaled, period_s=self._period_s
         )
         values, spacing_s = positions(self._last, after, self._period_s)
         self._last = after
@@ -136,7 +162,7 @@ class Limiter:
             raise AssertionError("refusal() comes first")
         self._kind = CommandKind.EFFORT
         torque, reason = limited_torque(
-            wanted, seen.position, seen.velocity, self._dynamics, self._bounds
+            wanted, seen.position, seen.velocity, self._dynamics, self._scaled
         )
         return self._plan(CommandKind.EFFORT, torque[None], reason)
 

@@ -35,7 +35,9 @@ class Reason(IntFlag):
     POWER = 64
     """It would have put more power into the motion than allowed."""
     STOPPED = 128
-    """The robot is stopped: its driver let go, or something failed."""
+    """The robot is stopped: somebody said so, its driver let go, or something failed."""
+    SCALED = 256
+    """Somebody has the robot go at a part of its speed, or not at all."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,6 +30,7 @@ class MirrorRobot(Robot):
     Attributes:
         told: Every command that it was told.
         lost: Set to make it unreachable.
+        held: Set to keep it from moving.
     """
 
     def __init__(
@@ -45,6 +46,7 @@ class MirrorRobot(Robot):
         self.dynamics = UnitMasses()
         self.told: list[Command] = []
         self.lost = False
+        self.held = False
         self._report_ns = report_ns
         self._time_ns = 0
         self._position = np.zeros(len(joint_names))
@@ -70,6 +72,8 @@ class MirrorRobot(Robot):
         return self._reports
 
     def _obey(self, command: Command) -> None:
+        if self.held:
+            return
         self._velocity = np.zeros(len(self.joint_names))
         match command.kind:
             case CommandKind.POSITION:

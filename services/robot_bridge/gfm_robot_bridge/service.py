@@ -14,10 +14,11 @@ from typing_extensions import override
 from gfm import __version__
 from gfm.core import Clock, Command, GfmError, Observation, Status
 from gfm.service import Service, make_status
-from gfm.transport import Request, Transport
+from gfm.transport import QUEUED_REQUESTS, Request, Transport
 from gfm_robot_bridge.background import AtOnce, Background
 from gfm_robot_bridge.config import BridgeConfig
-from gfm_robot_bridge.desk import Desk
+from gfm_robot_bridge.desk import Controls, Desk
+from gfm_robot_bridge.following import Following
 from gfm_robot_bridge.gate import CommandGate
 from gfm_robot_bridge.lease import Lease
 from gfm_robot_bridge.limiter import Limiter
@@ -52,7 +53,7 @@ class _InForce:
 
 
 @final
-class BridgeService(Service):
+class BridgeService(Service, Controls):
     """Serves `robot/command`, `robot/record`, `robot/object`; publishes `robot/observation`.
 
     A Command is answered, a control period later, by the newest Observation; it says what was
@@ -85,10 +86,11 @@ class BridgeService(Service):
         oldest_ns = round(config.command_age_s * 1e9) if config.clock == RobotClock.WALL else None
         lease = Lease("the robot", round(config.lease_s * 1e9))
         self._gate = CommandGate(robot.joint_names, lease, oldest_ns)
+        self._following = Following(bounds.still, config.behind_rad, config.behind_s)
         self._recorder = Recorder(Path(config.recordings), _about(config), background or AtOnce())
         self._counters: Counter[str] = Counter(dict.fromkeys(_COUNTERS, 0))
         self._commands = transport.serve(COMMAND)
-        self._desk = Desk(transport, clock, robot, self._recorder, lease, released=self._let_go)
+        self._desk = Desk(transport, clock, robot, self._recorder, lease, controls=self)
         self._newest: Observation | None = None
         self._under_way = False
         self._reads = False
@@ -103,7 +105,8 @@ class BridgeService(Service):
     def step(self) -> bool:
         if self._under_way:
             return self._continue_exchange()
-        return self._desk.answer() or self._tick()
+        answered = self._desk.answer()
+        return self._tick() or answered
 
     def _tick(self) -> bool:
         """Begins a period where it is time for one; returns whether it was."""
@@ -170,9 +173,23 @@ class BridgeService(Service):
         self._gate.latch(fault)
         self._stopping = reason
 
-    def _let_go(self) -> None:
+    @override
+    def let_go(self) -> None:
         self._stop(Reason.STOPPED, "its driver let go, the robot holds")
         self._gate.release()
+
+    @override
+    def stop(self, why: str) -> None:
+        self._stop(Reason.STOPPED, why)
+
+    @override
+    def scale(self) -> float:
+        return self._limiter.scale
+
+    @override
+    def set_scale(self, scale: float) -> None:
+        _log.info("going at %.0f %% of the commanded speed", 100.0 * scale)
+        self._limiter.scale = scale
 
     def _go_on_stopping(self, newest: Observation) -> bool:
         """Tells the robot the next part of a stop; returns False where it holds already."""
@@ -186,7 +203,9 @@ class BridgeService(Service):
     def _newest_command(self) -> tuple[Request, Command] | None:
         """Empties the queue; returns the newest command that is listened to, refuses the rest."""
         found: tuple[Request, Command] | None = None
-        while (request := self._commands.receive()) is not None:
+        for _ in range(QUEUED_REQUESTS):  # who sends without pause shall not hold up the robot
+            if (request := self._commands.receive()) is None:
+                break
             command = request.message
             if not isinstance(command, Command):
                 self._refuse(request, f"got {type(command).__name__}, expected Command")
@@ -275,6 +294,11 @@ class BridgeService(Service):
         for report in reports:
             if report.stamp_ns > last_ns:
                 self._recorder.report(report)
+        if reports and last_ns >= 0 and not self._stopping:
+            passed_s = (reports[-1].stamp_ns - last_ns) * 1e-9
+            if problem := self._following.problem(self._limiter.told, reports[-1], passed_s):
+                self._counters["stalls"] += 1
+                self._stop(Reason.STOPPED, problem)
         if reports:
             self._newest = replace(
                 reports[-1],
@@ -309,6 +333,7 @@ _COUNTERS = (
     "superseded_commands",
     "overruns",
     "watchdog_trips",
+    "stalls",
     "robot_failures",
     "rejected_messages",
 )

@@ -1,11 +1,13 @@
 """One port for messages between processes, two adapters: zenoh and in-memory."""
 
 from gfm.transport.asking import ask
+from gfm.transport.bodies import QUEUED_REQUESTS
 from gfm.transport.memory import MemoryHub, MemoryTransport
 from gfm.transport.port import PendingReply, Request, Server, Subscription, Transport
 from gfm.transport.zenoh import ZenohTransport
 
 __all__ = [
+    "QUEUED_REQUESTS",
     "MemoryHub",
     "MemoryTransport",
     "PendingReply",
