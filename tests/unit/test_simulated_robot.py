@@ -323,6 +323,18 @@ def test_on_the_wall_clock_time_passes_by_itself() -> None:
     assert [r.stamp_ns for r in third.states] == [30 * MS, 40 * MS]
 
 
+def test_a_robot_that_was_held_up_catches_up_a_little_at_a_time() -> None:
+    clock = ManualClock()
+    config = SimulatedConfig(name="robot")
+    robot = build(config, MemoryTransport(MemoryHub(), clock=clock), clock)
+    clock.advance_s(0.05)
+    times = []
+    for _ in range(4):
+        worked = robot.step()
+        times.append((worked, robot.status().gauges["robot_time_s"]))
+    assert times == [(True, 0.02), (True, 0.04), (False, 0.05), (False, 0.05)]
+
+
 def test_a_robot_that_cannot_keep_up_with_the_wall_clock_says_so() -> None:
     clock = ManualClock()
     config = SimulatedConfig(name="robot")

@@ -21,6 +21,8 @@ EXCHANGE = "sawyer/exchange"
 _LONGEST_ADVANCE_NS = 10_000_000_000
 #: On the wall clock the robot is simulated in pieces of at least this length.
 _SHORTEST_ADVANCE_NS = 2_000_000
+#: ... and of at most this: in between it answers, and hears that it shall end.
+_LONGEST_STRIDE_NS = 20_000_000
 #: A robot so far behind the wall clock is no longer driven in real time, and seldom catches up.
 _FARTHEST_BEHIND_NS = 2_000_000_000
 _KEPT_REPORTS = 1000
@@ -51,13 +53,11 @@ class SimulatedService(Service):
 
     @override
     def step(self) -> bool:
-        if self._config.clock == RobotClock.WALL:
-            self._keep_up()
+        behind = self._config.clock == RobotClock.WALL and self._keep_up()
         request = self._server.receive()
-        if request is None:
-            return False
-        self._answer(request)
-        return True
+        if request is not None:
+            self._answer(request)
+        return behind or request is not None
 
     @override
     def status(self) -> Status:
@@ -104,8 +104,8 @@ class SimulatedService(Service):
             return f"got {type(message).__name__}, expected RobotExchange"
         return _problem(message, self._config.clock)
 
-    def _keep_up(self) -> None:
-        """Lets the robot's time catch up with the clock.
+    def _keep_up(self) -> bool:
+        """Lets the robot's time catch up with the clock a little; returns whether it is behind.
 
         Raises:
             ConfigError: it cannot.
@@ -116,8 +116,10 @@ class SimulatedService(Service):
                 f"clock is wall, and the robot is {behind_ns * 1e-9:.1f} s behind it: this machine "
                 "is too slow or too busy for that; expected lockstep"
             )
-        if behind_ns >= _SHORTEST_ADVANCE_NS:
-            self._reports.extend(self._robot.advance(None, behind_ns))
+        if behind_ns < _SHORTEST_ADVANCE_NS:
+            return False
+        self._reports.extend(self._robot.advance(None, min(behind_ns, _LONGEST_STRIDE_NS)))
+        return behind_ns > _LONGEST_STRIDE_NS
 
 
 def _problem(message: RobotExchange, clock: RobotClock) -> str:
