@@ -122,7 +122,7 @@ COMMAND = Schema(
 POSE = Array("<f8", "7")
 OBSERVATION = Schema(
     Observation,
-    2,
+    3,
     {
         "joint_names": ListOf(TEXT),
         "position": JOINTS,
@@ -132,6 +132,9 @@ OBSERVATION = Schema(
         "received_ns": STAMP,
         "applied": Optional(COMMAND),
         "reason": COUNT,
+        "heard_ns": STAMP,
+        "decided_ns": STAMP,
+        "sent_ns": STAMP,
         "object_position": Optional(Array("<f8", "3")),
         "object_quaternion": Optional(Array("<f8", "4")),
         "object_stamp_ns": STAMP,
@@ -178,7 +181,7 @@ CONTROL = (
             "clock": Choice(RobotClock),
         },
     ),
-    Schema(RobotStates, 2, {"states": ListOf(OBSERVATION)}),
+    Schema(RobotStates, 3, {"states": ListOf(OBSERVATION)}),
 )
 SCHEMAS: tuple[Schema[Any], ...] = (
     SEQUENCE,

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
+import re
 import threading
 from functools import partial
 from pathlib import Path
@@ -528,7 +530,66 @@ def test_a_driver_that_keeps_up_is_not_stopped(wall: Rig) -> None:
 def test_a_slow_bridge_counts_what_it_missed(wall: Rig) -> None:
     wall.clock.advance_s(0.1)
     wall.pass_time(0.02)
-    assert wall.counter("overruns") == 1
+    assert wall.counter("overruns") == 4
+    assert sum(wall.counter(f"jitter_to_{end}_ms") for end in (50, 20, 10)) == 0
+    assert wall.counter("jitter_over_50_ms") == 1
+    wall.pass_time(0.2)
+    assert wall.counter("overruns") == 4
+    assert wall.bridge.due_ns() is not None
+    assert wall.bridge.due_ns() % 20_000_000 == 0  # where it would have been without the delay
+
+
+def test_an_answer_says_when_its_command_was_heard_decided_and_sent(wall: Rig) -> None:
+    answer = wall.command("velocity", [0.1, 0.1])
+    now_ns = wall.clock.now_ns()
+    assert 0 < answer.heard_ns <= answer.decided_ns <= answer.sent_ns <= now_ns
+    assert answer.heard_ns % 20_000_000 == 0
+    assert wall.bridge.status().gauges["read_to_send_p99_ms"] == 0.0
+    assert wall.counter("command_age_to_20_ms") == 1
+
+
+# Flight records
+
+
+def flights(folder: Path) -> list[list[dict[str, Any]]]:
+    files = sorted((folder / "flight").iterdir())
+    return [[json.loads(line) for line in file.read_text().splitlines()] for file in files]
+
+
+def test_every_stop_writes_what_came_before_it(wall: Rig, tmp_path: Path) -> None:
+    for _ in range(300):
+        wall.command("velocity", [0.1, 0.0])
+    wall.pass_time(0.3)
+    (head, *lines) = flights(tmp_path)[0]
+    assert re.match(r"no command for 40 ms, the robot holds", head["why"])
+    assert wall.counter("flight_records") == 1
+    told = [line for line in lines if "applied" in line]
+    reports = [line for line in lines if "position" in line]
+    assert 200 <= len(reports) <= 500
+    assert reports[-1]["stamp_ns"] - reports[0]["stamp_ns"] > 4.5e9
+    asked = [line["requested"]["values"] for line in told if line["requested"]]
+    assert asked[-1] == [0.1, 0.0]
+    assert told[-1]["requested"] is None
+    assert told[-1]["reason"] == ["WATCHDOG"]
+    assert told[-1]["applied"][0]["kind"] == "position"
+
+
+def test_only_so_many_flight_records_are_kept(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, clock="wall", flights_kept=2)
+    for _ in range(4):
+        rig.command("velocity", [0.1, 0.0], number=0)
+        rig.pass_time(0.3)
+    assert rig.counter("flight_records") == 4
+    assert len(flights(tmp_path)) == 2
+
+
+def test_a_flight_record_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:
+    (tmp_path / "flight").write_text("")
+    rig = Rig(tmp_path, clock="wall")
+    rig.command("velocity", [0.1, 0.0])
+    rig.pass_time(0.3)
+    assert rig.counter("flight_records") == 0
+    rig.command("velocity", [0.1, 0.0], number=0)
 
 
 # Stops that somebody asks for

@@ -34,6 +34,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
         behind_rad: How far a joint may fall behind what it is told ...
         behind_s: ... and for how long, before the robot is stopped: something holds it. 0.1 rad is
             where a position servo of the arm pushes with all that it has.
+        flight_s: How much a flight record holds: of every stop one is written.
+        flights_kept: How many of them are kept.
         command_age_s: A command stamped longer ago is refused (wall clock only). 0.2 s is how long
             the robot itself waits: what is older was made for another state of the arm.
         lease_s: Silence after which another driver may take the robot: longer than a driver needs
@@ -52,6 +54,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
     power_w: float = 80.0
     behind_rad: float = 0.1
     behind_s: float = 0.25
+    flight_s: float = 5.0
+    flights_kept: int = 50
     command_age_s: float = 0.2
     lease_s: float = 5.0
     watchdog_periods: int = 2
@@ -67,6 +71,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             "power_w": (1.0, 1000.0),
             "behind_rad": (0.01, 10.0),
             "behind_s": (0.0, 10.0),
+            "flight_s": (0.1, 60.0),
+            "flights_kept": (1, 10_000),
             "command_age_s": (0.01, 10.0),
             "lease_s": (0.5, 60.0),
             "watchdog_periods": (2, 100),

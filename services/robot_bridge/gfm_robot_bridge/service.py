@@ -3,53 +3,42 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import final
 
 from typing_extensions import override
 
 from gfm import __version__
-from gfm.core import Clock, Command, GfmError, Observation, Status
+from gfm.core import Clock, GfmError, Observation, Status
 from gfm.service import Service, make_status
-from gfm.transport import QUEUED_REQUESTS, Request, Transport
+from gfm.transport import Request, Transport
 from gfm_robot_bridge.background import AtOnce, Background
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.desk import Controls, Desk
+from gfm_robot_bridge.flight import FlightRecord
 from gfm_robot_bridge.following import Following
 from gfm_robot_bridge.gate import CommandGate
+from gfm_robot_bridge.inbox import Heard, Inbox
 from gfm_robot_bridge.lease import Lease
 from gfm_robot_bridge.limiter import Limiter
 from gfm_robot_bridge.limits import Reason
-from gfm_robot_bridge.plan import Plan
 from gfm_robot_bridge.recorder import Recorder
 from gfm_robot_bridge.robot import Robot
+from gfm_robot_bridge.robot_line import Decision, RobotLine
+from gfm_robot_bridge.timing import Histogram
 from gfm_wire import RobotClock
 
 _log = logging.getLogger(__name__)
 
-COMMAND = "robot/command"
 OBSERVATION = "robot/observation"
 _RETRY_NS = 1_000_000_000
 #: A stop takes less than this, or the robot does not answer.
 _LONGEST_STOP_NS = 1_000_000_000
 _POLL_NS = 500_000
 _LONGEST_WRITE_S = 5.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class _InForce:
-    """What the robot was told last.
-
-    Attributes:
-        applied: The command as the recording has it, or None before the first.
-        reason: Why it is not what was requested.
-    """
-
-    applied: Command | None = None
-    reason: Reason = Reason.NONE
 
 
 @final
@@ -87,42 +76,54 @@ class BridgeService(Service, Controls):
         lease = Lease("the robot", round(config.lease_s * 1e9))
         self._gate = CommandGate(robot.joint_names, lease, oldest_ns)
         self._following = Following(bounds.still, config.behind_rad, config.behind_s)
-        self._recorder = Recorder(Path(config.recordings), _about(config), background or AtOnce())
+        folder, background = Path(config.recordings), background or AtOnce()
+        self._recorder = Recorder(folder, _about(config), background)
+        periods = math.ceil(config.flight_s * config.control_hz)
+        self._flight = FlightRecord(folder / "flight", periods, config.flights_kept, background)
         self._counters: Counter[str] = Counter(dict.fromkeys(_COUNTERS, 0))
-        self._commands = transport.serve(COMMAND)
+        self._inbox = Inbox(transport, clock, self._gate, self._limiter.refusal)
         self._desk = Desk(transport, clock, robot, self._recorder, lease, controls=self)
-        self._newest: Observation | None = None
-        self._under_way = False
+        self._line = RobotLine(robot, clock, self._recorder, self._flight)
         self._reads = False
         self._waiting: Request | None = None
-        self._in_force = _InForce()
         self._stopping = Reason.NONE
-        self._stamp_ns = -1
+        self._began_ns = 0
+        self._jitter, self._ages = Histogram("jitter"), Histogram("command_age")
+        self._delays = Histogram("read_to_send")
         self._deadline_ns = self._retry_ns = clock.now_ns()
-        self._note = "waiting for the robot"
+        self._note = self._why = "waiting for the robot"
 
     @override
     def step(self) -> bool:
-        if self._under_way:
+        if self._line.under_way:
             return self._continue_exchange()
         answered = self._desk.answer()
         return self._tick() or answered
 
+    @override
+    def due_ns(self) -> int | None:
+        waits = self._line.newest is None or self._config.clock == RobotClock.WALL
+        return self._deadline_ns if waits and not self._line.under_way else None
+
     def _tick(self) -> bool:
         """Begins a period where it is time for one; returns whether it was."""
-        if self._newest is None or self._config.clock == RobotClock.WALL:
+        if self._line.newest is None or self._config.clock == RobotClock.WALL:
             return self._tick_on_time()
-        return self._decide(self._newest)
+        return self._decide(self._line.newest)
 
     @override
     def status(self) -> Status:
-        counters = dict(self._counters)
+        counters = dict(self._counters) | dict(self._inbox.counters)
         counters |= {
             "recordings": self._recorder.finished,
             "lost_recordings": self._recorder.failed,
+            "flight_records": self._flight.written,
         }
         counters["rejected_messages"] += self._desk.rejected
         gauges = {"robot_time_s": self._robot.time_ns() * 1e-9}
+        for histogram in (self._jitter, self._delays, self._ages):
+            counters |= histogram.counters()
+            gauges |= histogram.gauges()
         return make_status(
             "robot_bridge", self._config.name, counters=counters, gauges=gauges, note=self._note
         )
@@ -135,6 +136,7 @@ class BridgeService(Service, Controls):
         while self._stopping and self._clock.now_ns() < until_ns:
             if not self.step():
                 self._clock.sleep_until_ns(self._clock.now_ns() + _POLL_NS)
+        self._end_stop()
         self._recorder.close(_LONGEST_WRITE_S)
 
     def _tick_on_time(self) -> bool:
@@ -142,21 +144,26 @@ class BridgeService(Service, Controls):
         now_ns = self._clock.now_ns()
         if now_ns < self._deadline_ns:
             return False
-        if now_ns - self._deadline_ns > self._config.period_ns:
-            self._counters["overruns"] += self._newest is not None
-            self._deadline_ns = now_ns
-        self._deadline_ns += self._config.period_ns
-        self._reads = self._newest is not None
-        self._begin((), passes=self._reads)
+        self._reads = self._line.newest is not None
+        late_ns = now_ns - self._deadline_ns
+        missed = late_ns // self._config.period_ns
+        self._deadline_ns += (missed + 1) * self._config.period_ns
+        if self._reads:
+            self._counters["overruns"] += missed
+            self._jitter.add(late_ns)
+        self._began_ns = now_ns
+        self._line.ask(self._config.period_ns if self._reads else 0)
         return True
 
     def _decide(self, newest: Observation) -> bool:
         """Tells the robot what is next, by its newest report; returns whether there is anything."""
-        found = self._newest_command()
+        heard = self._inbox.newest()
+        if heard is not None and heard.begins:
+            self._end_stop()
         if self._stopping:
             return self._clock.now_ns() >= self._retry_ns and self._go_on_stopping(newest)
-        if found is not None:
-            self._take_command(*found, newest)
+        if heard is not None:
+            self._take_command(heard, newest)
             return True
         silent_ns = self._gate.silent_ns(self._clock.now_ns())
         watched = self._config.clock == RobotClock.WALL
@@ -168,7 +175,7 @@ class BridgeService(Service, Controls):
 
     def _stop(self, reason: Reason, fault: str) -> None:
         """Begins to stop the robot, and ends the session with a fault."""
-        self._note = fault
+        self._note = self._why = fault
         _log.warning("%s", fault)
         self._gate.latch(fault)
         self._stopping = reason
@@ -195,90 +202,65 @@ class BridgeService(Service, Controls):
         """Tells the robot the next part of a stop; returns False where it holds already."""
         plan = self._limiter.stopped(newest)
         if plan is None:
-            self._stopping = Reason.NONE
+            self._end_stop()
             return False
-        self._apply(None, replace(plan, reason=plan.reason | self._stopping))
+        self._tell(Decision(plan=replace(plan, reason=plan.reason | self._stopping)))
         return True
 
-    def _newest_command(self) -> tuple[Request, Command] | None:
-        """Empties the queue; returns the newest command that is listened to, refuses the rest."""
-        found: tuple[Request, Command] | None = None
-        for _ in range(QUEUED_REQUESTS):  # who sends without pause shall not hold up the robot
-            if (request := self._commands.receive()) is None:
-                break
-            command = request.message
-            if not isinstance(command, Command):
-                self._refuse(request, f"got {type(command).__name__}, expected Command")
-            elif problem := self._problem(request, command):
-                self._refuse(request, problem)
-            else:
-                if found is not None:
-                    self._counters["superseded_commands"] += 1
-                    found[0].refuse(
-                        f"command {found[1].number}: a newer one came, {command.number}"
-                    )
-                if self._gate.accept(command, request.stamp, self._clock.now_ns()):
-                    self._stopping = Reason.NONE
-                found = request, command
-        return found
+    def _end_stop(self) -> None:
+        """Writes down how it came to a stop that has ended."""
+        if self._stopping:
+            self._flight.write(self._why, self._clock.utc_ns(), _about(self._config))
+        self._stopping = Reason.NONE
 
-    def _problem(self, request: Request, command: Command) -> str:
-        stale = self._gate.stale(command, self._clock.utc_ns())
-        self._counters["stale_commands"] += bool(stale)
-        refused = self._gate.refusal(command, request.stamp, self._clock.now_ns())
-        return stale or refused or self._limiter.refusal(command.kind)
-
-    def _take_command(self, request: Request, command: Command, newest: Observation) -> None:
+    def _take_command(self, heard: Heard, newest: Observation) -> None:
+        command = heard.command
         order = [command.joint_names.index(name) for name in self._robot.joint_names]
         requested = replace(
             command, joint_names=self._robot.joint_names, values=command.values[order]
         )
         plan = self._limiter.limited(requested, newest)
+        decided_ns = self._clock.now_ns()
+        if self._config.clock == RobotClock.WALL:
+            self._ages.add(self._clock.utc_ns() - command.stamp_ns)
         self._counters["clipped_commands"] += bool(plan.reason)
         self._note = f"commanded in {command.kind} mode"
-        self._waiting = request
-        self._apply(requested, plan)
+        self._waiting = heard.request
+        self._tell(
+            Decision(plan=plan, requested=requested, heard_ns=heard.heard_ns, decided_ns=decided_ns)
+        )
 
-    def _apply(self, requested: Command | None, plan: Plan) -> None:
-        """Tells the robot a plan; what is recorded is stamped with the time at which it acts."""
-        now_ns = max(self._robot.time_ns(), self._stamp_ns + 1)
-        sent = [
-            Command(
-                kind=plan.kind,
-                joint_names=self._robot.joint_names,
-                values=values,
-                stamp_ns=now_ns + round(k * plan.spacing_s * 1e9),
-                number=0 if requested is None else requested.number,
-            )
-            for k, values in enumerate(plan.values)
-        ]
-        self._stamp_ns = sent[-1].stamp_ns
-        for command in sent:
-            acts_ns = command.stamp_ns + self._robot.command_latency_ns
-            applied = replace(command, stamp_ns=acts_ns)
-            self._recorder.command(replace(requested or applied, stamp_ns=acts_ns), applied)
-            self._in_force = _InForce(applied=applied, reason=plan.reason)
-        self._begin(sent, passes=self._config.clock == RobotClock.LOCKSTEP)
-
-    def _begin(self, commands: Sequence[Command], *, passes: bool) -> None:
-        """Begins an exchange; says whether a robot on the lockstep clock lets a period pass."""
-        self._under_way = True
-        self._robot.begin(commands, self._config.period_ns if passes else 0)
+    def _tell(self, decision: Decision) -> None:
+        """Tells the robot; in lockstep a period passes with that."""
+        lockstep = self._config.clock == RobotClock.LOCKSTEP
+        sent_ns = self._line.tell(decision, self._config.period_ns if lockstep else 0)
+        if not lockstep:
+            self._delays.add(sent_ns - self._began_ns)
 
     def _continue_exchange(self) -> bool:
         try:
-            reports = self._robot.poll()
+            passed_ns = self._line.poll()
         except GfmError as error:
             self._fail(str(error))
             return True
-        if reports is None:
+        if passed_ns is None:
             return False
-        self._under_way = False
         reads, self._reads = self._reads, False
-        newest = self._take_reports(reports)
-        if newest is not None and not (reads and self._decide(newest)):
+        newest = self._line.newest
+        if newest is None:
+            return True
+        self._watch_joints(newest, passed_ns * 1e-9)
+        if not (reads and self._decide(newest)):
             self._end_period(newest)
         return True
+
+    def _watch_joints(self, newest: Observation, passed_s: float) -> None:
+        """Stops the robot where something holds a joint."""
+        if self._stopping or passed_s <= 0.0:
+            return
+        if problem := self._following.problem(self._limiter.told, newest, passed_s):
+            self._counters["stalls"] += 1
+            self._stop(Reason.STOPPED, problem)
 
     def _end_period(self, newest: Observation) -> None:
         """Publishes the newest report, by which the last command is answered."""
@@ -288,54 +270,27 @@ class BridgeService(Service, Controls):
             self._waiting.reply(newest)
             self._waiting = None
 
-    def _take_reports(self, reports: tuple[Observation, ...]) -> Observation | None:
-        """Records what is new among the robot's reports; returns the newest."""
-        last_ns = -1 if self._newest is None else self._newest.stamp_ns
-        for report in reports:
-            if report.stamp_ns > last_ns:
-                self._recorder.report(report)
-        if reports and last_ns >= 0 and not self._stopping:
-            passed_s = (reports[-1].stamp_ns - last_ns) * 1e-9
-            if problem := self._following.problem(self._limiter.told, reports[-1], passed_s):
-                self._counters["stalls"] += 1
-                self._stop(Reason.STOPPED, problem)
-        if reports:
-            self._newest = replace(
-                reports[-1],
-                received_ns=self._clock.now_ns(),
-                applied=self._in_force.applied,
-                reason=int(self._in_force.reason),
-            )
-        return self._newest
-
     def _fail(self, problem: str) -> None:
         """The robot did not answer: whoever asked is told, and the next try waits a little."""
-        self._under_way = self._reads = False
+        self._line.drop()
+        self._reads = False
         self._counters["robot_failures"] += 1
         self._stop(Reason.STOPPED, f"robot: {problem}")
         self._limiter.forget()
         self._deadline_ns = self._retry_ns = self._clock.now_ns() + _RETRY_NS
         if self._waiting is not None:
-            self._refuse(self._waiting, f"robot: {problem}")
+            self._inbox.refuse(self._waiting, f"robot: {problem}")
             self._waiting = None
-        while (request := self._commands.receive()) is not None:
-            self._refuse(request, f"robot: {problem}")
-
-    def _refuse(self, request: Request, reason: str) -> None:
-        self._counters["rejected_messages"] += 1
-        request.refuse(reason)
+        self._inbox.refuse_all(f"robot: {problem}")
 
 
 _COUNTERS = (
     "ticks",
     "clipped_commands",
-    "stale_commands",
-    "superseded_commands",
     "overruns",
     "watchdog_trips",
     "stalls",
     "robot_failures",
-    "rejected_messages",
 )
 
 

@@ -54,6 +54,9 @@ class Observation:
         received_ns: When the bridge got it, on the bridge's monotonic clock.
         applied: The command that the robot was told, after every limit; None before the first.
         reason: Why the applied command differs from the requested one (bit mask, 0 = it does not).
+        heard_ns: When the bridge took the last command, on its monotonic clock ...
+        decided_ns: ... when it knew what to apply of it ...
+        sent_ns: ... and when it told the robot.
         object_position: Of the tracked object in the base frame, m, shape (3,), or None.
         object_quaternion: w x y z, shape (4,), or None.
         object_stamp_ns: When it was there, on the robot's clock: trackers are late.
@@ -67,6 +70,9 @@ class Observation:
     received_ns: int = 0
     applied: Command | None = None
     reason: int = 0
+    heard_ns: int = 0
+    decided_ns: int = 0
+    sent_ns: int = 0
     object_position: Array | None = None
     object_quaternion: Array | None = None
     object_stamp_ns: int = 0

@@ -56,6 +56,10 @@ _TABLE_GAUGES = (
     "learner_steps_per_s",
     "samples_per_insert",
     "robot_time_s",
+    "jitter_p99_ms",
+    "jitter_most_ms",
+    "read_to_send_p99_ms",
+    "command_age_p99_ms",
 )
 
 

@@ -29,6 +29,10 @@ class Service(ABC):
     def step(self) -> bool:
         """Does a short piece of work without waiting; returns whether there was any to do."""
 
+    def due_ns(self) -> int | None:
+        """Returns when it has to be stepped again at the latest; None: as others are."""
+        return None
+
     @abstractmethod
     def status(self) -> Status:
         """Returns what this service says of itself; its role and name stay the same."""
@@ -119,6 +123,7 @@ def run_service(
             if worked:
                 worked_ns = now_ns
             else:
-                clock.sleep_until_ns(now_ns + nap_ns(now_ns - worked_ns))
+                wake_ns, due_ns = now_ns + nap_ns(now_ns - worked_ns), service.due_ns()
+                clock.sleep_until_ns(wake_ns if due_ns is None else min(wake_ns, due_ns))
     finally:
         service.close()

@@ -1,0 +1,50 @@
+"""How punctual the bridge is: how often something took how long."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from typing import final
+
+#: Upper ends of the bins, ms; what took longer is in a last one.
+_ENDS_MS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
+
+
+@final
+class Histogram:
+    """Counts durations.
+
+    Args:
+        name: Of what is measured, as it begins the names in a status.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._counts = [0] * (len(_ENDS_MS) + 1)
+        self._most_ns = 0
+
+    def add(self, duration_ns: int) -> None:
+        """Counts one; a negative one counts as nothing."""
+        self._counts[bisect_left(_ENDS_MS, duration_ns * 1e-6)] += 1
+        self._most_ns = max(self._most_ns, duration_ns)
+
+    def counters(self) -> dict[str, int]:
+        """Returns how many were in each bin, by the name of its upper end."""
+        names = [f"{self._name}_to_{end:g}_ms" for end in _ENDS_MS]
+        names.append(f"{self._name}_over_{_ENDS_MS[-1]:g}_ms")
+        return dict(zip(names, self._counts, strict=True))
+
+    def gauges(self) -> dict[str, float]:
+        """Returns below what 99 % were (the upper end of their bin), and the longest, in ms."""
+        return {f"{self._name}_p99_ms": self._p99_ms(), f"{self._name}_most_ms": self._most_ms}
+
+    @property
+    def _most_ms(self) -> float:
+        return self._most_ns * 1e-6
+
+    def _p99_ms(self) -> float:
+        left = 0.99 * sum(self._counts)
+        for end, count in zip(_ENDS_MS, self._counts, strict=False):
+            left -= count
+            if left <= 0.0:
+                return min(end, self._most_ms)
+        return self._most_ms
