@@ -26,7 +26,7 @@ from gfm.sim.sawyer import JOINT_NAMES, READY, sawyer_spec
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.simulated.__main__ import build
 from gfm_robot_bridge.simulated.config import SimulatedConfig
-from gfm_robot_bridge.simulated.hidden import UNITS, GivenEffect, draw, names, unit
+from gfm_robot_bridge.simulated.hidden import UNITS, GivenEffect, draw, given, names, unit
 from gfm_robot_bridge.simulated.robot import (
     COMMAND_LATENCY_NS,
     COMMAND_TIMEOUT_NS,
@@ -150,6 +150,15 @@ def test_left_alone_it_slows_down_within_its_limits(kind: str) -> None:
     assert np.abs(speeds[0]).max() > 0.8
     assert (slowing >= -limits).all()
     assert np.abs(speeds[-1]).max() < 2e-3
+
+
+def test_left_alone_with_a_load_it_does_not_sink() -> None:
+    (load,) = given((hidden("payload", mass=2.0, com_x=0.0, com_y=0.0, com_z=0.1),))
+    robot = SimulatedRobot(READY, effects=(load,), sensors=QUIET)
+    robot.advance(command(np.zeros(7), 0, "velocity"), COMMAND_TIMEOUT_NS)
+    assert np.abs(robot.latest.velocity).max() > 0.1
+    robot.advance(None, 1000 * MS)
+    assert np.abs(robot.latest.velocity).max() < 2e-3
 
 
 # What is hidden

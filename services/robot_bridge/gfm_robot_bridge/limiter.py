@@ -19,6 +19,9 @@ from gfm_robot_bridge.torque import Dynamics, limited_torque
 
 #: A speed servo follows its setpoint by at most so much later, s: the arm stretched out.
 _SERVO_LAG_S = 0.1
+#: An arm with a load that its gravity compensation does not know sinks while its speeds are told to
+#: be 0. After so much of that, s, it holds its position instead.
+_SETTLES_S = 0.2
 
 
 @final
@@ -43,6 +46,7 @@ class Limiter:
         self._last = np.zeros_like(bounds.lower)
         self._speed = np.zeros_like(bounds.lower)
         self._braking = False
+        self._stood_s = 0.0
 
     @property
     def holds(self) -> bool:
@@ -119,8 +123,10 @@ class Limiter:
         return True
 
     def _at_rest(self, velocity: Array) -> bool:
-        told_to_move = self._kind is CommandKind.VELOCITY and self._last.any()
-        return bool((np.abs(velocity) < self._bounds.still).all()) and not told_to_move
+        if self._kind is CommandKind.VELOCITY and self._last.any():
+            return False
+        still = bool((np.abs(velocity) < self._bounds.still).all())
+        return still or (self._braking and self._stood_s > _SETTLES_S)
 
     def _hold(self, position: Array) -> None:
         self._kind, self._braking = CommandKind.POSITION, False
@@ -129,7 +135,8 @@ class Limiter:
     def _brake(self, seen: Observation) -> Plan:
         """Returns the next part of a ramp to rest; it begins at the speed that the arm has."""
         if not self._braking:
-            self._last = seen.velocity.copy()
+            self._last, self._stood_s = seen.velocity.copy(), 0.0
+        self._stood_s = 0.0 if self._last.any() else self._stood_s + self._period_s
         self._kind, self._braking = CommandKind.VELOCITY, True
         step = self._bounds.braking * self._period_s
         slower = self._last - np.clip(self._last, -step, step)

@@ -29,8 +29,9 @@ COMMAND_LATENCY_NS = 4_000_000
 COMMAND_TIMEOUT_NS = 200_000_000
 #: How it does that, rad/s^2: by seven tenths of what its joints may do, as they pull at each other.
 _BRAKING = 0.7 * np.array([10.0, 8.0, 10.0, 10.0, 12.0, 12.0, 12.0])
-#: rad/s; slower than that it holds.
+#: rad/s; slower than that it holds, and after so much time in any case, s: a load makes it sink.
 _STILL = 0.01
+_SETTLES_S = 0.2
 _STEP_NS = 500_000
 
 
@@ -147,9 +148,11 @@ class SimulatedRobot:
         if self._stop is None:
             self._stop = self.time_ns, arm.velocity
         began_ns, speed = self._stop
-        lost = _BRAKING * (self.time_ns - began_ns) * 1e-9
-        left = np.sign(speed) * np.maximum(np.abs(speed) - lost, 0.0)
-        if left.any() or (np.abs(arm.velocity) > _STILL).any():
+        passed_s = (self.time_ns - began_ns) * 1e-9
+        left = np.sign(speed) * np.maximum(np.abs(speed) - _BRAKING * passed_s, 0.0)
+        stood_s = passed_s - float((np.abs(speed) / _BRAKING).max())
+        moves = (np.abs(arm.velocity) > _STILL).any() and stood_s < _SETTLES_S
+        if left.any() or moves:
             arm.servo.command(CommandKind.VELOCITY, left, arm.position)
         else:
             arm.servo.command(CommandKind.POSITION, arm.position, arm.position)
