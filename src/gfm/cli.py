@@ -119,6 +119,12 @@ SUBCOMMANDS = (
         summary="ask a running system how it is",
     ),
     Subcommand(
+        name="robot",
+        module="gfm.launch.robot_command",
+        adder="add_parser",
+        summary="stop a running robot, or slow it down",
+    ),
+    Subcommand(
         name="router",
         module="gfm.launch.commands",
         adder="add_router_parser",

@@ -660,12 +660,38 @@ def test_who_did_not_slow_the_robot_down_does_not_let_it_go_faster(rig: Rig) -> 
     rig.asker = rig.connect("stranger")
     with pytest.raises(RefusedError, match="slowed down by person; expected that it or the driver"):
         rig.ask("robot/speed", ScaleSpeed(scale=1.0))
+    rig.asker = rig.connect("person")
+    assert rig.ask("robot/speed", ScaleSpeed(scale=1.0)) == Ack()
     for scale in (-0.1, 1.1, float("nan")):
         with pytest.raises(RefusedError, match=f"scale is {scale}, expected 0 to 1"):
             rig.ask("robot/speed", ScaleSpeed(scale=scale))
 
 
 # Faults
+
+
+def test_a_robot_whose_reports_grow_old_is_stopped(wall: Rig) -> None:
+    wall.command("velocity", [0.1, 0.1])
+    wall.robot.time_lead_ns = 201_000_000
+    late = wall.send(0.1)
+    wall.pass_time(PERIOD_S)
+    with pytest.raises(
+        RefusedError, match="robot: its newest report is 201 ms old, expected at mo"
+    ):
+        late.poll()
+    assert wall.counter("stale_reports") == 1
+    with pytest.raises(RefusedError, match="begins again"):
+        wall.command("velocity", [0.1, 0.1])
+
+
+def test_who_begins_while_the_bridge_closes_is_refused(wall: Rig) -> None:
+    wall.command("velocity", [0.1, 0.1])
+    wall.number = 0
+    late = wall.send(0.2)
+    wall.bridge.close()
+    with pytest.raises(RefusedError, match="the bridge is closed"):
+        late.poll()
+    assert wall.robot.told[-1].kind is CommandKind.POSITION
 
 
 @pytest.mark.parametrize("kind", ["velocity", "position"])

@@ -17,6 +17,9 @@ from gfm_robot_bridge.service import BridgeService
 from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
 from gfm_wire import RobotClock
 
+#: For an answer of the robot; in lockstep it may compute for long.
+_LONGEST_WAIT_S = {RobotClock.WALL: 1.0, RobotClock.LOCKSTEP: 10.0}
+
 
 def build(
     config: BridgeConfig,
@@ -29,7 +32,10 @@ def build(
     if config.robot == "mirror":
         robot = MirrorRobot(JOINT_NAMES)
     else:
-        robot = SimulatedSawyer(transport, clock, robot_clock=config.clock)
+        waits_s = _LONGEST_WAIT_S[config.clock]
+        robot = SimulatedSawyer(
+            transport, clock, robot_clock=RobotClock(config.clock), timeout_s=waits_s
+        )
     return BridgeService(config, robot, transport, clock, background)
 
 

@@ -31,6 +31,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             at one another, and the arm behind the setpoints is faster than they are.
         braking_share: The same for a stop, in which all joints only become slower.
         power_w: That torques may put into the arm; 80 W is what ISO 10218-1 allows near people.
+        report_age_s: The robot is stopped where its newest report is older: as long as the robot
+            itself waits for a command.
         behind_rad: How far a joint may fall behind what it is told ...
         behind_s: ... and for how long, before the robot is stopped: something holds it. 0.1 rad is
             where a position servo of the arm pushes with all that it has.
@@ -52,6 +54,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
     acceleration_share: float = 0.5
     braking_share: float = 0.7
     power_w: float = 80.0
+    report_age_s: float = 0.2
     behind_rad: float = 0.1
     behind_s: float = 0.25
     flight_s: float = 5.0
@@ -69,6 +72,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             "acceleration_share": (0.01, 1.0),
             "braking_share": (0.1, 1.0),
             "power_w": (1.0, 1000.0),
+            "report_age_s": (0.02, 10.0),
             "behind_rad": (0.01, 10.0),
             "behind_s": (0.0, 10.0),
             "flight_s": (0.1, 60.0),

@@ -33,6 +33,7 @@ class CommandGate:
         self._last_number: int | None = None
         self._heard_ns = 0
         self._fault = ""
+        self._shut = ""
 
     @property
     def in_session(self) -> bool:
@@ -41,6 +42,8 @@ class CommandGate:
 
     def refusal(self, command: Command, sender: Stamp, now_ns: int) -> str:
         """Returns why a command is not listened to, in words; empty where it is."""
+        if self._shut:
+            return self._shut
         if sorted(command.joint_names) != sorted(self._joint_names):
             names, expected = ", ".join(command.joint_names), ", ".join(self._joint_names)
             return f"command names joints {names}, expected {expected}"
@@ -87,6 +90,10 @@ class CommandGate:
     def latch(self, fault: str) -> None:
         """Ends the session with a fault, in words."""
         self._fault = fault
+
+    def shut(self, why: str) -> None:
+        """Ends the session for good: nobody begins another."""
+        self._shut = self._fault = why
 
     def release(self) -> None:
         """Ends the session, and with it the lease: whoever comes next may begin one."""

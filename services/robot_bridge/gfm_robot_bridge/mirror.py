@@ -31,6 +31,7 @@ class MirrorRobot(Robot):
         told: Every command that it was told.
         lost: Set to make it unreachable.
         held: Set to keep it from moving.
+        time_lead_ns: By how much its clock is ahead of its reports.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class MirrorRobot(Robot):
         self.told: list[Command] = []
         self.lost = False
         self.held = False
+        self.time_lead_ns = 0
         self._report_ns = report_ns
         self._time_ns = 0
         self._position = np.zeros(len(joint_names))
@@ -55,7 +57,7 @@ class MirrorRobot(Robot):
 
     @override
     def time_ns(self) -> int:
-        return self._time_ns
+        return self._time_ns + self.time_lead_ns
 
     @override
     def begin(self, commands: Sequence[Command], advance_ns: int) -> None:

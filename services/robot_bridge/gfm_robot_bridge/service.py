@@ -131,7 +131,9 @@ class BridgeService(Service, Controls):
     @override
     def close(self) -> None:
         """Leaves the robot at rest (its own watchdog stands behind this), the recording whole."""
-        self._stop(Reason.STOPPED, "the bridge is closed")
+        self._gate.shut("the bridge is closed")
+        if self._line.newest is not None:
+            self._stop(Reason.STOPPED, "the bridge is closed")
         until_ns = self._clock.now_ns() + _LONGEST_STOP_NS
         while self._stopping and self._clock.now_ns() < until_ns:
             if not self.step():
@@ -162,6 +164,12 @@ class BridgeService(Service, Controls):
             self._end_stop()
         if self._stopping:
             return self._clock.now_ns() >= self._retry_ns and self._go_on_stopping(newest)
+        if old := self._old_report(newest):
+            if heard is not None:
+                self._inbox.refuse(heard.request, old)
+            self._counters["stale_reports"] += 1
+            self._stop(Reason.STOPPED, old)
+            return self._go_on_stopping(newest)
         if heard is not None:
             self._take_command(heard, newest)
             return True
@@ -172,6 +180,16 @@ class BridgeService(Service, Controls):
         self._counters["watchdog_trips"] += 1
         self._stop(Reason.WATCHDOG, f"no command for {silent_ns * 1e-6:.0f} ms, the robot holds")
         return self._go_on_stopping(newest)
+
+    def _old_report(self, newest: Observation) -> str:
+        """Returns in words how old the newest report is, where that is too old to drive by."""
+        age_s = (self._robot.time_ns() - newest.stamp_ns) * 1e-9
+        if not self._gate.in_session or age_s <= self._config.report_age_s:
+            return ""
+        return (
+            f"robot: its newest report is {age_s * 1e3:.0f} ms old, expected at most "
+            f"{self._config.report_age_s * 1e3:g} ms"
+        )
 
     def _stop(self, reason: Reason, fault: str) -> None:
         """Begins to stop the robot, and ends the session with a fault."""
@@ -290,6 +308,7 @@ _COUNTERS = (
     "overruns",
     "watchdog_trips",
     "stalls",
+    "stale_reports",
     "robot_failures",
 )
 
