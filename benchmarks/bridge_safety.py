@@ -425,7 +425,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="Markdown to write (default: print)")
     arguments = parser.parse_args()
     logging.disable(logging.WARNING)
-    seed, began_s = arguments.seed, time.monotonic()
+    seed, began_s, ran_on = arguments.seed, time.monotonic(), commit()
     with tempfile.TemporaryDirectory() as folder:
         attacks = [
             line
@@ -437,7 +437,7 @@ def main() -> None:
         stops = stop_lines(Path(folder), arguments.tries, seed)
     text = "\n".join(
         (
-            f"Commit {commit()}, seed {seed}, {time.monotonic() - began_s:.0f} s.",
+            f"Commit {ran_on}, seed {seed}, {time.monotonic() - began_s:.0f} s.",
             "",
             "| Hz | commands | mode | speed / limit | acceleration / limit | rad past an end |",
             "|---|---|---|---|---|---|",

@@ -23,7 +23,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
         robot: sim: the simulated Sawyer in another process; mirror: a stand-in in this one.
         clock: wall: in real time, with a watchdog. lockstep: a simulated robot's time passes with
             every command, as fast as the machine can. As the robot's own setting.
-        control_hz: Commands per second of robot time.
+        control_hz: Commands per second of robot time; at less than 10 the robot's own watchdog,
+            after 0.2 s, would act between two of them.
         recordings: Folder for recordings.
         position_margin_rad: How far from the ends of the joint ranges commands stay.
         velocity_share: Share of the robot's velocity limits that is allowed.
@@ -66,7 +67,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         super().__post_init__()
         ranges = {
-            "control_hz": (1.0, 200.0),
+            "control_hz": (10.0, 200.0),
             "position_margin_rad": (0.0, 0.5),
             "velocity_share": (0.01, 1.0),
             "acceleration_share": (0.01, 1.0),

@@ -77,16 +77,16 @@ class Limiter:
             command: Finite, in the order of the joints.
             seen: The newest report.
         """
+        if self.scale == 0.0:
+            holds = self.stopped(seen) or self._plan(CommandKind.POSITION, self._last[None])
+            return replace(holds, reason=Reason.SCALED)
         if command.kind is CommandKind.POSITION and not self._enters_position(seen):
-            braked = self._brake(seen)
-            return replace(braked, reason=braked.reason | Reason.MODE)
+            return replace(self._brake(seen), reason=Reason.MODE)
+        self._braking = False
         plan = self._towards(command, seen)
         return plan if self.scale == 1.0 else replace(plan, reason=plan.reason | Reason.SCALED)
 
     def _towards(self, command: Command, seen: Observation) -> Plan:
-        if command.kind is CommandKind.EFFORT and self.scale == 0.0:
-            return self.stopped(seen) or self._plan(CommandKind.POSITION, self._last[None])
-        self._braking = False
         match command.kind:
             case CommandKind.POSITION:
                 return self._to_position(command.values)
