@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+from gfm import __version__
 from gfm.core import ConfigError
 from gfm.service import ServiceConfig
 from gfm_robot_bridge.limits import Bounds, Limits
@@ -100,6 +101,19 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             power_w=self.power_w,
             patience_s=patience_s + self.period_ns * 1e-9,
         )
+
+    @property
+    def about(self) -> dict[str, str]:
+        """What recordings and flight records say of the bridge."""
+        return {
+            "run": self.run,
+            "software": f"gfm {__version__}",
+            "robot": self.robot,
+            "clock": str(self.clock),
+            "control_hz": f"{self.control_hz:g}",
+            "velocity_share": f"{self.velocity_share:g}",
+            "acceleration_share": f"{self.acceleration_share:g}",
+        }
 
     @property
     def period_ns(self) -> int:

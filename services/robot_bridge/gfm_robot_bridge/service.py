@@ -11,7 +11,6 @@ from typing import final
 
 from typing_extensions import override
 
-from gfm import __version__
 from gfm.core import Clock, GfmError, Observation, Status
 from gfm.service import Service, make_status
 from gfm.transport import Request, Transport
@@ -28,7 +27,7 @@ from gfm_robot_bridge.limits import Reason
 from gfm_robot_bridge.recorder import Recorder
 from gfm_robot_bridge.robot import Robot
 from gfm_robot_bridge.robot_line import Decision, RobotLine
-from gfm_robot_bridge.timing import Histogram
+from gfm_robot_bridge.timing import Timing
 from gfm_wire import RobotClock
 
 _log = logging.getLogger(__name__)
@@ -77,7 +76,7 @@ class BridgeService(Service, Controls):
         self._gate = CommandGate(robot.joint_names, lease, oldest_ns)
         self._following = Following(bounds.still, config.behind_rad, config.behind_s)
         folder, background = Path(config.recordings), background or AtOnce()
-        self._recorder = Recorder(folder, _about(config), background)
+        self._recorder = Recorder(folder, config.about, background)
         periods = math.ceil(config.flight_s * config.control_hz)
         self._flight = FlightRecord(folder / "flight", periods, config.flights_kept, background)
         self._counters: Counter[str] = Counter(dict.fromkeys(_COUNTERS, 0))
@@ -88,8 +87,7 @@ class BridgeService(Service, Controls):
         self._waiting: Request | None = None
         self._stopping = Reason.NONE
         self._began_ns = 0
-        self._jitter, self._ages = Histogram("jitter"), Histogram("command_age")
-        self._delays = Histogram("read_to_send")
+        self._timing = Timing()
         self._deadline_ns = self._retry_ns = clock.now_ns()
         self._note = self._why = "waiting for the robot"
 
@@ -121,11 +119,12 @@ class BridgeService(Service, Controls):
         }
         counters["rejected_messages"] += self._desk.rejected
         gauges = {"robot_time_s": self._robot.time_ns() * 1e-9}
-        for histogram in (self._jitter, self._delays, self._ages):
-            counters |= histogram.counters()
-            gauges |= histogram.gauges()
         return make_status(
-            "robot_bridge", self._config.name, counters=counters, gauges=gauges, note=self._note
+            "robot_bridge",
+            self._config.name,
+            counters=counters | self._timing.counters(),
+            gauges=gauges | self._timing.gauges(),
+            note=self._note,
         )
 
     @override
@@ -152,7 +151,7 @@ class BridgeService(Service, Controls):
         self._deadline_ns += (missed + 1) * self._config.period_ns
         if self._reads:
             self._counters["overruns"] += missed
-            self._jitter.add(late_ns)
+            self._timing.jitter.add(late_ns)
         self._began_ns = now_ns
         self._line.ask(self._config.period_ns if self._reads else 0)
         return True
@@ -228,7 +227,7 @@ class BridgeService(Service, Controls):
     def _end_stop(self) -> None:
         """Writes down how it came to a stop that has ended."""
         if self._stopping:
-            self._flight.write(self._why, self._clock.utc_ns(), _about(self._config))
+            self._flight.write(self._why, self._clock.utc_ns(), self._config.about)
         self._stopping = Reason.NONE
 
     def _take_command(self, heard: Heard, newest: Observation) -> None:
@@ -240,7 +239,7 @@ class BridgeService(Service, Controls):
         plan = self._limiter.limited(requested, newest)
         decided_ns = self._clock.now_ns()
         if self._config.clock == RobotClock.WALL:
-            self._ages.add(self._clock.utc_ns() - command.stamp_ns)
+            self._timing.ages.add(self._clock.utc_ns() - command.stamp_ns)
         self._counters["clipped_commands"] += bool(plan.reason)
         self._note = f"commanded in {command.kind} mode"
         self._waiting = heard.request
@@ -253,7 +252,7 @@ class BridgeService(Service, Controls):
         lockstep = self._config.clock == RobotClock.LOCKSTEP
         sent_ns = self._line.tell(decision, self._config.period_ns if lockstep else 0)
         if not lockstep:
-            self._delays.add(sent_ns - self._began_ns)
+            self._timing.delays.add(sent_ns - self._began_ns)
 
     def _continue_exchange(self) -> bool:
         try:
@@ -311,14 +310,3 @@ _COUNTERS = (
     "stale_reports",
     "robot_failures",
 )
-
-
-def _about(config: BridgeConfig) -> dict[str, str]:
-    """Returns what every recording says about itself."""
-    return {
-        "run": config.run,
-        "software": f"gfm {__version__}",
-        "robot": config.robot,
-        "clock": config.clock,
-        "control_hz": f"{config.control_hz:g}",
-    }

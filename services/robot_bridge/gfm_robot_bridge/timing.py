@@ -48,3 +48,27 @@ class Histogram:
             if left <= 0.0:
                 return min(end, self._most_ms)
         return self._most_ms
+
+
+@final
+class Timing:
+    """What the bridge measures of itself.
+
+    Attributes:
+        jitter: How late a period began.
+        delays: From its beginning until the robot was told.
+        ages: Of commands, from their stamps until they were decided.
+    """
+
+    def __init__(self) -> None:
+        self.jitter = Histogram("jitter")
+        self.delays = Histogram("read_to_send")
+        self.ages = Histogram("command_age")
+
+    def counters(self) -> dict[str, int]:
+        """Returns the bins of all."""
+        return self.jitter.counters() | self.delays.counters() | self.ages.counters()
+
+    def gauges(self) -> dict[str, float]:
+        """Returns the numbers of all, ms."""
+        return self.jitter.gauges() | self.delays.gauges() | self.ages.gauges()

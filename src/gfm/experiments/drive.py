@@ -245,10 +245,14 @@ class Driver:
 
     @contextmanager
     def recording(self, name: str, about: Mapping[str, str]) -> Iterator[list[RecordDone]]:
-        """Has the bridge record what is done meanwhile; what it says in the end is in the list."""
+        """Has the bridge record what is done meanwhile; what it says in the end is in the list.
+
+        A session begins with it: while files are opened no command comes, perhaps for too long.
+        """
         if not isinstance(self._ask("robot/record", RecordStart(name=name, metadata=about)), Ack):
             raise RefusedError(f"the bridge does not record {name}")
         told: list[RecordDone] = []
+        self._number = 0
         try:
             yield told
         finally:
