@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from gfm.core import (
     Command,
@@ -335,6 +336,21 @@ def test_a_recording_holds_reports_and_both_commands(rig: Rig, tmp_path: Path) -
     assert recording.metadata["who"] == "me"
     assert recording.metadata["run"] == "default"
     assert rig.counter("recordings") == 1
+
+
+def test_a_recording_says_why_commands_were_changed(rig: Rig, tmp_path: Path) -> None:
+    rig.command("velocity", [0.0, 0.0])
+    rig.ask("robot/record", RecordStart(name="one"))
+    rig.command("velocity", [0.02, 0.0])
+    rig.command("velocity", [9.0, 0.0])
+    rig.ask("robot/record", RecordStop())
+    with (tmp_path / "one.mcap").open("rb") as file:
+        messages = list(make_reader(file).iter_messages(topics=["/joint_command_reason"]))
+    masks = [int.from_bytes(message.data[4:8], "little") for _, _, message in messages]
+    changed = Reason.VELOCITY | Reason.ACCELERATION
+    assert masks == [0, 0] + [changed] * 5  # five steps within the period
+    stamps = [message.log_time for _, _, message in messages]
+    assert np.diff(stamps)[-4:].tolist() == [4_000_000] * 4
 
 
 def test_another_mode_ends_a_recording(rig: Rig) -> None:

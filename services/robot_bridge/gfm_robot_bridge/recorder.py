@@ -58,7 +58,7 @@ class Recorder:
         self._about = dict(about)
         self._background = background
         self._recording: _Recording | None = None
-        self._in_force: tuple[Command, Command] | None = None
+        self._in_force: tuple[Command, Command, int] | None = None
 
     @property
     def name(self) -> str:
@@ -130,18 +130,18 @@ class Recorder:
         if not file.problem:
             self._do(file, partial(file.write, piece))
 
-    def command(self, requested: Command, applied: Command) -> None:
-        """Takes what was asked for and what the robot was told, both stamped as they act."""
-        before, self._in_force = self._in_force, (requested, applied)
+    def command(self, requested: Command, applied: Command, reason: int) -> None:
+        """Takes what was asked for, what the robot was told, both stamped as they act, and why."""
+        before, self._in_force = self._in_force, (requested, applied, reason)
         recording = self._recording
         if recording is None or recording.ended:
             return
         if recording.kind is None:
             recording.kind = applied.kind
             if before is not None and before[1].kind is applied.kind:
-                self._write(recording.file, partial(_both, *before))
+                self._write(recording.file, partial(_told, *before))
         if recording.kind is applied.kind:
-            self._write(recording.file, partial(_both, requested, applied))
+            self._write(recording.file, partial(_told, requested, applied, reason))
         else:
             recording.ended = True
             _log.warning("%s ends: %s commands follow", self.name, applied.kind)
@@ -167,9 +167,10 @@ class Recorder:
         self._write(recording.file, lambda writer: writer.write_object_pose(seen_ns, place, turn))
 
 
-def _both(requested: Command, applied: Command, writer: RecordingWriter) -> None:
+def _told(requested: Command, applied: Command, reason: int, writer: RecordingWriter) -> None:
     writer.write_command(applied)
     writer.write_requested(requested)
+    writer.write_reason(applied.stamp_ns, reason)
 
 
 def _state(report: Observation, writer: RecordingWriter) -> None:

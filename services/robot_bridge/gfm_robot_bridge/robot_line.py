@@ -81,7 +81,7 @@ class RobotLine:
             acts_ns = command.stamp_ns + self._robot.command_latency_ns
             applied = replace(command, stamp_ns=acts_ns)
             requested = replace(decision.requested or command, stamp_ns=acts_ns)
-            self._recorder.command(requested, applied)
+            self._recorder.command(requested, applied, int(decision.plan.reason))
             self._in_force = _InForce(
                 applied=applied,
                 reason=decision.plan.reason,

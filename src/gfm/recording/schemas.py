@@ -9,6 +9,7 @@ from __future__ import annotations
 JOINT_STATES = "/joint_states"
 COMMAND = "/joint_command"
 REQUESTED = "/joint_command_requested"
+REASON = "/joint_command_reason"
 OBJECT_POSE = "/object_pose"
 
 #: MCAP metadata records that carry what a topic cannot.
@@ -17,6 +18,7 @@ SERVO_GAIN_RECORD = "gfm.servo_gain"
 
 JOINT_STATE_TYPE = "sensor_msgs/msg/JointState"
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
+REASON_TYPE = "std_msgs/msg/UInt32"
 
 _SEPARATOR = "=" * 80
 
@@ -36,6 +38,8 @@ float64[] position
 float64[] velocity
 float64[] effort
 {_HEADER}"""
+
+REASON_MASK = "uint32 data\n"
 
 POSE = f"""std_msgs/Header header
 geometry_msgs/Pose pose

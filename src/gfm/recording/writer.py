@@ -49,6 +49,7 @@ class RecordingWriter:
         joint_state, pose = schemas.JOINT_STATE_TYPE, schemas.POSE_TYPE
         self._joint_state = self._writer.register_msgdef(joint_state, schemas.JOINT_STATE)
         self._pose = self._writer.register_msgdef(pose, schemas.POSE)
+        self._reason: Schema | None = None
         self._writer.add_metadata(schemas.ABOUT_RECORD, dict(about or {}))
         if servo_gain:
             gains = {joint: repr(float(gain)) for joint, gain in servo_gain.items()}
@@ -74,6 +75,12 @@ class RecordingWriter:
     def write_requested(self, requested: Command) -> None:
         """Writes what was asked for before any limit, under the stamp of what was applied."""
         self._write_setpoint(schemas.REQUESTED, requested)
+
+    def write_reason(self, stamp_ns: int, mask: int) -> None:
+        """Writes why what was applied under that stamp is not what was requested: a bit mask."""
+        if self._reason is None:  # only a bridge gives reasons
+            self._reason = self._writer.register_msgdef(schemas.REASON_TYPE, schemas.REASON_MASK)
+        self._write(schemas.REASON, self._reason, {"data": mask}, stamp_ns)
 
     def write_object_pose(self, stamp_ns: int, position: Array, quaternion: Array) -> None:
         """Writes one pose in the base frame: m, shape (3,); w x y z, shape (4,)."""
