@@ -404,8 +404,8 @@ def attack_lines(folder: Path, commands: int, control_hz: float, seed: int) -> l
 
 def stop_lines(folder: Path, tries: int, seed: int) -> list[str]:
     """Stops in every way; returns rows of a table."""
-    lines = []
-    for share in (0.05, 0.5):
+    lines: list[str] = []
+    for share in (0.05, 0.5) if tries else ():
         for cause in CAUSES:
             for kind in CommandKind:
                 stops = [stop_once(folder, kind, share, cause, seed + i) for i in range(tries)]
@@ -420,7 +420,7 @@ def main() -> None:
     """Attacks, stops, and writes what came of it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--commands", type=int, default=20_000, help="in all, over four rates")
-    parser.add_argument("--tries", type=int, default=3, help="of each stop")
+    parser.add_argument("--tries", type=int, default=3, help="of each stop, or 0")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="Markdown to write (default: print)")
     arguments = parser.parse_args()
