@@ -86,19 +86,6 @@ class Limiter:
         plan = self._towards(command, seen)
         return plan if self.scale == 1.0 else replace(plan, reason=plan.reason | Reason.SCALED)
 
-    def _towards(self, command: Command, seen: Observation) -> Plan:
-        match command.kind:
-            case CommandKind.POSITION:
-                return self._to_position(command.values)
-            case CommandKind.VELOCITY:
-                return self._to_speed(self.scale * command.values, seen)
-            case CommandKind.EFFORT:
-                return self._to_torque(command.values, seen)
-
-    @property
-    def _scaled(self) -> Bounds:
-        return replace(self._bounds, velocity=self.scale * self._bounds.velocity)
-
     def stopped(self, seen: Observation) -> Plan | None:
         """Returns the next part of a stop: a ramp to rest, then holding; None where it holds."""
         if self.holds:
@@ -112,6 +99,19 @@ class Limiter:
         """Lets the next plan begin at what the arm then does: the last one may not have acted."""
         self._kind = None
         self._braking = False
+
+    def _towards(self, command: Command, seen: Observation) -> Plan:
+        match command.kind:
+            case CommandKind.POSITION:
+                return self._to_position(command.values)
+            case CommandKind.VELOCITY:
+                return self._to_speed(self.scale * command.values, seen)
+            case CommandKind.EFFORT:
+                return self._to_torque(command.values, seen)
+
+    @property
+    def _scaled(self) -> Bounds:
+        return replace(self._bounds, velocity=self.scale * self._bounds.velocity)
 
     def _enters_position(self, seen: Observation) -> bool:
         """Returns whether positions may be told; the first one begins where the arm rests."""
