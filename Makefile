@@ -9,7 +9,7 @@ RUN_ARGS ?=
 export CONTAINER_ENGINE ?= docker
 IMAGES := router replay bridge robot actor learner
 
-.PHONY: help run test test-slow test-containers check format lock images clean bench-effects bench-joint-control bench-fit bench-diagnosis
+.PHONY: help run test test-slow test-containers check format lock images clean bench-effects bench-joint-control bench-bridge bench-fit bench-diagnosis
 
 help:  ## say what can be made
 	@sed -En 's/^([a-z-]+):.*## (.*)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -44,6 +44,9 @@ bench-effects: $(VENV)/.installed  ## see whether runs name what their robots hi
 
 bench-joint-control: $(VENV)/.installed build/peers  ## compare all models of the arm, 3 effects x 3 seeds (an hour)
 	PYTHONPATH=build/peers $(BIN)/python benchmarks/joint_control.py
+
+bench-bridge: $(VENV)/.installed  ## attack the robot bridge, and stop it in every way (20 minutes)
+	$(BIN)/python benchmarks/bridge_safety.py --commands 300000 --tries 100
 
 bench-fit: $(VENV)/.installed build/peers  ## fit generalized forces warm and from nothing (half an hour)
 	PYTHONPATH=build/peers $(BIN)/python benchmarks/fit_forces.py

@@ -102,7 +102,7 @@ class SimulatedService(Service):
         """Returns why an exchange is refused, or nothing."""
         if not isinstance(message, RobotExchange):
             return f"got {type(message).__name__}, expected RobotExchange"
-        return _problem(message, self._config.clock)
+        return _exchange_problem(message, self._config.clock)
 
     def _keep_up(self) -> bool:
         """Lets the robot's time catch up with the clock a little; returns whether it is behind.
@@ -122,7 +122,7 @@ class SimulatedService(Service):
         return behind_ns > _LONGEST_STRIDE_NS
 
 
-def _problem(message: RobotExchange, clock: RobotClock) -> str:
+def _exchange_problem(message: RobotExchange, clock: RobotClock) -> str:
     if message.clock != clock:
         return (
             f"the bridge is on the {message.clock} clock and this robot on the {clock} clock, "
