@@ -140,7 +140,9 @@ def _judged(
         thing: What they lack of the object.
     """
     given, result, effects = found.long.given, found.result, tuple(e.instance() for e in named)
-    held = make_problem(beside, holdout, found.short.noise, given=given, windows_s=WHOLE)
+    held = make_problem(
+        beside, holdout, found.short.noise, given=given, windows_s=WHOLE, placed=effects
+    )
     errors = rollout_errors(held, effects)
     verdict = Verdict.INSUFFICIENT_DATA if found.lack else verdict_on(errors.summary, named)
     corrected = _corrected(specs, held, named, thing)
@@ -195,7 +197,9 @@ def _note_on_touching(
     effects: Sequence[EffectInstance],
 ) -> list[str]:
     """Returns what to know of errors where the robot touches something, if it does."""
-    touching = all_segments(specs, holdout, held.noise, given=held.given, touching=True)
+    touching = all_segments(
+        specs, holdout, held.noise, given=held.given, placed=effects, touching=True
+    )
     if not touching.segments:
         return []
     errors = rollout_errors(prepared(touching), effects).summary

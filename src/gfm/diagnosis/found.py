@@ -68,8 +68,12 @@ def find_by_itself(
     given: Sequence[EffectInstance],
     report: Callable[[str], None],
     time_left: Callable[[], float],
+    known: Sequence[EffectInstance] = (),
 ) -> Found:
     """Returns what the model `specs`, beside which `given` stands, lacks of the robot by itself.
+
+    Where that says that the robot was elsewhere than it reports, recordings are cut anew, and the
+    search goes on from there: it may have touched something where it seemed to be in the air.
 
     Args:
         recordings: What effects are looked for in and fitted to.
@@ -77,18 +81,29 @@ def find_by_itself(
         given: Effects of it that they cannot say.
         report: Told what is happening, in words.
         time_left: The share of the time for searching that is left.
+        known: Effects with which recordings are cut and the search begins.
     """
     report("measuring the nominal model")
-    short = make_problem(specs, recordings, given=given, most_s=SEARCHED_S)
+    short = make_problem(specs, recordings, given=given, placed=known, most_s=SEARCHED_S)
     long, lack = short, _lacking(recordings)
     if any(LONG[kind] > SHORT[kind] for kind in specs):
         long = make_problem(
-            specs, recordings, short.noise, given=given, windows_s=LONG, most_s=SETTLED_S
+            specs,
+            recordings,
+            short.noise,
+            given=given,
+            windows_s=LONG,
+            placed=known,
+            most_s=SETTLED_S,
         )
     if lack:
         return Found(recordings=recordings, short=short, long=long, lack=lack)
-    everything = all_segments(specs, recordings, short.noise, given=given)
-    result = search(short, long, everything, recordings, report, time_left)
+    everything = all_segments(specs, recordings, short.noise, given=given, placed=known)
+    result = search(short, long, everything, recordings, report, time_left, known)
+    found = credible(result)
+    if short.in_the_air and not known and any(one.effect.displaces for one in found):
+        report("cutting anew: the robot was elsewhere than it reports")
+        return find_by_itself(recordings, specs, given, report, time_left, found)
     return Found(recordings=recordings, short=short, long=result.problem, results=(result,))
 
 

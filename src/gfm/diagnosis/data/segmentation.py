@@ -52,6 +52,7 @@ def make_problem(
     *,
     given: Sequence[EffectInstance] = (),
     windows_s: Mapping[CommandKind, float] = SHORT,
+    placed: Sequence[EffectInstance] = (),
     most_s: float = float("inf"),
 ) -> Problem:
     """Returns the problem of explaining `recordings` by the models `specs`, with `given` in them.
@@ -59,7 +60,8 @@ def make_problem(
     Arguments beside `most_s`, which is that of `prepared`, and errors as of `all_segments`.
     """
     return prepared(
-        all_segments(specs, recordings, noise, given=given, windows_s=windows_s), most_s
+        all_segments(specs, recordings, noise, given=given, windows_s=windows_s, placed=placed),
+        most_s,
     )
 
 
@@ -82,6 +84,7 @@ def all_segments(
     *,
     given: Sequence[EffectInstance] = (),
     windows_s: Mapping[CommandKind, float] = SHORT,
+    placed: Sequence[EffectInstance] = (),
     touching: bool = False,
 ) -> Problem:
     """Returns the problem with all segments, and nothing yet that takes simulations to make.
@@ -96,6 +99,7 @@ def all_segments(
         noise: Of the sensors; measured where it is not given.
         given: Effects of the nominal model that `specs` cannot say.
         windows_s: Length of a rollout by kind of command, s.
+        placed: Effects that say where the robot is: by it and by the model contacts are told.
         touching: Whether of the segments in which the robot touches something, beside enough
             others. If not, of those in which it touches nothing, simulated without contacts; where
             they are too few, of all.
@@ -118,7 +122,11 @@ def all_segments(
     for kind, spec in accurate.items():
         own = {i: one for i, one in enumerate(recordings) if one.command_kind is kind}
         rows, contact_free = _rows(
-            Touch(spec, joints), own, windows_s[kind], SHORT[kind], touching=touching
+            Touch(spec, joints, (*given, *placed)),
+            own,
+            windows_s[kind],
+            SHORT[kind],
+            touching=touching,
         )
         if contact_free:
             spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
+from gfm.effects import EffectInstance
 from gfm.sim.plant import make_plant
 
 #: Way of an object from which on it slides, within so much time.
@@ -34,10 +35,20 @@ LEAST_AIR_S, ENOUGH_AIR_S = 0.3, 1.5
 
 
 class Touch:
-    """Looks for contacts of the robot, as recorded."""
+    """Looks for contacts of the robot, as recorded.
 
-    def __init__(self, spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
-        self._plant = make_plant(spec, joints)
+    Args:
+        spec: The model.
+        joints: That are measured.
+        placed: Effects of the robot; of them counts what says that links are elsewhere than
+            reported.
+    """
+
+    def __init__(
+        self, spec: mujoco.MjSpec, joints: Sequence[str], placed: Sequence[EffectInstance] = ()
+    ) -> None:
+        displacing = [one for one in placed if one.effect.displaces]
+        self._plant = make_plant(spec, joints, displacing)
         model = self._plant.model
         self._data = mujoco.MjData(model)
         self._free = model.jnt_qposadr[model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)]

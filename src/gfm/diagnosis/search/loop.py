@@ -24,7 +24,7 @@ from gfm.diagnosis.search.nominal_parameters import least_amounts
 from gfm.diagnosis.search.steps import end, run
 from gfm.diagnosis.search.trace import SearchResult, Step, parts_of
 from gfm.diagnosis.search.under_way import Search
-from gfm.effects import Scope, effect_library
+from gfm.effects import EffectInstance, Scope, effect_library
 
 #: Share of the time that is kept for rivals of what was found.
 FOR_RIVALS = 0.4
@@ -39,6 +39,7 @@ def search(
     recordings: Sequence[Trajectory],
     report: Callable[[str], None],
     time_left: Callable[[], float] = lambda: 1.0,
+    known: Sequence[EffectInstance] = (),
 ) -> SearchResult[Problem]:
     """Returns what recordings support.
 
@@ -50,12 +51,15 @@ def search(
         recordings: From which they were cut.
         report: Told what is happening, in words.
         time_left: The share of the time for searching that is left.
+        known: Effects to begin with.
     """
-    nominal, under_way = _begun(problem, recordings, report, time_left)
+    here, under_way = _begun(problem, recordings, report, time_left)
+    if known:
+        here = settled_hypothesis(here.problem, known, here.nominal)
     everything = replace(everything, stepping=problem.stepping, clock=problem.clock)
     rarely = Intermittent(everything=everything, candidates=under_way.candidates)
     under_way.candidates = [p for p in rarely.candidates if not p.effect.intermittent]
-    here = run(nominal, under_way, (add, common_errors, rarely, add_costly))
+    here = run(here, under_way, (add, common_errors, rarely, add_costly))
     if long is not problem:
         report("settling amounts")
         parts = parts_of(under_way.steps).values()
