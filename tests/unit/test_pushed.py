@@ -12,7 +12,7 @@ from gfm.diagnosis.data.touching import CLEARANCE_M, Touch, resting_pose
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.output.result import Verdict
 from gfm.diagnosis.search.candidates import places
-from gfm.effects import find_effect
+from gfm.effects import EffectInstance, find_effect
 from gfm.effects.plugins import USUAL_SCALES
 
 SLIDER_KG, BLOCK_KG, GAIN, FRICTION = 2.0, 0.5, 40.0, 0.4
@@ -155,6 +155,22 @@ def test_what_nearly_touches_counts_as_touching():
         place = run.object_track.position[0, 0] - HALF_M - FINGER_M - gap
         still = replace(run, position=np.full_like(run.position, place))
         assert touch.at(still, 0) is touches
+
+
+def test_contact_is_told_by_where_the_links_are():
+    run = recording(0, BLOCK_KG)
+    place = run.object_track.position[0, 0] - HALF_M - FINGER_M - 4.0 * CLEARANCE_M
+    still = replace(run, position=np.full_like(run.position, place))
+    ahead = EffectInstance(
+        effect=find_effect("encoder_offset"), joints=("j",), values={"offset": -5.0 * CLEARANCE_M}
+    )
+    for placed, touches in (((), False), ((ahead,), True)):
+        touch = Touch(SPECS[CommandKind.VELOCITY], run.joint_names, placed)
+        assert touch.at(still, 0) is touches
+    (all_of_it,) = all_segments(SPECS, [still], windows_s=WHOLE).segments
+    assert all_of_it.time_s[-1] == pytest.approx(still.duration_s)
+    assert make_problem(SPECS, [run]).in_the_air
+    assert not all_segments(SPECS, [still], windows_s=WHOLE).in_the_air
 
 
 def test_where_no_pose_was_taken_around_a_time_the_nearest_counts():
