@@ -74,7 +74,7 @@ SUBCOMMANDS = (
         name="import",
         module="gfm.recording.commands",
         adder="add_parser",
-        summary="turn CSV or JSON tables into recordings",
+        summary="turn files of other tools into recordings",
     ),
     Subcommand(
         name="train",

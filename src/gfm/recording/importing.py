@@ -13,7 +13,7 @@ import numpy as np
 from gfm.core import BadInputError, ConfigError, ObjectTrack, RecordingError, Trajectory
 from gfm.core.checks import Array, Stamps
 from gfm.core.rounding import in_steps_of
-from gfm.recording.mapping import Files, JointColumns, Mapping, as_column
+from gfm.recording.mapping import Column, Files, JointColumns, Mapping, as_column
 from gfm.recording.reader import MIN_STATES, QUATERNION_TOLERANCE
 from gfm.recording.reading_times import at_stamps
 from gfm.recording.tables import Table, read_table
@@ -155,7 +155,8 @@ def _trajectory(source: Source, states: Table, commands: Table, mapping: Mapping
         raise RecordingError(str(states.path), f"has {len(stamp_ns)} rows", f"{MIN_STATES} or more")
     _check_rate(states, stamp_ns, mapping)
     position = _measured(states, stamp_ns, mapping.joints, "position")
-    command = _signal(commands, mapping.joints, "command")
+    command_stamp_ns = _stamps(commands, mapping)
+    command = _signal(commands, len(command_stamp_ns), mapping.joints, "command")
     if position is None or command is None:
         raise AssertionError("the mapping requires both")
     return Trajectory(
@@ -166,7 +167,7 @@ def _trajectory(source: Source, states: Table, commands: Table, mapping: Mapping
         velocity=_measured(states, stamp_ns, mapping.joints, "velocity"),
         effort=_measured(states, stamp_ns, mapping.joints, "effort"),
         command_kind=mapping.command_kind,
-        command_stamp_ns=_stamps(commands, mapping),
+        command_stamp_ns=command_stamp_ns,
         command=command,
         servo_gain=_servo_gain(states, names, mapping),
         object_track=_object_track(states, stamp_ns, mapping),
@@ -176,7 +177,7 @@ def _trajectory(source: Source, states: Table, commands: Table, mapping: Mapping
 
 def _stamps(table: Table, mapping: Mapping) -> Stamps:
     column = as_column(mapping.time)
-    stamp_ns = np.rint(table.numbers(column) * 1e9).astype(np.int64)
+    stamp_ns = table.stamps_ns(column)
     where = f"{table.path}: column {column.column}"
     if (stamp_ns < 0).any():
         row = int((stamp_ns < 0).argmax())
@@ -203,7 +204,7 @@ def _measured(
     table: Table, stamp_ns: Stamps, joints: Sequence[JointColumns], signal: str
 ) -> Array | None:
     """Returns a measured signal at the stamps, although joints may have been read beside them."""
-    values = _signal(table, joints, signal)
+    values = _signal(table, len(stamp_ns), joints, signal)
     if values is None:
         return None
     moved = values.copy()
@@ -214,11 +215,21 @@ def _measured(
     return moved
 
 
-def _signal(table: Table, joints: Sequence[JointColumns], signal: str) -> Array | None:
-    columns = [getattr(joint, signal) for joint in joints]
-    if columns[0] is None:
+def _signal(table: Table, rows: int, joints: Sequence[JointColumns], signal: str) -> Array | None:
+    given = [getattr(joint, signal) for joint in joints]
+    if given[0] is None:
         return None
-    return np.stack([table.numbers(as_column(column)) for column in columns], axis=1)
+    return _stacked(table, rows, [as_column(column) for column in given])
+
+
+def _stacked(table: Table, rows: int, columns: Sequence[Column]) -> Array:
+    """Returns columns side by side, shape (rows, columns), as long as the times are."""
+    values = [table.numbers(column) for column in columns]
+    for column, one in zip(columns, values, strict=True):
+        if len(one) != rows:
+            where = f"{table.path}: column {column.column}"
+            raise RecordingError(where, f"has {len(one)} rows", f"{rows}, as the times have")
+    return np.stack(values, axis=1)
 
 
 def _object_track(table: Table, stamp_ns: Stamps, mapping: Mapping) -> ObjectTrack | None:
@@ -226,7 +237,7 @@ def _object_track(table: Table, stamp_ns: Stamps, mapping: Mapping) -> ObjectTra
     if mapping.object is None:
         return None
     columns = [as_column(getattr(mapping.object, name)) for name in POSE]
-    pose = np.stack([table.numbers(column) for column in columns], axis=1)
+    pose = _stacked(table, len(stamp_ns), columns)
     norm = np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
     wrong = np.abs(norm[:, 0] - 1.0) > QUATERNION_TOLERANCE
     if wrong.any():

@@ -8,16 +8,19 @@ from pathlib import Path
 import msgspec
 
 from gfm.core import CommandKind, ConfigError
+from gfm.recording.formats import TABLE_FORMATS
 
 #: Joints are read within a cycle; more is another unit.
 MOST_OFFSET_S = 0.1
+
+FORMATS = tuple(TABLE_FORMATS)
 
 
 class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Where a signal's numbers lie: value = scale * number + offset.
 
     Attributes:
-        column: Header of the column, or key of the JSON rows.
+        column: Header of the column, key of the JSON rows, or name of an array.
         index: Which element, where a cell is a bracketed list.
         scale: From the file's unit to rad, rad/s, N m or s; -1 turns an axis around.
         offset: In the target unit.
@@ -115,7 +118,7 @@ class Mapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """One import mapping.
 
     Attributes:
-        format: csv (first line names the columns) or json; both may be gzip-compressed.
+        format: One of FORMATS; each may be gzip-compressed.
         time: The column of time stamps, in s after scale and offset.
         command_kind: What the commands are.
         joints: At least one.
@@ -141,8 +144,8 @@ class Mapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     def __post_init__(self) -> None:
         names = [joint.name for joint in self.joints]
-        if self.format not in ("csv", "json"):
-            raise ValueError(f"format is {self.format!r}, expected csv or json")
+        if self.format not in FORMATS:
+            raise ValueError(f"format is {self.format!r}, expected one of {', '.join(FORMATS)}")
         if not names or len(set(names)) != len(names):
             raise ValueError(f"joints are named {names}, expected each once, at least one")
         for signal in ("velocity", "effort"):

@@ -1,11 +1,9 @@
-"""Tables as other tools write them: CSV, or JSON with a header and rows; also gzipped."""
+"""Tables as other tools write them, in any of `TABLE_FORMATS`; also gzipped."""
 
 from __future__ import annotations
 
-import csv
 import gzip
 import hashlib
-import io
 import json
 import zlib
 from collections.abc import Mapping
@@ -17,8 +15,12 @@ from typing import Any
 import numpy as np
 
 from gfm.core import RecordingError
-from gfm.core.checks import Array
+from gfm.core.checks import Array, Stamps
+from gfm.recording.formats import TABLE_FORMATS
 from gfm.recording.mapping import Column
+
+#: Recordings are stamped with int32 seconds.
+LAST_STAMP_S = 2**31
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +30,7 @@ class Table:
     Attributes:
         path: The file.
         digest: SHA-256 of its bytes.
-        columns: Cells by column, all of the same length.
+        columns: Cells by column.
         header: What the file says about itself beside the rows.
     """
 
@@ -62,6 +64,20 @@ class Table:
             values = np.where(values >= column.wrap / 2, values - column.wrap, values)
         return np.asarray(column.scale * values + column.offset)
 
+    def stamps_ns(self, column: Column) -> Stamps:
+        """Returns times in nanoseconds, shape (rows,); whole numbers of whole ns stay exact."""
+        time_s = self.numbers(column)
+        last_s = float(np.abs(time_s).max())
+        if last_s >= LAST_STAMP_S:
+            where = f"{self.path}: column {column.column}"
+            expected = "less than 2^31 s (does time.scale turn it into seconds?)"
+            raise RecordingError(where, f"reaches {last_s:.3g} s", expected)
+        unit_ns, cells = column.scale * 1e9, self._cells(column.column)
+        whole = round(unit_ns) >= 1 and np.isclose(unit_ns, round(unit_ns), rtol=1e-12)
+        if whole and all(type(cell) is int for cell in cells):
+            return np.array(cells, np.int64) * round(unit_ns) + round(column.offset * 1e9)
+        return np.rint(time_s * 1e9).astype(np.int64)
+
     def _cells(self, name: str) -> list[Any]:
         if name not in self.columns:
             there = ", ".join(self.columns) or "none"
@@ -87,19 +103,22 @@ def read_table(path: Path, file_format: str, rows: str = "") -> Table:
 
     Args:
         path: The file; one that ends in .gz is decompressed.
-        file_format: csv or json.
+        file_format: One of `TABLE_FORMATS`.
         rows: json: the key of the list of rows; empty where the file is that list.
+
+    Raises:
+        RecordingError: no such file, or damaged, or of another format.
+        ConfigError: the format needs a package that is not installed.
     """
     content = _content(path)
     try:
-        text = content.decode()
-        columns, header = _from_csv(text) if file_format == "csv" else _from_json(text, rows)
+        columns = TABLE_FORMATS[file_format](content, rows)
     except (ValueError, TypeError, KeyError) as exc:
         raise RecordingError(str(path), f"cannot be read as {file_format} ({exc})", "rows") from exc
-    if not columns:
+    if not columns.cells:
         raise RecordingError(str(path), "has no rows", "a table")
     digest = hashlib.sha256(content).hexdigest()
-    return Table(path=path, digest=digest, columns=columns, header=header)
+    return Table(path=path, digest=digest, columns=columns.cells, header=columns.header)
 
 
 def _content(path: Path) -> bytes:
@@ -110,31 +129,6 @@ def _content(path: Path) -> bytes:
         raise RecordingError(str(path), f"damaged gzip ({exc})", "a whole file") from exc
     except OSError as exc:
         raise RecordingError(str(path), exc.strerror or str(exc), "a readable file") from exc
-
-
-def _from_csv(text: str) -> tuple[dict[str, list[Any]], dict[str, Any]]:
-    rows = [row for row in csv.reader(io.StringIO(text)) if row]
-    if len(rows) < 2:
-        return {}, {}
-    names = [name.strip() for name in rows[0]]
-    for number, row in enumerate(rows[1:], start=1):
-        if len(row) != len(names):
-            raise ValueError(f"row {number} has {len(row)} cells for {len(names)} columns")
-    cells = zip(*rows[1:], strict=True)
-    return {name: list(column) for name, column in zip(names, cells, strict=True)}, {}
-
-
-def _from_json(text: str, key: str) -> tuple[dict[str, list[Any]], dict[str, Any]]:
-    document = json.loads(text)
-    rows = document[key] if key else document
-    if not rows:
-        return {}, {}
-    names = list(rows[0])
-    for number, row in enumerate(rows, start=1):
-        if missing := [name for name in names if name not in row]:
-            raise ValueError(f"row {number} lacks {', '.join(missing)}")
-    header = {k: v for k, v in document.items() if k != key} if key else {}
-    return {name: [row[name] for row in rows] for name in names}, header
 
 
 def _as_list(cell: object) -> list[Any]:

@@ -1,0 +1,139 @@
+"""Parquet, NumPy and MATLAB files become recordings, number for number."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+import scipy.io
+
+from gfm.core import ConfigError, RecordingError
+from gfm.recording.formats.needed import needed
+from gfm.recording.importing import imported
+from gfm.recording.mapping import Mapping, load_mapping
+
+BEGAN_NS = 1_700_000_000_123_456_789
+STAMP_NS = BEGAN_NS + 5_000_000 * np.arange(20)
+POSITION = np.random.default_rng(0).normal(size=(20, 2))
+COMMAND = np.random.default_rng(1).normal(size=(20, 2))
+
+
+def mapping(tmp_path: Path, file_format: str, prefix: str = "") -> Mapping:
+    joints = "".join(
+        f"""
+[[joints]]
+name = "{name}"
+position = {{ column = "{prefix}q", index = {i} }}
+command = {{ column = "{prefix}goal", index = {i} }}
+"""
+        for i, name in enumerate(["shoulder", "elbow"])
+    )
+    head = f'format = "{file_format}"\ncommand_kind = "position"\n'
+    time = f'time = {{ column = "{prefix}t", scale = 1e-9 }}\n'
+    (tmp_path / "map.toml").write_text(head + time + joints)
+    return load_mapping(tmp_path / "map.toml")
+
+
+def write_parquet(path: Path, **arrays: Any) -> None:
+    columns = {name: pa.array(np.asarray(array).tolist()) for name, array in arrays.items()}
+    pa.parquet.write_table(pa.table(columns), path)
+
+
+def write_npz(path: Path, **arrays: Any) -> None:
+    np.savez(path, **arrays)
+
+
+def write_mat(path: Path, **arrays: Any) -> None:
+    scipy.io.savemat(path, arrays)
+
+
+WRITERS = {"parquet": write_parquet, "npz": write_npz, "mat": write_mat}
+Writer = Callable[..., None]
+each_format = pytest.mark.parametrize(("kind", "write"), WRITERS.items())
+
+
+@each_format
+def test_numbers_arrive_exactly(tmp_path: Path, kind: str, write: Writer) -> None:
+    path = tmp_path / f"run.{kind}"
+    write(path, t=STAMP_NS, q=POSITION, goal=COMMAND)
+    (trajectory,) = imported([path], mapping(tmp_path, kind))
+    assert trajectory.joint_names == ("shoulder", "elbow")
+    np.testing.assert_array_equal(trajectory.stamp_ns, STAMP_NS)
+    np.testing.assert_array_equal(trajectory.position, POSITION)
+    np.testing.assert_array_equal(trajectory.command, COMMAND)
+
+
+def test_time_runs_along_the_longer_side_and_structures_have_fields(tmp_path: Path) -> None:
+    log = {"t": STAMP_NS[:, None], "q": POSITION.T, "goal": COMMAND.T, "about": "an arm"}
+    write_mat(tmp_path / "run.mat", log=log)
+    (trajectory,) = imported([tmp_path / "run.mat"], mapping(tmp_path, "mat", "log."))
+    np.testing.assert_array_equal(trajectory.position, POSITION)
+    assert trajectory.metadata["log.about"] == "an arm"
+
+
+def test_time_stamps_of_parquet_are_nanoseconds(tmp_path: Path) -> None:
+    stamps = pa.array(STAMP_NS // 1000, pa.timestamp("us"))
+    lists = {name: pa.array(v.tolist()) for name, v in (("q", POSITION), ("goal", COMMAND))}
+    row = pa.StructArray.from_arrays([stamps, *lists.values()], ["t", *lists])
+    pa.parquet.write_table(pa.table({"row": row}), tmp_path / "run.parquet")
+    (trajectory,) = imported([tmp_path / "run.parquet"], mapping(tmp_path, "parquet", "row."))
+    np.testing.assert_array_equal(trajectory.stamp_ns, STAMP_NS // 1000 * 1000)
+
+
+@each_format
+def test_a_file_cut_in_half_is_refused(tmp_path: Path, kind: str, write: Writer) -> None:
+    path = tmp_path / f"run.{kind}"
+    write(path, t=STAMP_NS, q=POSITION, goal=COMMAND)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(RecordingError, match=f"run.{kind}: cannot be read as {kind}"):
+        list(imported([path], mapping(tmp_path, kind)))
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_another_format_is_refused(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "run.bin").write_text("t,q\n0,0\n")
+    with pytest.raises(RecordingError, match=f"cannot be read as {kind}"):
+        list(imported([tmp_path / "run.bin"], mapping(tmp_path, kind)))
+
+
+@each_format
+def test_bad_numbers_are_refused(tmp_path: Path, kind: str, write: Writer) -> None:
+    path = tmp_path / f"run.{kind}"
+    position = POSITION.copy()
+    position[4, 1] = np.nan
+    write(path, t=STAMP_NS, q=position, goal=COMMAND)
+    with pytest.raises(RecordingError, match=r"column q: row 5: is nan; expected a finite number"):
+        list(imported([path], mapping(tmp_path, kind)))
+    write(path, t=STAMP_NS[::-1], q=POSITION, goal=COMMAND)
+    with pytest.raises(RecordingError, match=r"column t: row 2 is .* before the row above"):
+        list(imported([path], mapping(tmp_path, kind)))
+    write(path, t=STAMP_NS, q=POSITION[:, :1], goal=COMMAND)
+    with pytest.raises(RecordingError, match=r"column q: row 1: .* a list of at least"):
+        list(imported([path], mapping(tmp_path, kind)))
+    write(path, t=STAMP_NS, goal=COMMAND)
+    with pytest.raises(RecordingError, match=r"column q: is missing; .* in the file: t, goal"):
+        list(imported([path], mapping(tmp_path, kind)))
+
+
+def test_arrays_of_another_length_are_refused(tmp_path: Path) -> None:
+    write_npz(tmp_path / "run.npz", t=STAMP_NS, q=POSITION, goal=COMMAND[:15])
+    with pytest.raises(RecordingError, match=r"column goal: has 15 rows; expected 20"):
+        list(imported([tmp_path / "run.npz"], mapping(tmp_path, "npz")))
+
+
+def test_times_beyond_any_clock_are_refused(tmp_path: Path) -> None:
+    write_npz(tmp_path / "run.npz", t=STAMP_NS * 1000, q=POSITION, goal=COMMAND)
+    with pytest.raises(RecordingError, match=r"column t: reaches .* time.scale"):
+        list(imported([tmp_path / "run.npz"], mapping(tmp_path, "npz")))
+
+
+def test_a_missing_package_is_named_with_what_to_install(monkeypatch: Any) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ConfigError, match=r"pyarrow, not installed; .*'gfm-sim2real\[formats\]'"):
+        needed("pyarrow", "Parquet files")
