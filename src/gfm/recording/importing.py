@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,31 +12,18 @@ import numpy as np
 from gfm.core import BadInputError, ConfigError, ObjectTrack, RecordingError, Trajectory
 from gfm.core.checks import Array, Stamps
 from gfm.core.rounding import in_steps_of
-from gfm.recording.mapping import Column, Files, JointColumns, Mapping, as_column
+from gfm.recording.mapping import Column, JointColumns, Mapping, as_column
 from gfm.recording.reader import MIN_STATES, QUATERNION_TOLERANCE
 from gfm.recording.reading_times import at_stamps
-from gfm.recording.tables import Table, read_table
+from gfm.recording.sources import Source, sources
+from gfm.recording.streams import check_one_clock
+from gfm.recording.tables import Table
 
 #: Joint states come tens to thousands of times a second; what lies outside is another unit.
 LEAST_PERIOD_S, MOST_PERIOD_S = 1e-4, 1.0
 
 #: Columns of a pose, and how far from 1 the length of a quaternion may be.
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Source:
-    """The files of one recording, which are one and the same where a table holds both.
-
-    Attributes:
-        stem: What names the recording.
-        states: The file with the measurements.
-        commands: The file with the commands.
-    """
-
-    stem: str
-    states: Path
-    commands: Path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,51 +42,23 @@ def imported(paths: Sequence[Path], mapping: Mapping) -> Iterator[Trajectory]:
         RecordingError: a file that does not fit the mapping: file, column, row, expected.
     """
     seen: dict[str, Path] = {}
-    for source in sources(paths, mapping.files):
+    for source in sources(paths, mapping):
         for trajectory in recordings_of(source, mapping):
             if trajectory.name in seen:
                 problem = f"becomes {trajectory.name!r}, as {seen[trajectory.name]} does"
-                raise RecordingError(str(source.states), problem, "a name that tells them apart")
-            seen[trajectory.name] = source.states
+                where = str(source.states.path)
+                raise RecordingError(where, problem, "a name that tells them apart")
+            seen[trajectory.name] = source.states.path
             yield trajectory
-
-
-def sources(paths: Sequence[Path], files: Files | None) -> list[Source]:
-    """Returns which files make a recording together, by the mapping's file names."""
-    if files is None:
-        return [Source(stem=_plain(path).stem, states=path, commands=path) for path in paths]
-    states, commands = _matching(paths, files.states), _matching(paths, files.commands)
-    known = {*states.values(), *commands.values()}
-    for path in paths:
-        if path not in known:
-            raise RecordingError(str(path), "fits neither", f"{files.states} or {files.commands}")
-    for stem in sorted(states.keys() ^ commands.keys()):
-        have, lacks = (states, files.commands) if stem in states else (commands, files.states)
-        raise RecordingError(str(have[stem]), "stands alone", f"{lacks.replace('*', stem)} as well")
-    return [Source(stem=s, states=states[s], commands=commands[s]) for s in sorted(states)]
-
-
-def _plain(path: Path) -> Path:
-    return path.with_suffix("") if path.suffix == ".gz" else path
-
-
-def _matching(paths: Sequence[Path], pattern: str) -> dict[str, Path]:
-    """Returns the paths whose name fits a pattern, by what its `*` stands for."""
-    expression = re.escape(pattern).replace(r"\*", "(.*)", 1)
-    matches = [(re.fullmatch(expression, _plain(path).name), path) for path in paths]
-    return {match[1]: path for match, path in matches if match}
 
 
 def recordings_of(source: Source, mapping: Mapping) -> Iterator[Trajectory]:
     """Yields the recordings of one source: one, or one for each time the servo went on or off."""
-    states = read_table(source.states, mapping.format, mapping.rows)
-    same = source.commands == source.states
-    commands = states if same else read_table(source.commands, mapping.format, mapping.rows)
-    whole = _trajectory(source, states, commands, mapping)
+    whole = _trajectory(source, mapping)
     if mapping.released is None:
         yield whole
         return
-    off = np.array(states.texts(mapping.released.column)) == mapping.released.value.lower()
+    off = np.array(source.states.texts(mapping.released.column)) == mapping.released.value.lower()
     counts = {True: 0, False: 0}
     for segment in _segments(off):
         counts[segment.released] += 1
@@ -148,14 +106,16 @@ def _rows_of(track: ObjectTrack | None, rows: slice) -> ObjectTrack | None:
     )
 
 
-def _trajectory(source: Source, states: Table, commands: Table, mapping: Mapping) -> Trajectory:
+def _trajectory(source: Source, mapping: Mapping) -> Trajectory:
+    states, commands = source.states, source.commands
     names = tuple(joint.name for joint in mapping.joints)
-    stamp_ns = _stamps(states, mapping)
+    stamp_ns = _stamps(states, as_column(mapping.time))
     if len(stamp_ns) < MIN_STATES:
-        raise RecordingError(str(states.path), f"has {len(stamp_ns)} rows", f"{MIN_STATES} or more")
+        raise RecordingError(states.where, f"has {len(stamp_ns)} rows", f"{MIN_STATES} or more")
     _check_rate(states, stamp_ns, mapping)
     position = _measured(states, stamp_ns, mapping.joints, "position")
-    command_stamp_ns = _stamps(commands, mapping)
+    command_stamp_ns = _stamps(commands, as_column(mapping.command_time or mapping.time))
+    check_one_clock((states.where, stamp_ns), (commands.where, command_stamp_ns))
     command = _signal(commands, len(command_stamp_ns), mapping.joints, "command")
     if position is None or command is None:
         raise AssertionError("the mapping requires both")
@@ -171,14 +131,13 @@ def _trajectory(source: Source, states: Table, commands: Table, mapping: Mapping
         command=command,
         servo_gain=_servo_gain(states, names, mapping),
         object_track=_object_track(states, stamp_ns, mapping),
-        metadata=_metadata(source, states, commands),
+        metadata=_metadata(source),
     )
 
 
-def _stamps(table: Table, mapping: Mapping) -> Stamps:
-    column = as_column(mapping.time)
+def _stamps(table: Table, column: Column) -> Stamps:
     stamp_ns = table.stamps_ns(column)
-    where = f"{table.path}: column {column.column}"
+    where = f"{table.where}: column {column.column}"
     if (stamp_ns < 0).any():
         row = int((stamp_ns < 0).argmax())
         problem = f"row {row + 1} is {stamp_ns[row] * 1e-9:.6f} s"
@@ -195,7 +154,7 @@ def _check_rate(table: Table, stamp_ns: Stamps, mapping: Mapping) -> None:
     """Refuses times that are in another unit than the mapping says."""
     period_s = float(np.median(np.diff(stamp_ns))) * 1e-9
     if not LEAST_PERIOD_S <= period_s <= MOST_PERIOD_S:
-        where = f"{table.path}: column {as_column(mapping.time).column}"
+        where = f"{table.where}: column {as_column(mapping.time).column}"
         expected = "measurements some milliseconds apart (does time.scale turn it into seconds?)"
         raise RecordingError(where, f"rows are {period_s:.3g} s apart", expected)
 
@@ -227,7 +186,7 @@ def _stacked(table: Table, rows: int, columns: Sequence[Column]) -> Array:
     values = [table.numbers(column) for column in columns]
     for column, one in zip(columns, values, strict=True):
         if len(one) != rows:
-            where = f"{table.path}: column {column.column}"
+            where = f"{table.where}: column {column.column}"
             raise RecordingError(where, f"has {len(one)} rows", f"{rows}, as the times have")
     return np.stack(values, axis=1)
 
@@ -243,7 +202,7 @@ def _object_track(table: Table, stamp_ns: Stamps, mapping: Mapping) -> ObjectTra
     if wrong.any():
         row, where = (
             int(wrong.argmax()),
-            f"{table.path}: columns {', '.join(POSE[3:])} of the object",
+            f"{table.where}: columns {', '.join(POSE[3:])} of the object",
         )
         problem = f"row {row + 1} has length {float(norm[row, 0]):.4g}"
         raise RecordingError(where, problem, "a quaternion of length 1")
@@ -257,7 +216,7 @@ def _name(source: Source, table: Table, mapping: Mapping) -> str:
         there = ", ".join(["stem", *table.header])
         raise ConfigError(f"name {mapping.name!r} needs {exc}; available: {there}") from exc
     if Path(name).name != name:
-        raise BadInputError(f"{source.states}: becomes {name!r}; expected a plain file name")
+        raise BadInputError(f"{source.states.path}: becomes {name!r}; expected a plain file name")
     return name
 
 
@@ -266,12 +225,13 @@ def _servo_gain(table: Table, names: Sequence[str], mapping: Mapping) -> dict[st
         return {}
     gain = table.header.get(mapping.servo_gain.header)
     if isinstance(gain, bool) or not isinstance(gain, int | float) or gain <= 0:
-        where = f"{table.path}: header field {mapping.servo_gain.header}"
+        where = f"{table.where}: header field {mapping.servo_gain.header}"
         raise RecordingError(where, f"is {gain!r}", "a positive number")
     return dict.fromkeys(names, gain / mapping.servo_gain.reference)
 
 
-def _metadata(source: Source, states: Table, commands: Table) -> dict[str, str]:
+def _metadata(source: Source) -> dict[str, str]:
+    states, commands = source.states, source.commands
     tables = {states.path.name: states.digest, commands.path.name: commands.digest}
     about = {k: str(v) for k, v in states.header.items() if isinstance(v, str | int | float)}
     return about | {

@@ -13,7 +13,9 @@ from gfm.recording.formats import TABLE_FORMATS
 #: Joints are read within a cycle; more is another unit.
 MOST_OFFSET_S = 0.1
 
-FORMATS = tuple(TABLE_FORMATS)
+#: What may be known of a joint.
+SIGNALS = ("position", "velocity", "effort", "command")
+FORMATS = (*TABLE_FORMATS, "rosbag")
 
 
 class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -88,6 +90,18 @@ class Files(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     commands: str
 
 
+class Topics(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Where in a ROS bag the signals lie; one topic may hold both.
+
+    Attributes:
+        states: Topic of the measurements.
+        commands: Topic of the commands.
+    """
+
+    states: str
+    commands: str
+
+
 class ServoGain(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A setting of the servo that differs between recordings.
 
@@ -120,12 +134,14 @@ class Mapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     Attributes:
         format: One of FORMATS; each may be gzip-compressed.
         time: The column of time stamps, in s after scale and offset.
+        command_time: That of the commands, on the same clock, where it is another one.
         command_kind: What the commands are.
         joints: At least one.
         name: Of the recording; {stem} is the file's name (or what `*` stands for), other names in
             braces are fields of the file's header.
         rows: json: the key under which the list of rows lies; empty: the file is the list.
         files: Where measurements and commands lie in two files.
+        topics: rosbag: where measurements and commands lie.
         servo_gain: Where a header field tells the servo's gain.
         released: Where a column tells that the servo was off.
         object: Where a free object's pose lies, if one was recorded.
@@ -137,7 +153,9 @@ class Mapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     joints: list[JointColumns]
     name: str = "{stem}"
     rows: str = ""
+    command_time: str | Column | None = None
     files: Files | None = None
+    topics: Topics | None = None
     servo_gain: ServoGain | None = None
     released: Released | None = None
     object: ObjectColumns | None = None
@@ -154,8 +172,26 @@ class Mapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
                 raise ValueError(f"{signal} only for {given}, expected for all joints or none")
         if self.servo_gain is not None and self.servo_gain.reference <= 0.0:
             raise ValueError(f"servo_gain.reference is {self.servo_gain.reference}, expected > 0")
-        if self.files is not None and self.released is not None:
-            raise ValueError("files and released contradict each other: released needs one table")
+        self._check_places()
+
+    def _check_places(self) -> None:
+        if self.released is not None and not self._one_table:
+            raise ValueError("released needs measurements and commands in the same rows")
+        if (self.topics is not None) != (self.format == "rosbag"):
+            raise ValueError("topics belong to format rosbag, and rosbag needs topics")
+        if self.topics is not None and self.files is not None:
+            raise ValueError("files and topics contradict each other: a bag holds both")
+
+    @property
+    def _one_table(self) -> bool:
+        apart = self.topics is not None and self.topics.states != self.topics.commands
+        return self.files is None and not apart and self.command_time is None
+
+    @property
+    def columns(self) -> set[str]:
+        """The columns of all joints' signals."""
+        given = (getattr(joint, signal) for joint in self.joints for signal in SIGNALS)
+        return {as_column(column).column for column in given if column is not None}
 
 
 def load_mapping(path: Path) -> Mapping:

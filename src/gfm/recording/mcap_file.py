@@ -81,7 +81,8 @@ def _opened(path: Path) -> BinaryIO:
     except FileNotFoundError as exc:
         raise RecordingError(str(path), "no such file", "an MCAP recording") from exc
     except OSError as exc:
-        raise RecordingError(str(path), exc.strerror or str(exc), "an MCAP recording") from exc
+        expected = "an MCAP recording (other formats: `gfm import`)"
+        raise RecordingError(str(path), exc.strerror or str(exc), expected) from exc
     if start != _MAGIC:
         stream.close()
         expected = f"the MCAP signature {_MAGIC!r} (other formats: `gfm import`)"
@@ -124,7 +125,8 @@ class _Collector:
         if schema is None or schema.name != expected or decoder is None:
             got = f"{self.content.topics[channel.topic]} in {channel.message_encoding!r}"
             where = f"{self._path}: topic {channel.topic}"
-            raise RecordingError(where, f"is {got}", f"{expected} in 'cdr' with a ros2msg schema")
+            wanted = f"{expected} in 'cdr' with a ros2msg schema (other types: `gfm import`)"
+            raise RecordingError(where, f"is {got}", wanted)
         self._decoders[channel.id] = decoder
         self.content.messages.setdefault(channel.topic, [])
 

@@ -12,7 +12,7 @@ from gfm.core import ObjectTrack, RecordingError, Trajectory
 from gfm.core.trajectory import UNCOMMANDED
 from gfm.recording import schemas
 from gfm.recording.mcap_file import McapContent, read_mcap
-from gfm.recording.streams import JointStream, joint_stream, one_clock, stamps_of
+from gfm.recording.streams import JointStream, check_one_clock, joint_stream, stamps_of
 
 #: Fewer measurements than this say nothing about dynamics.
 MIN_STATES = 10
@@ -52,7 +52,7 @@ def read_recording(
         where, got = f"{path}: topic {joint_states}", f"only {len(states.stamp_ns)} messages"
         raise RecordingError(where, got, f"at least {MIN_STATES}")
     commands = joint_stream(path, command, _messages(path, content, command))
-    one_clock(path, states, commands)
+    check_one_clock(states.stamps, commands.stamps)
     return _trajectory(path, content, states, commands, _requested(path, content, commands))
 
 

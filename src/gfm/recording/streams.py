@@ -41,6 +41,11 @@ class JointStream:
     stamp_ns: Stamps
     fields: dict[str, Array]
 
+    @property
+    def stamps(self) -> tuple[str, Stamps]:
+        """Where the stamps lie, for messages, and the stamps."""
+        return f"{self.path}: topic {self.topic}: field header.stamp", self.stamp_ns
+
     def setpoint_kind(self) -> CommandKind:
         """Returns what the one non-empty field of a command topic says."""
         if len(self.fields) != 1:
@@ -107,22 +112,26 @@ def stamps_of(where: str, messages: Sequence[Any]) -> Stamps:
     return stamp_ns
 
 
-def one_clock(path: Path, states: JointStream, commands: JointStream) -> None:
-    """Refuses gaps that no robot makes, and streams that cannot be stamped by one clock."""
-    gap_s = np.diff(states.stamp_ns) * 1e-9
+def check_one_clock(states: tuple[str, Stamps], commands: tuple[str, Stamps]) -> None:
+    """Refuses gaps that no robot makes, and streams that cannot be stamped by one clock.
+
+    Args:
+        states: Where the measurements' stamps lie, for messages; the stamps.
+        commands: The same of the commands.
+    """
+    (where, stamp_ns), (command_where, command_stamp_ns) = states, commands
+    gap_s = np.diff(stamp_ns) * 1e-9
     if gap_s.max() > _LONGEST_GAP_S:
         i = int(gap_s.argmax()) + 1
-        where = f"{path}: topic {states.topic}: field header.stamp"
         problem = f"message {i} comes {gap_s[i - 1]:.3f} s after the one before it"
         expected = f"gaps of at most {_LONGEST_GAP_S:.0f} s (are the stamps sec and nanosec?)"
         raise RecordingError(where, problem, expected)
-    first_s, last_s = (states.stamp_ns[[0, -1]] - states.stamp_ns[0]) * 1e-9
-    begin_s, end_s = (commands.stamp_ns[[0, -1]] - states.stamp_ns[0]) * 1e-9
+    first_s, last_s = (stamp_ns[[0, -1]] - stamp_ns[0]) * 1e-9
+    begin_s, end_s = (command_stamp_ns[[0, -1]] - stamp_ns[0]) * 1e-9
     if begin_s > last_s or end_s < first_s - _LONGEST_WAIT_S:
-        where = f"{path}: topic {commands.topic}: field header.stamp"
         problem = f"commands run from {begin_s:.3f} s to {end_s:.3f} s"
-        expected = f"the clock of {states.topic}, which runs from 0 s to {last_s:.3f} s"
-        raise RecordingError(where, problem, expected)
+        expected = f"the clock of the measurements ({where}), which run from 0 s to {last_s:.3f} s"
+        raise RecordingError(command_where, problem, expected)
 
 
 def _orders(

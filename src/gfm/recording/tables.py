@@ -32,12 +32,19 @@ class Table:
         digest: SHA-256 of its bytes.
         columns: Cells by column.
         header: What the file says about itself beside the rows.
+        place: Where in the file it lies, if that holds several.
     """
 
     path: Path
     digest: str
     columns: Mapping[str, list[Any]]
     header: Mapping[str, Any] = field(default_factory=dict)
+    place: str = ""
+
+    @property
+    def where(self) -> str:
+        """File and place, for messages."""
+        return f"{self.path}: {self.place}" if self.place else str(self.path)
 
     @cached_property
     def _lists(self) -> dict[str, list[Any]]:
@@ -58,7 +65,7 @@ class Table:
             values = np.array([_number_or_nan(cell) for cell in cells])
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
-            where = f"{self.path}: column {column.column}: row {bad[0] + 1}"
+            where = f"{self.where}: column {column.column}: row {bad[0] + 1}"
             raise RecordingError(where, f"is {cells[bad[0]]!r}", "a finite number")
         if column.wrap is not None:
             values = np.where(values >= column.wrap / 2, values - column.wrap, values)
@@ -69,7 +76,7 @@ class Table:
         time_s = self.numbers(column)
         last_s = float(np.abs(time_s).max())
         if last_s >= LAST_STAMP_S:
-            where = f"{self.path}: column {column.column}"
+            where = f"{self.where}: column {column.column}"
             expected = "less than 2^31 s (does time.scale turn it into seconds?)"
             raise RecordingError(where, f"reaches {last_s:.3g} s", expected)
         unit_ns, cells = column.scale * 1e9, self._cells(column.column)
@@ -82,7 +89,7 @@ class Table:
         if name not in self.columns:
             there = ", ".join(self.columns) or "none"
             problem, expected = "is missing", f"one of the columns in the file: {there}"
-            raise RecordingError(f"{self.path}: column {name}", problem, expected)
+            raise RecordingError(f"{self.where}: column {name}", problem, expected)
         return self.columns[name]
 
     def _elements(self, name: str, index: int) -> list[Any]:
@@ -92,7 +99,7 @@ class Table:
         lists = self._lists[name]
         short = [row for row, cell in enumerate(lists) if not 0 <= index < len(cell)]
         if short:
-            where = f"{self.path}: column {name}: row {short[0] + 1}"
+            where = f"{self.where}: column {name}: row {short[0] + 1}"
             problem = f"is {self._cells(name)[short[0]]!r}"
             raise RecordingError(where, problem, f"a list of at least {index + 1} numbers")
         return [cell[index] for cell in lists]
