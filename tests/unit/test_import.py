@@ -180,7 +180,10 @@ def test_refuses(tmp_path: Path, table: list[list[Any]], words: str) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (('format = "csv"', 'format = "xml"'), "expected one of csv, json, mat, npz, parquet"),
+        (
+            ('format = "csv"', 'format = "xml"'),
+            "expected one of csv, json, mat, npz, parquet, lerobot, rosbag",
+        ),
         (("position = {", "posit = {"), "posit"),
         (('"effort"', '"torque"'), "torque"),
         (('name = "joint"', "name = 3"), "joints"),

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 _DESCRIPTION = """\
 Turns what other tools wrote into recordings that `gfm diagnose` reads: tables (CSV, JSON, Parquet,
-NumPy's .npz, MATLAB's .mat; also .gz) and ROS bags (rosbag2, rosbag1). The mapping, a TOML file,
-says which column is which signal: docs/recordings.md describes it, models/mappings/ has three to
-start from. Without a mapping, FILE is an MCAP recording that was cut off (NAME.mcap.part), and what
-is readable of it is saved.
+NumPy's .npz, MATLAB's .mat; also .gz), ROS bags (rosbag2, rosbag1) and LeRobot datasets (v2, v3).
+The mapping, a TOML file, says which column is which signal: docs/recordings.md describes it,
+models/mappings/ has three to start from. Without a mapping, FILE is an MCAP recording that was cut
+off (NAME.mcap.part), and what is readable of it is saved.
 """
 
 
@@ -32,7 +32,7 @@ def add_parser(subparsers: Subparsers) -> None:
         "import", help="turn files of other tools into recordings", description=_DESCRIPTION
     )
     parser.add_argument(
-        "files", nargs="+", type=Path, metavar="FILE", help="table, or bag, to import"
+        "files", nargs="+", type=Path, metavar="FILE", help="table, bag or dataset to import"
     )
     parser.add_argument("--mapping", type=Path, metavar="TOML", help="which column is which signal")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where to write")

@@ -15,7 +15,7 @@ MOST_OFFSET_S = 0.1
 
 #: What may be known of a joint.
 SIGNALS = ("position", "velocity", "effort", "command")
-FORMATS = (*TABLE_FORMATS, "rosbag")
+FORMATS = (*TABLE_FORMATS, "lerobot", "rosbag")
 
 
 class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -132,7 +132,7 @@ class Mapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """One import mapping.
 
     Attributes:
-        format: One of FORMATS; each may be gzip-compressed.
+        format: One of FORMATS; a table may be gzip-compressed.
         time: The column of time stamps, in s after scale and offset.
         command_time: That of the commands, on the same clock, where it is another one.
         command_kind: What the commands are.
@@ -179,8 +179,8 @@ class Mapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
             raise ValueError("released needs measurements and commands in the same rows")
         if (self.topics is not None) != (self.format == "rosbag"):
             raise ValueError("topics belong to format rosbag, and rosbag needs topics")
-        if self.topics is not None and self.files is not None:
-            raise ValueError("files and topics contradict each other: a bag holds both")
+        if self.files is not None and self.format not in TABLE_FORMATS:
+            raise ValueError(f"files belong to tables; a {self.format} holds both")
 
     @property
     def _one_table(self) -> bool:

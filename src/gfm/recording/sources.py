@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gfm.core import RecordingError
+from gfm.recording.lerobot import episodes
 from gfm.recording.mapping import Files, Mapping
 from gfm.recording.ros_bag import bag_tables
 from gfm.recording.tables import Table, read_table
@@ -39,6 +40,10 @@ def sources(paths: Sequence[Path], mapping: Mapping) -> Iterator[Source]:
         for path in paths:
             states, commands = bag_tables(path, mapping.topics, mapping.columns)
             yield Source(stem=path.stem, states=states, commands=commands)
+    elif mapping.format == "lerobot":
+        for path in paths:
+            for stem, table in episodes(path):
+                yield Source(stem=stem, states=table, commands=table)
     elif mapping.files is not None:
         yield from _pairs(paths, mapping, mapping.files)
     else:
