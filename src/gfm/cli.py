@@ -72,7 +72,7 @@ SUBCOMMANDS = (
     ),
     Subcommand(
         name="import",
-        module="gfm.recording.commands",
+        module="gfm.experiments.import_command",
         adder="add_parser",
         summary="turn files of other tools into recordings",
     ),

@@ -13,7 +13,8 @@ import pytest
 
 from gfm.core import BadInputError, CommandKind, ConfigError, RecordingError
 from gfm.core.rounding import in_steps_of, resolution
-from gfm.recording import commands, read_recording
+from gfm.experiments import import_command
+from gfm.recording import read_recording
 from gfm.recording.importing import imported
 from gfm.recording.mapping import Mapping, load_mapping
 from gfm.recording.reading_times import at_stamps
@@ -213,7 +214,7 @@ def test_a_name_template_cannot_leave_the_folder(tmp_path: Path) -> None:
 
 def run(*words: str | Path) -> int:
     parser = argparse.ArgumentParser()
-    commands.add_parser(parser.add_subparsers())
+    import_command.add_parser(parser.add_subparsers())
     arguments = parser.parse_args(["import", *(str(word) for word in words)])
     return int(arguments.run(arguments))
 

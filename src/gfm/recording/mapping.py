@@ -201,11 +201,28 @@ def load_mapping(path: Path) -> Mapping:
         ConfigError: no such file, not TOML, an unknown key, or a value out of range.
     """
     try:
-        return msgspec.convert(tomllib.loads(path.read_text()), Mapping)
+        text = path.read_text()
     except OSError as exc:
         raise ConfigError(f"{path}: {exc.strerror}; expected an import mapping") from exc
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as exc:
+    except UnicodeDecodeError as exc:
         raise ConfigError(f"{path}: {exc}") from exc
+    return mapping_of(text, str(path))
+
+
+def mapping_of(text: str, where: str) -> Mapping:
+    """Returns the mapping in a TOML text.
+
+    Args:
+        text: The mapping.
+        where: Where it lies, for messages.
+
+    Raises:
+        ConfigError: not TOML, an unknown key, or a value out of range.
+    """
+    try:
+        return msgspec.convert(tomllib.loads(text), Mapping)
+    except (tomllib.TOMLDecodeError, msgspec.ValidationError) as exc:
+        raise ConfigError(f"{where}: {exc}") from exc
 
 
 def as_column(column: str | Column) -> Column:

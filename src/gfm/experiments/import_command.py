@@ -1,0 +1,160 @@
+"""The command `gfm import`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gfm.core import BadInputError, ConfigError, Trajectory
+
+if TYPE_CHECKING:
+    from gfm.recording.guess import Robot
+    from gfm.recording.mapping import Mapping
+
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+
+_DESCRIPTION = """\
+Turns what other tools wrote into recordings that `gfm diagnose` reads: tables (CSV, JSON, Parquet,
+NumPy's .npz, MATLAB's .mat; also .gz), ROS bags (rosbag2, rosbag1) and LeRobot datasets (v2, v3).
+The mapping, a TOML file, says which column is which signal: docs/recordings.md describes it,
+models/mappings/ has three to start from. With --model instead, a mapping is guessed from the first
+FILE and printed with a reason for every line; --yes imports with it. Without either, FILE is an
+MCAP recording that was cut off (NAME.mcap.part), and what is readable of it is saved.
+"""
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Adds `gfm import`."""
+    parser = subparsers.add_parser(
+        "import", help="turn files of other tools into recordings", description=_DESCRIPTION
+    )
+    parser.add_argument(
+        "files", nargs="+", type=Path, metavar="FILE", help="table, bag or dataset to import"
+    )
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--mapping", type=Path, metavar="TOML", help="which column is which signal")
+    which.add_argument(
+        "--model", type=Path, metavar="MODEL.xml", help="guess the mapping from this model's joints"
+    )
+    parser.add_argument("--yes", action="store_true", help="import with the guessed mapping")
+    parser.add_argument(
+        "--use",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="guess: topic, or beginning of a column's name, to take where several fit",
+    )
+    parser.add_argument(
+        "--unit",
+        choices=("rad", "degrees", "normalised"),
+        help="guess: of positions, where their size does not tell",
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where to write")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Reads everything first, so that bad input leaves nothing behind; then writes."""
+    mapping = _mapping(arguments)
+    if arguments.model is not None and not arguments.yes:
+        sys.stderr.write("nothing was imported: save this as a mapping, or add --yes --out DIR\n")
+        return 0
+    if arguments.out is None:
+        raise ConfigError("no --out given; expected a folder to write to")
+    trajectories = _read(arguments.files, mapping)
+    if arguments.out.exists() and not arguments.out.is_dir():
+        raise BadInputError(f"{arguments.out}: is a file; expected a folder to write to")
+    _write(arguments.out, trajectories)
+    return 0
+
+
+def _mapping(arguments: argparse.Namespace) -> Mapping | None:
+    """Returns the mapping that was given, or guesses and prints one."""
+    from gfm.recording.guess import Asked, guessed_mapping
+    from gfm.recording.mapping import load_mapping, mapping_of
+
+    flags = {"--yes": arguments.yes, "--use": arguments.use, "--unit": arguments.unit}
+    given = [flag for flag, value in flags.items() if value]
+    if given and arguments.model is None:
+        raise ConfigError(
+            f"{', '.join(given)}; expected --model MODEL.xml, to guess a mapping from"
+        )
+    if arguments.mapping is not None:
+        return load_mapping(arguments.mapping)
+    if arguments.model is None:
+        return None
+    asked = Asked(use=tuple(arguments.use), unit=arguments.unit)
+    text = guessed_mapping(arguments.files[0], _robot(arguments.model), asked)
+    sys.stdout.write(text)
+    return mapping_of(text, "the guessed mapping")
+
+
+def _robot(path: Path) -> Robot:
+    """Returns what a guess needs of a model."""
+    import mujoco
+
+    from gfm.experiments.inputs import load_nominal
+    from gfm.recording.guess import Robot
+    from gfm.sim.drive_names import driven_joints
+
+    ((kind, spec),) = load_nominal([path]).specs.items()
+    model = spec.copy().compile()
+    joints = driven_joints(model)
+    limited = [name for name in joints if model.joint(name).limited[0]]
+    slide = mujoco.mjtJoint.mjJNT_SLIDE
+    return Robot(
+        joints=joints,
+        command_kind=kind,
+        ranges={n: (float(r[0]), float(r[1])) for n in limited for r in [model.joint(n).range]},
+        slides=frozenset(name for name in joints if model.joint(name).type[0] == slide),
+    )
+
+
+def _read(files: Sequence[Path], mapping: Mapping | None) -> list[Trajectory]:
+    from gfm.recording import read_recording
+    from gfm.recording.importing import imported
+
+    if mapping is not None:
+        return list(imported(files, mapping))
+    for path in files:
+        if not path.name.endswith((".mcap", ".mcap.part")):
+            expected = "one for anything but MCAP (--model MODEL.xml guesses it)"
+            raise ConfigError(f"{path}: no --mapping given; expected {expected}")
+    return [read_recording(path, salvage=True) for path in files]
+
+
+def _write(out: Path, trajectories: Sequence[Trajectory]) -> None:
+    from gfm.recording import write_recording
+
+    for trajectory in trajectories:
+        path = out / f"{trajectory.name}.mcap"
+        write_recording(path, trajectory)
+        sys.stdout.write(f"{path}: {_summary(trajectory)}\n")
+        for line in _copies(trajectory):
+            sys.stderr.write(f"warning: {path}: {line}\n")
+
+
+def _summary(trajectory: Trajectory) -> str:
+    joints = ", ".join(trajectory.joint_names)
+    return (
+        f"{trajectory.duration_s:.1f} s, {len(trajectory.stamp_ns)} measurements, "
+        f"{len(trajectory.command_stamp_ns)} {trajectory.command_kind} commands, joints {joints}"
+    )
+
+
+def _copies(trajectory: Trajectory) -> Iterator[str]:
+    """Yields a warning where commands are the measurements themselves."""
+    from gfm.diagnosis.data.quality.channels import echoed
+
+    found = echoed(trajectory)
+    if found:
+        least = min(one.value for one in found)
+        joints = ", ".join(str(one.joint) for one in found)
+        yield (
+            f"the command of {joints} is a copy of what was measured: on {least:.0f} % of the rows "
+            "in motion or more it equals a measurement at most two rows away; expected what the "
+            "robot was told"
+        )

@@ -1,0 +1,216 @@
+"""From a file and a model to the text of a mapping."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gfm.core import CommandKind, RecordingError
+from gfm.recording.formats import TABLE_FORMATS
+from gfm.recording.guess.clock import bag_time_lines, time_line
+from gfm.recording.guess.lines import Line, column_text, quoted, toml
+from gfm.recording.guess.robot import Asked, Robot
+from gfm.recording.guess.signals import Signal, chosen, chosen_commands, signals_of
+from gfm.recording.guess.topics import bag_topics
+from gfm.recording.guess.units import Told, Unit, to_rad, told_unit
+from gfm.recording.lerobot import TIMESTAMP, episodes
+from gfm.recording.tables import Table, read_table
+
+_BAGS = (".bag", ".db3", ".mcap")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    """What a file holds.
+
+    Attributes:
+        head: Lines of format, time and topics.
+        states: Table of the measurements.
+        commands: Table of the commands.
+        signals: Of both.
+        lerobot: Written by LeRobot.
+    """
+
+    head: Sequence[Line]
+    tail: Sequence[Line] = ()
+    states: Table
+    commands: Table
+    signals: Sequence[Signal]
+    lerobot: bool = False
+
+
+def guessed_mapping(path: Path, robot: Robot, asked: Asked) -> str:
+    """Returns the mapping that fits a file to a model, as TOML with a reason for every line.
+
+    Args:
+        path: Table, bag or dataset.
+        robot: The model's joints.
+        asked: What the user said where several things fit.
+
+    Raises:
+        RecordingError: the file cannot be read, or lacks what a mapping needs.
+        ConfigError: several things fit; the message says which, and how to choose.
+    """
+    found = _opener(path)(path, robot, asked)
+    measured = {"told": False, "kind": CommandKind.POSITION}
+    position = chosen(found.signals, "position", asked.use, **measured)
+    command, kind, why = chosen_commands(found.signals, robot, asked.use)
+    joints = [name for name in robot.joints if name in position and name in command]
+    if not joints:
+        raise _no_joints(path, robot, found, position)
+    lines = [
+        Line(text="", why=f"guessed from {path.name}; check it"),
+        *found.head,
+        Line(text=f"command_kind = {quoted(kind)}", why=why),
+        *_left_out(robot, joints),
+        *found.tail,
+        *_joint_lines(found, robot, asked, [(position[j], command[j]) for j in joints], kind),
+    ]
+    return toml(lines)
+
+
+def _opener(path: Path) -> Callable[[Path, Robot, Asked], _Found]:
+    """Returns what reads a file, by its name."""
+    if (path / "meta").is_dir():
+        return _dataset
+    if path.is_dir() or path.suffix in _BAGS:
+        return _bag
+    suffix = path.with_suffix("").suffix if path.suffix == ".gz" else path.suffix
+    if suffix.removeprefix(".") in TABLE_FORMATS:
+        return _table
+    known = ", ".join(f".{name}" for name in TABLE_FORMATS)
+    expected = f"{known}, {', '.join(_BAGS)}, or the folder of a bag or a LeRobot dataset"
+    raise RecordingError(str(path), "its name does not tell the format", expected)
+
+
+def _table(path: Path, robot: Robot, _asked: Asked) -> _Found:
+    plain = path.with_suffix("") if path.suffix == ".gz" else path
+    file_format = plain.suffix.removeprefix(".")
+    table = read_table(path, file_format)
+    head = [Line(text=f"format = {quoted(file_format)}", why="its name"), time_line(table)]
+    signals = signals_of(table, robot)
+    return _Found(head=head, states=table, commands=table, signals=signals)
+
+
+def _dataset(path: Path, robot: Robot, _asked: Asked) -> _Found:
+    tables = [table for _, table in episodes(path)]
+    first = tables[0]
+    joined = {name: [x for one in tables for x in one.columns[name]] for name in first.columns}
+    table = Table(path=path, digest=first.digest, columns=joined)
+    head = [
+        Line(text='format = "lerobot"', why="has meta/info.json"),
+        Line(text=f"time = {quoted(TIMESTAMP)}", why="frame number / fps: planned, not measured"),
+    ]
+    signals = signals_of(table, robot)
+    return _Found(head=head, states=table, commands=table, signals=signals, lerobot=True)
+
+
+def _bag(path: Path, robot: Robot, asked: Asked) -> _Found:
+    states, commands = bag_topics(path, robot, asked.use)
+    measured = [one for one in states.signals if not one.role.told]
+    told = [one for one in commands.signals if one.role.told]
+    head = [
+        Line(text='format = "rosbag"', why="a ROS bag"),
+        *bag_time_lines(states.table, commands.table),
+    ]
+    tail = [
+        Line(text="\n[topics]"),
+        Line(text=f"states = {quoted(states.name)}", why=f"{states.kind} with joints of the model"),
+        Line(text=f"commands = {quoted(commands.name)}", why=f"{commands.kind}: what was told"),
+    ]
+    return _Found(
+        head=head,
+        tail=tail,
+        states=states.table,
+        commands=commands.table,
+        signals=[*measured, *told],
+    )
+
+
+def _no_joints(
+    path: Path, robot: Robot, found: _Found, position: Mapping[str, Signal]
+) -> RecordingError:
+    what = "position and command" if position else "position"
+    columns = ", ".join(dict.fromkeys([*found.states.columns, *found.commands.columns]))
+    expected = f"joints of the model ({', '.join(robot.joints)}) among {columns}"
+    return RecordingError(str(path), f"no column is the {what} of a joint", expected)
+
+
+def _left_out(robot: Robot, joints: Sequence[str]) -> list[Line]:
+    absent = [name for name in robot.joints if name not in joints]
+    text = f"left out, for the file lacks position or command: {', '.join(absent)}"
+    return [Line(text="", why=text)] if absent else []
+
+
+def _joint_lines(
+    found: _Found,
+    robot: Robot,
+    asked: Asked,
+    joints: Sequence[tuple[Signal, Signal]],
+    kind: CommandKind,
+) -> list[Line]:
+    """Returns the tables of all joints; velocity and effort stand there for all or for none."""
+    unit = _unit(found, robot, asked, joints, kind)
+    optional = {
+        other: chosen(found.signals, str(other), asked.use, told=False, kind=other)
+        for other in (CommandKind.VELOCITY, CommandKind.EFFORT)
+    }
+    lines = []
+    for position, command in joints:
+        name = position.joint
+        lines += [
+            Line(text="\n[[joints]]"),
+            Line(text=f"name = {quoted(name)}", why=position.why),
+            _line("position", position, CommandKind.POSITION, unit, robot, found),
+        ]
+        for other, signals in optional.items():
+            if all(one.joint in signals for one, _ in joints):
+                lines.append(_line(str(other), signals[name], other, unit, robot, found))
+        lines.append(_line("command", command, kind, unit, robot, found))
+    return lines
+
+
+def _line(
+    key: str, signal: Signal, kind: CommandKind, unit: Told, robot: Robot, found: _Found
+) -> Line:
+    percent = found.lerobot and _is_gripper(signal) and unit.unit is not Unit.RAD
+    scale, offset = to_rad(unit.unit, signal.joint, robot, percent=percent)
+    if kind is CommandKind.EFFORT:
+        scale, offset, why = 1.0, 0.0, "taken as N m"
+    elif percent:
+        why = "0 to 100 over the model's range, as LeRobot counts grippers"
+    else:
+        why = unit.why
+    if kind is CommandKind.VELOCITY:
+        offset, why = 0.0, f"per second; {why}"
+    if key == "command" and signal.counted:
+        why = f"{signal.why}; {why}"
+    text = f"{key} = {column_text(signal.column, signal.index, scale, offset)}"
+    return Line(text=text, why=why)
+
+
+def _is_gripper(signal: Signal) -> bool:
+    return "gripper" in signal.column.lower() or "gripper" in signal.joint.lower()
+
+
+def _unit(
+    found: _Found,
+    robot: Robot,
+    asked: Asked,
+    joints: Sequence[tuple[Signal, Signal]],
+    kind: CommandKind,
+) -> Told:
+    """Returns the unit of all positions; measured and commanded ones have the same."""
+    if asked.unit is not None:
+        return Told(unit=Unit(asked.unit), why=f"{asked.unit}, as said")
+    values = {}
+    for position, command in joints:
+        if found.lerobot and _is_gripper(position):
+            continue
+        both = [position.values(found.states)]
+        both += [command.values(found.commands)] if kind is CommandKind.POSITION else []
+        values[position.joint] = np.concatenate(both)
+    return told_unit(values, robot, lerobot=found.lerobot)

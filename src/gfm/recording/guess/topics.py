@@ -1,0 +1,102 @@
+"""Which topics of a ROS bag hold measurements and commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from gfm.core import RecordingError
+from gfm.recording.guess.names import TOLD, joint_of, words
+from gfm.recording.guess.robot import Robot
+from gfm.recording.guess.signals import Signal, signals_of
+from gfm.recording.ros_bag import Bag, read_bag
+from gfm.recording.ros_messages import JOINT_STATE, MULTI_ARRAY, ROW_OF, TRAJECTORY
+from gfm.recording.tables import Table
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topic:
+    """One topic that may be used.
+
+    Attributes:
+        name: The topic.
+        kind: Its type.
+        table: Its messages.
+        signals: Those of the model's joints.
+    """
+
+    name: str
+    kind: str
+    table: Table
+    signals: Sequence[Signal]
+
+    def joints(self, *, told: bool) -> set[str]:
+        """Returns whose measurements, or commands, it has."""
+        return {one.joint for one in self.signals if one.role.told is told}
+
+
+def bag_topics(path: Path, robot: Robot, use: Sequence[str]) -> tuple[Topic, Topic]:
+    """Returns the topics of measurements and of commands.
+
+    Args:
+        path: The bag.
+        robot: The model's joints.
+        use: Topics to take where several fit.
+
+    Raises:
+        RecordingError: none fits, or several do; with all topics and their types.
+    """
+    types = read_bag(path, ()).types
+    topics = [t for name in sorted(types) if (t := _topic(path, name, types, robot)) is not None]
+    states = _best(path, "joint states", topics, types, use, told=False)
+    return states, _best(path, "commands", topics, types, use, told=True)
+
+
+def _topic(path: Path, name: str, types: Mapping[str, str], robot: Robot) -> Topic | None:
+    """Returns a topic; None where it is not understood, or cannot be used (a plan)."""
+    if types[name] not in ROW_OF:
+        return None
+    try:
+        bag = read_bag(path, {name})
+    except RecordingError:
+        return None
+    table = bag.table(name, _wanted(bag, name, robot))
+    told = types[name] in (MULTI_ARRAY, TRAJECTORY)
+    told = told or (types[name] == JOINT_STATE and bool(set(words(name)) & TOLD))
+    signals = signals_of(table, robot, told=told)
+    return Topic(name=name, kind=types[name], table=table, signals=signals)
+
+
+def _wanted(bag: Bag, topic: str, robot: Robot) -> set[str]:
+    """Returns the columns that name a joint of the model."""
+    there = {column for row in bag.rows[topic] for column in row}
+    return {column for column in there if joint_of(words(column), robot.joints)[0]}
+
+
+def _best(
+    path: Path,
+    what: str,
+    topics: Sequence[Topic],
+    types: Mapping[str, str],
+    use: Sequence[str],
+    *,
+    told: bool,
+) -> Topic:
+    fitting = [topic for topic in topics if topic.joints(told=told)]
+    most = max((len(topic.joints(told=told)) for topic in fitting), default=0)
+    best = [topic for topic in fitting if len(topic.joints(told=told)) == most]
+    best = [topic for topic in best if topic.name in use] or best
+    # A controller's state tells both: a topic for one of them alone comes first.
+    best = [topic for topic in best if not topic.joints(told=not told)] or best
+    if len(best) == 1:
+        return best[0]
+    there = ", ".join(f"{name} ({kind})" for name, kind in sorted(types.items())) or "none"
+    if best:
+        problem = f"{what} of the model's joints on {', '.join(topic.name for topic in best)}"
+        raise RecordingError(str(path), problem, "one topic (--use TOPIC says which)")
+    raise RecordingError(
+        str(path),
+        f"no topic with {what} of the model's joints",
+        f"one of {', '.join(ROW_OF)}; topics in the bag: {there}",
+    )
