@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,11 @@ from gfm.recording.mapping import mapping_of
 from made_bags import (
     BEGAN_NS,
     COMMAND,
+    JOINT_STATE,
     JOINTS,
+    MULTI_ARRAY,
     POSITION,
+    STAMP_NS,
     Maker,
     Message,
     arrays,
@@ -67,6 +71,25 @@ def test_a_bag_needs_no_mapping(
     np.testing.assert_array_equal(run.position, POSITION[:, ::-1])
     order = slice(None) if told is arrays else slice(None, None, -1)  # arrays name no joints
     np.testing.assert_array_equal(run.command, COMMAND[:, order])
+
+
+def test_commands_without_names_go_to_the_joints_that_follow_them(tmp_path: Path) -> None:
+    time_s = 1e-9 * (STAMP_NS - BEGAN_NS)
+    swing = np.column_stack([np.sin(3.0 * time_s), np.cos(3.0 * time_s)])
+
+    def messages(maker: Maker) -> list[Message]:
+        made = []
+        for t, q in zip(STAMP_NS, swing, strict=True):
+            state = maker.joint_state(t, JOINTS, position=q)
+            made.append(("/joint_states", JOINT_STATE, t, state))
+            made.append(("/arm/commands", MULTI_ARRAY, t, maker.multi_array(q + 0.1)))
+        return made
+
+    path = write(tmp_path, "mcap", messages)
+    assert "elbow follows it (0.1 apart), and not the model's order" in guess(path)
+    run = run_by_guess(path)
+    assert run.joint_names == ("shoulder", "elbow")
+    np.testing.assert_array_equal(run.command, swing[:, ::-1] + 0.1)
 
 
 def test_the_filled_field_of_commanded_joint_states_is_their_kind(tmp_path: Path) -> None:
@@ -192,6 +215,18 @@ def test_columns_are_told_by_their_names(tmp_path: Path, head: str) -> None:
     np.testing.assert_array_equal(run.position, POSITION)
     np.testing.assert_array_equal(run.command, COMMAND)
     assert run.period_s == pytest.approx(0.01)
+
+
+def test_rows_of_json_are_the_only_list_in_it(tmp_path: Path) -> None:
+    table = np.column_stack([0.001 * TIME_MS, POSITION, COMMAND]).tolist()
+    head = ["t", "q1", "q2", "goal1", "goal2"]
+    rows = [dict(zip(head, row, strict=True)) for row in table]
+    path = tmp_path / "run.json"
+    path.write_text(json.dumps({"robot": "arm", "rows": rows, "tags": []}))
+    np.testing.assert_array_equal(run_by_guess(path).position, POSITION)
+    path.write_text(json.dumps({"rows": rows, "more": rows}))
+    with pytest.raises(RecordingError, match="rows under one of rows, more"):
+        guess(path)
 
 
 def test_degrees_of_a_table_are_told_by_the_models_ranges(tmp_path: Path) -> None:

@@ -139,7 +139,8 @@ class Mapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         joints: At least one.
         name: Of the recording; {stem} is the file's name (or what `*` stands for), other names in
             braces are fields of the file's header.
-        rows: json: the key under which the list of rows lies; empty: the file is the list.
+        rows: json: the key under which the list of rows lies; empty: the file is the list, or
+            has no other.
         files: Where measurements and commands lie in two files.
         topics: rosbag: where measurements and commands lie.
         servo_gain: Where a header field tells the servo's gain.

@@ -111,7 +111,7 @@ def read_table(path: Path, file_format: str, rows: str = "") -> Table:
     Args:
         path: The file; one that ends in .gz is decompressed.
         file_format: One of `TABLE_FORMATS`.
-        rows: json: the key of the list of rows; empty where the file is that list.
+        rows: json: the key of the list of rows; empty where the file is that list, or has no other.
 
     Raises:
         RecordingError: no such file, or damaged, or of another format.

@@ -12,6 +12,7 @@ from gfm.core import CommandKind, RecordingError
 from gfm.recording.formats import TABLE_FORMATS
 from gfm.recording.guess.clock import bag_time_lines, time_line
 from gfm.recording.guess.lines import Line, column_text, quoted, toml
+from gfm.recording.guess.order import in_followed_order
 from gfm.recording.guess.robot import Asked, Robot
 from gfm.recording.guess.signals import Signal, chosen, chosen_commands, signals_of
 from gfm.recording.guess.topics import bag_topics
@@ -58,6 +59,8 @@ def guessed_mapping(path: Path, robot: Robot, asked: Asked) -> str:
     measured = {"told": False, "kind": CommandKind.POSITION}
     position = chosen(found.signals, "position", asked.use, **measured)
     command, kind, why = chosen_commands(found.signals, robot, asked.use)
+    if kind is CommandKind.POSITION:
+        command = in_followed_order(position, command, found.states, found.commands)
     joints = [name for name in robot.joints if name in position and name in command]
     if not joints:
         raise _no_joints(path, robot, found, position)
