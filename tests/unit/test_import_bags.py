@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,10 @@ from gfm.core import CommandKind, RecordingError
 from gfm.recording import read_recording
 from gfm.recording.importing import imported
 from gfm.recording.mapping import Mapping, load_mapping
+from gfm.recording.ros_bag import read_bag
 from made_bags import (
     COMMAND,
+    CONTROLLER_STATE,
     JOINT_STATE,
     JOINTS,
     MULTI_ARRAY,
@@ -173,6 +176,18 @@ def test_a_damaged_bag_is_read_or_refused(tmp_path: Path, kind: str) -> None:
         file.write_bytes(damaged.tobytes())
         with contextlib.suppress(RecordingError):
             list(imported([path], told))
+
+
+def test_types_that_an_old_bag_does_not_define_are_those_of_ros_2(tmp_path: Path) -> None:
+    path = write(tmp_path, "db3", lambda maker: states(maker) + controller_states(maker))
+    with contextlib.closing(sqlite3.connect(next(path.glob("*.db3")))) as database:
+        database.execute("DELETE FROM message_definitions")
+        database.commit()
+    bag = read_bag(path)
+    assert set(bag.rows) == {"/arm/joint_states"}
+    named = ("desired.positions.elbow", "desired.positions.shoulder")
+    words = refusal(path, mapping(tmp_path, named))
+    assert f"topic /arm/commands: is {CONTROLLER_STATE}, which the bag does not define" in words
 
 
 def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:

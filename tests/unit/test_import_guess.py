@@ -164,9 +164,7 @@ def test_lerobot_degrees_are_told_by_their_size(tmp_path: Path) -> None:
 
 def test_lerobot_normalised_positions_are_told_by_their_ends(tmp_path: Path) -> None:
     path = scaled(tmp_path, 170.0, clip=100.0)
-    assert "# normalised: shoulder_pan ends exactly at 100, where LeRobot clips" in guess(
-        path, SO101
-    )
+    assert "shoulder_pan ends exactly at 100, where LeRobot clips" in guess(path, SO101)
     run = run_by_guess(path, SO101)
     there = run_by_guess(path, SO101, unit="rad")
     np.testing.assert_allclose(run.position[:, 0], 1.0 + there.position[:, 0] / 50.0, rtol=1e-12)
@@ -215,6 +213,19 @@ def test_columns_are_told_by_their_names(tmp_path: Path, head: str) -> None:
     np.testing.assert_array_equal(run.position, POSITION)
     np.testing.assert_array_equal(run.command, COMMAND)
     assert run.period_s == pytest.approx(0.01)
+
+
+def test_degrees_are_told_by_a_name(tmp_path: Path) -> None:
+    table = np.column_stack([TIME_MS, POSITION, COMMAND])
+    path = csv_file(tmp_path, "t,q1_deg,q2_deg,q_des1,q_des2", table)
+    assert "degrees, as the name says" in guess(path)
+    np.testing.assert_array_equal(run_by_guess(path).position, np.radians(1.0) * POSITION)
+
+
+def test_what_is_no_signal_is_passed_over(tmp_path: Path) -> None:
+    table = np.column_stack([TIME_MS, POSITION, COMMAND, COMMAND])
+    head = "t,q1,q2,q_des1,q_des2,torque_enable1,torque_enable2"
+    assert run_by_guess(csv_file(tmp_path, head, table)).effort is None
 
 
 def test_rows_of_json_are_the_only_list_in_it(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -81,33 +81,34 @@ def bag_tables(path: Path, topics: Topics, columns: Collection[str]) -> tuple[Ta
     return states, states if same else bag.table(topics.commands, columns)
 
 
-def read_bag(path: Path, topics: Iterable[str] | None = None) -> Bag:
+def read_bag(path: Path, topics: Collection[str] | None = None) -> Bag:
     """Returns a bag's messages.
 
     Args:
         path: As `bag_tables` takes it.
-        topics: Those to read; all that are understood where None.
+        topics: Those to read; where None, all that can be.
 
     Raises:
-        RecordingError: no bag, or damaged; a topic is missing, empty or of a type that is not
-            understood.
+        RecordingError: no bag, or damaged; a topic is missing, empty, or of no use.
         ConfigError: the package `rosbags` is not installed.
     """
     highlevel = needed("rosbags.highlevel", "ROS bags")
     try:
         with highlevel.AnyReader([path], default_typestore=_definitions()) as reader:
             types = {c.topic: str(c.msgtype) for c in reader.connections}
-            chosen = [t for t in types if types[t] in ROW_OF] if topics is None else sorted(topics)
-            for topic in chosen:
-                _check_topic(path, topic, types)
-            rows = _rows(path, reader, chosen)
+            rows = {topic: list[Row]() for topic in (types if topics is None else sorted(topics))}
+            problems = {t: p for t in rows if (p := _problem(path, t, types, reader)) is not None}
+            _read_rows(path, reader, rows, problems)
     except _damage() as exc:
         expected = "a whole ROS bag: a folder with metadata.yaml, .mcap, .db3 or .bag"
         raise RecordingError(str(path), f"cannot be read ({_first_line(exc)})", expected) from exc
-    empty = [topic for topic in chosen if not rows[topic]]
-    if topics is not None and empty:
-        raise RecordingError(f"{path}: topic {empty[0]}", "has no messages", "joints")
-    return Bag(path=path, digest=_digest(path), types=types, rows=rows)
+    for topic in rows.keys() - problems.keys():
+        if not rows[topic]:
+            problems[topic] = RecordingError(f"{path}: topic {topic}", "has no messages", "joints")
+    if problems and topics is not None:
+        raise problems[min(problems)]
+    usable = {topic: read for topic, read in rows.items() if topic not in problems}
+    return Bag(path=path, digest=_digest(path), types=types, rows=usable)
 
 
 def _definitions() -> Any:  # noqa: ANN401
@@ -126,36 +127,47 @@ def _first_line(exc: Exception) -> str:
     return str(exc).partition("\n")[0] or type(exc).__name__
 
 
-def _check_topic(path: Path, topic: str, types: Mapping[str, str]) -> None:
+def _problem(
+    path: Path, topic: str, types: Mapping[str, str], reader: AnyReader
+) -> RecordingError | None:
+    """Returns why a topic cannot be read, if so."""
     where = f"{path}: topic {topic}"
     if topic not in types:
         there = ", ".join(f"{name} ({kind})" for name, kind in sorted(types.items())) or "none"
-        raise RecordingError(where, "is missing", f"one of the topics in the bag: {there}")
+        return RecordingError(where, "is missing", f"one of the topics in the bag: {there}")
     if types[topic] not in ROW_OF:
-        raise RecordingError(where, f"is {types[topic]}", " or ".join(ROW_OF))
+        return RecordingError(where, f"is {types[topic]}", " or ".join(ROW_OF))
+    if types[topic] not in reader.typestore.fielddefs:
+        problem = f"is {types[topic]}, which the bag does not define"
+        return RecordingError(where, problem, "its definition, as MCAP has it (ros2 bag convert)")
+    return None
 
 
-def _rows(path: Path, reader: AnyReader, topics: Sequence[str]) -> dict[str, list[Row]]:
-    rows: dict[str, list[Row]] = {topic: [] for topic in topics}
-    connections = [c for c in reader.connections if c.topic in rows]
+def _read_rows(
+    path: Path,
+    reader: AnyReader,
+    rows: Mapping[str, list[Row]],
+    problems: dict[str, RecordingError],
+) -> None:
+    """Adds the messages of topics without problems to their rows; or their first problem."""
+    connections = [c for c in reader.connections if c.topic in rows.keys() - problems.keys()]
     for connection, log_ns, data in reader.messages(connections) if connections else ():
+        topic = connection.topic
         message: Any = reader.deserialize(data, connection.msgtype)
         times = {LOG_TIME: log_ns}
         if hasattr(message, "header"):
             stamp = message.header.stamp
             times[STAMP] = stamp.sec * _SECOND_NS + stamp.nanosec
         try:
-            rows[connection.topic].append(times | ROW_OF[connection.msgtype](message))
+            rows[topic].append(times | ROW_OF[connection.msgtype](message))
         except ValueError as exc:
-            where = f"{path}: topic {connection.topic}: message {len(rows[connection.topic])}"
-            raise RecordingError(where, str(exc), "a value for each joint") from exc
-    return rows
+            where = f"{path}: topic {topic}: message {len(rows[topic])}"
+            problems.setdefault(topic, RecordingError(where, str(exc), "a value for each joint"))
 
 
 def _digest(path: Path) -> str:
-    """Returns the hash of a file, or of all files in a folder, by name."""
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    whole = hashlib.sha256()
-    for file in files:
-        whole.update(file.read_bytes())
-    return whole.hexdigest()
+    """Returns the hash of a file; of a folder, that of its files' hashes, by name."""
+    if path.is_dir():
+        return hashlib.sha256("".join(map(_digest, sorted(path.iterdir()))).encode()).hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -12,6 +12,7 @@ from gfm.core import CommandKind, RecordingError
 from gfm.recording.formats import TABLE_FORMATS
 from gfm.recording.guess.clock import bag_time_lines, time_line
 from gfm.recording.guess.lines import Line, column_text, quoted, toml
+from gfm.recording.guess.names import DEGREES, words
 from gfm.recording.guess.order import in_followed_order
 from gfm.recording.guess.robot import Asked, Robot
 from gfm.recording.guess.signals import Signal, chosen, chosen_commands, signals_of
@@ -28,7 +29,8 @@ class _Found:
     """What a file holds.
 
     Attributes:
-        head: Lines of format, time and topics.
+        head: Lines of format and time.
+        tail: Lines of topics.
         states: Table of the measurements.
         commands: Table of the commands.
         signals: Of both.
@@ -138,7 +140,8 @@ def _no_joints(
 ) -> RecordingError:
     what = "position and command" if position else "position"
     columns = ", ".join(dict.fromkeys([*found.states.columns, *found.commands.columns]))
-    expected = f"joints of the model ({', '.join(robot.joints)}) among {columns}"
+    joints = f"joints of the model ({', '.join(robot.joints)}), or as many columns as it has"
+    expected = f"{joints}, among {columns}"
     return RecordingError(str(path), f"no column is the {what} of a joint", expected)
 
 
@@ -188,7 +191,7 @@ def _line(
     else:
         why = unit.why
     if kind is CommandKind.VELOCITY:
-        offset, why = 0.0, f"per second; {why}"
+        offset, why = 0.0, f"{unit.unit} per second, as positions are {unit.unit}"
     if key == "command" and signal.counted:
         why = f"{signal.why}; {why}"
     text = f"{key} = {column_text(signal.column, signal.index, scale, offset)}"
@@ -209,6 +212,9 @@ def _unit(
     """Returns the unit of all positions; measured and commanded ones have the same."""
     if asked.unit is not None:
         return Told(unit=Unit(asked.unit), why=f"{asked.unit}, as said")
+    named = {word for position, _ in joints for word in words(position.column)}
+    if named & DEGREES:
+        return Told(unit=Unit.DEGREES, why="degrees, as the name says")
     values = {}
     for position, command in joints:
         if found.lerobot and _is_gripper(position):

@@ -29,7 +29,11 @@ _PLAIN = _words(
     "states"
 )
 #: Words of what is neither of the three kinds, whatever else is named.
-_OTHER = _words("acc acceleration accelerations err error index stamp time timestamp")
+_OTHER = _words(
+    "acc acceleration accelerations current duty enable enabled err error gain index kd kp load "
+    "max min pwm stamp temp temperature time timestamp voltage"
+)
+DEGREES = _words("deg degree degrees")
 #: Words of joints' names that a file may leave out.
 _GENERIC = _words("axis joint link motor servo")
 

@@ -106,6 +106,8 @@ def _signal(joint: str, role: Role, place: _Place, why: str) -> Signal:
 
 
 def _in_order(role: Role, group: Sequence[_Place], robot: Robot) -> list[Signal]:
+    if len(group) == 1:
+        return [replace(_signal(robot.joints[0], role, group[0], "the only joint"), counted=True)]
     return [
         replace(
             _signal(joint, role, place, f"number {i} of {len(group)}; {_IN_ORDER}"), counted=True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,25 +47,18 @@ def bag_topics(path: Path, robot: Robot, use: Sequence[str]) -> tuple[Topic, Top
     Raises:
         RecordingError: none fits, or several do; with all topics and their types.
     """
-    types = read_bag(path, ()).types
-    topics = [t for name in sorted(types) if (t := _topic(path, name, types, robot)) is not None]
-    states = _best(path, "joint states", topics, types, use, told=False)
-    return states, _best(path, "commands", topics, types, use, told=True)
+    bag = read_bag(path)
+    topics = [_topic(bag, name, robot) for name in sorted(bag.rows)]
+    states = _best(bag, "joint states", topics, use, told=False)
+    return states, _best(bag, "commands", topics, use, told=True)
 
 
-def _topic(path: Path, name: str, types: Mapping[str, str], robot: Robot) -> Topic | None:
-    """Returns a topic; None where it is not understood, or cannot be used (a plan)."""
-    if types[name] not in ROW_OF:
-        return None
-    try:
-        bag = read_bag(path, {name})
-    except RecordingError:
-        return None
-    table = bag.table(name, _wanted(bag, name, robot))
-    told = types[name] in (MULTI_ARRAY, TRAJECTORY)
-    told = told or (types[name] == JOINT_STATE and bool(set(words(name)) & TOLD))
+def _topic(bag: Bag, name: str, robot: Robot) -> Topic:
+    kind, table = bag.types[name], bag.table(name, _wanted(bag, name, robot))
+    told = kind in (MULTI_ARRAY, TRAJECTORY)
+    told = told or (kind == JOINT_STATE and bool(set(words(name)) & TOLD))
     signals = signals_of(table, robot, told=told)
-    return Topic(name=name, kind=types[name], table=table, signals=signals)
+    return Topic(name=name, kind=kind, table=table, signals=signals)
 
 
 def _wanted(bag: Bag, topic: str, robot: Robot) -> set[str]:
@@ -75,10 +68,9 @@ def _wanted(bag: Bag, topic: str, robot: Robot) -> set[str]:
 
 
 def _best(
-    path: Path,
+    bag: Bag,
     what: str,
     topics: Sequence[Topic],
-    types: Mapping[str, str],
     use: Sequence[str],
     *,
     told: bool,
@@ -91,12 +83,12 @@ def _best(
     best = [topic for topic in best if not topic.joints(told=not told)] or best
     if len(best) == 1:
         return best[0]
-    there = ", ".join(f"{name} ({kind})" for name, kind in sorted(types.items())) or "none"
+    there = ", ".join(f"{name} ({kind})" for name, kind in sorted(bag.types.items())) or "none"
     if best:
         problem = f"{what} of the model's joints on {', '.join(topic.name for topic in best)}"
-        raise RecordingError(str(path), problem, "one topic (--use TOPIC says which)")
+        raise RecordingError(str(bag.path), problem, "one topic (--use TOPIC says which)")
     raise RecordingError(
-        str(path),
+        str(bag.path),
         f"no topic with {what} of the model's joints",
         f"one of {', '.join(ROW_OF)}; topics in the bag: {there}",
     )

@@ -60,11 +60,11 @@ def told_unit(values: Mapping[str, Array], robot: Robot, *, lerobot: bool) -> To
 
 def _by_the_end(values: Mapping[str, Array], reach: float) -> Told | None:
     if reach > _END:
-        why = f"reaches {reach:.4g}; LeRobot's normalised positions end at 100"
-        return Told(unit=Unit.DEGREES, why=f"degrees: {why}")
+        why = f"degrees: reaches {reach:.4g}; LeRobot's normalised positions end at 100"
+        return Told(unit=Unit.DEGREES, why=why)
     if reach == _END:
         joint = next(name for name, x in values.items() if np.abs(x).max() == _END)
-        why = f"normalised: {joint} ends exactly at 100, where LeRobot clips"
+        why = f"normalised to the model's range: {joint} ends exactly at 100, where LeRobot clips"
         return Told(unit=Unit.NORMALISED, why=why)
     return None
 
