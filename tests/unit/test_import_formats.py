@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
@@ -125,6 +126,17 @@ def test_arrays_of_another_length_are_refused(tmp_path: Path) -> None:
     write_npz(tmp_path / "run.npz", t=STAMP_NS, q=POSITION, goal=COMMAND[:15])
     with pytest.raises(RecordingError, match=r"column goal: has 15 rows; expected 20"):
         list(imported([tmp_path / "run.npz"], mapping(tmp_path, "npz")))
+
+
+def test_empty_tables_are_refused(tmp_path: Path) -> None:
+    write_npz(tmp_path / "run.npz", t=STAMP_NS, q=POSITION, goal=COMMAND, t_goal=STAMP_NS[:0])
+    told = mapping(tmp_path, "npz")
+    late = msgspec.structs.replace(told, command_time="t_goal")
+    with pytest.raises(RecordingError, match="column t_goal: has no rows"):
+        list(imported([tmp_path / "run.npz"], late))
+    write_parquet(tmp_path / "run.parquet", t=STAMP_NS[:0], q=POSITION[:0], goal=COMMAND[:0])
+    with pytest.raises(RecordingError, match="has no rows; expected a table"):
+        list(imported([tmp_path / "run.parquet"], mapping(tmp_path, "parquet")))
 
 
 def test_times_beyond_any_clock_are_refused(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from made_bags import (
     MULTI_ARRAY,
     POSITION,
     STAMP_NS,
+    TRAJECTORY,
     Maker,
     Message,
     arrays,
@@ -92,6 +93,14 @@ def test_commands_without_names_go_to_the_joints_that_follow_them(tmp_path: Path
     np.testing.assert_array_equal(run.command, swing[:, ::-1] + 0.1)
 
 
+def test_joint_states_are_measured_even_beside_a_controller(tmp_path: Path) -> None:
+    def renamed(maker: Maker) -> list[Message]:
+        return [("/ctrl/joint_states", *rest) for _, *rest in states(maker)]
+
+    path = write(tmp_path, "mcap", lambda maker: renamed(maker) + arrays(maker))
+    assert 'states = "/ctrl/joint_states"' in guess(path)
+
+
 def test_the_filled_field_of_commanded_joint_states_is_their_kind(tmp_path: Path) -> None:
     path = write(tmp_path, "mcap", lambda maker: states(maker) + joint_states(maker))
     assert run_by_guess(path).command_kind is CommandKind.EFFORT
@@ -117,7 +126,7 @@ def test_commands_without_stamps_bring_their_own_clock_or_that_of_the_recorder(
 
 def two_robots(maker: Maker) -> list[Message]:
     left = [("/left/joint_states", *rest) for _, *rest in states(maker)]
-    return states(maker) + arrays(maker) + left  # type: ignore[operator]
+    return states(maker) + arrays(maker) + left
 
 
 def test_two_robots_in_one_bag_are_asked_about(tmp_path: Path) -> None:
@@ -139,6 +148,20 @@ def test_a_bag_without_states_or_commands_is_refused_with_its_topics(
 ) -> None:
     with pytest.raises(RecordingError, match=words + ".*topics in the bag: /arm/"):
         guess(write(tmp_path, "mcap", told))
+
+
+def plan(maker: Maker) -> list[Message]:
+    points = maker.trajectory(STAMP_NS[0], JOINTS, [[0, 0], [1, 1]])
+    return [("/arm/plan", TRAJECTORY, STAMP_NS[0], points)]
+
+
+def test_a_plan_is_passed_over_where_a_controller_tells_the_set_points(tmp_path: Path) -> None:
+    path = write(tmp_path, "mcap", lambda m: states(m) + plan(m) + controller_states(m))
+    np.testing.assert_array_equal(run_by_guess(path).command, COMMAND[:, ::-1])
+    (tmp_path / "alone").mkdir()
+    path = write(tmp_path / "alone", "mcap", lambda m: states(m) + plan(m))
+    with pytest.raises(RecordingError, match="topic /arm/plan: message 0: has 2 points"):
+        guess(path)
 
 
 def scaled(tmp_path: Path, factor: float, **spoiled: float) -> Path:
@@ -265,6 +288,8 @@ def test_what_no_name_tells_is_asked_for(tmp_path: Path, head: str, words: str) 
 
 def test_a_format_that_no_name_tells_is_asked_for(tmp_path: Path) -> None:
     (tmp_path / "run.txt").write_text("t")
+    with pytest.raises(RecordingError, match=r"absent\.csv: no such file"):
+        guess(tmp_path / "absent.csv")
     with pytest.raises(RecordingError, match=r"name does not tell the format; expected \.csv"):
         guess(tmp_path / "run.txt")
 

@@ -26,12 +26,12 @@ missing effect, says how large it is and how sure that is, and writes a correcte
 _PAIR = "MODEL.effects.json beside it is read as part of it"
 _DIAGNOSE_END = """\
 Recordings are MCAP files with sensor_msgs/msg/JointState on both topics (`gfm import` makes them
-from tables). The model has one actuator per joint, of the kind of the commands: position servo,
-velocity servo or motor. What MJCF cannot say stands in a file beside it: corrected models are
-written to corrected.xml and, where need be, corrected.effects.json, and whoever is given the first
-reads both. For several models corrected_KIND.xml is written, too. With --since the report begins
-with what changed, and ranges.toml says what training should draw from. Exit status: 0 a verdict was
-reached, 2 bad input.
+from tables, ROS bags and LeRobot datasets). The model has one actuator per joint, of the kind of
+the commands: position servo, velocity servo or motor. What MJCF cannot say stands in a file beside
+it: corrected models are written to corrected.xml and, where need be, corrected.effects.json, and
+whoever is given the first reads both. For several models corrected_KIND.xml is written, too. With
+--since the report begins with what changed, and ranges.toml says what training should draw from.
+Exit status: 0 a verdict was reached, 2 bad input.
 """
 
 

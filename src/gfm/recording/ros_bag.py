@@ -21,6 +21,7 @@ from gfm.recording.tables import Table
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
+    from rosbags.typesys.store import Typestore
 
 STAMP, LOG_TIME = "stamp", "log_time"
 _SECOND_NS = 1_000_000_000
@@ -44,12 +45,14 @@ class Bag:
         digest: SHA-256 of its bytes.
         types: Of all topics, by name.
         rows: Of the topics that were asked for, one for each message.
+        problems: Why topics that were not asked for cannot be used.
     """
 
     path: Path
     digest: str
     types: Mapping[str, str]
     rows: Mapping[str, Sequence[Row]]
+    problems: Mapping[str, RecordingError]
 
     def table(self, topic: str, columns: Collection[str]) -> Table:
         """Returns the messages of a topic that have most of these columns.
@@ -108,13 +111,14 @@ def read_bag(path: Path, topics: Collection[str] | None = None) -> Bag:
     if problems and topics is not None:
         raise problems[min(problems)]
     usable = {topic: read for topic, read in rows.items() if topic not in problems}
-    return Bag(path=path, digest=_digest(path), types=types, rows=usable)
+    return Bag(path=path, digest=_digest(path), types=types, rows=usable, problems=problems)
 
 
-def _definitions() -> Any:  # noqa: ANN401
+def _definitions() -> Typestore:
     """Returns ROS 2's own message types, for bags that do not define theirs."""
     typesys = needed("rosbags.typesys", "ROS bags")
-    return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    store: Typestore = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    return store
 
 
 def _damage() -> tuple[type[Exception], ...]:

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 Row = dict[str, float]
+#: As rosbags decodes one: an object with the fields of its type.
+Message = Any
 
 
 def _named(field: str, names: Sequence[object], values: Iterable[float]) -> Row:
@@ -19,7 +21,7 @@ def _named(field: str, names: Sequence[object], values: Iterable[float]) -> Row:
     return {f"{field}.{name}": x for name, x in zip(names, numbers, strict=False)}
 
 
-def _point(prefix: str, names: Sequence[str], point: Any) -> Row:  # noqa: ANN401
+def _point(prefix: str, names: Sequence[str], point: Message) -> Row:
     """Returns a trajectory_msgs/JointTrajectoryPoint."""
     row: Row = {}
     for field in ("positions", "velocities", "accelerations", "effort"):
@@ -27,18 +29,18 @@ def _point(prefix: str, names: Sequence[str], point: Any) -> Row:  # noqa: ANN40
     return row
 
 
-def _joint_state(message: Any) -> Row:  # noqa: ANN401
+def _joint_state(message: Message) -> Row:
     row: Row = {}
     for field in ("position", "velocity", "effort"):
         row |= _named(field, message.name, getattr(message, field))
     return row
 
 
-def _multi_array(message: Any) -> Row:  # noqa: ANN401
+def _multi_array(message: Message) -> Row:
     return _named("data", range(len(message.data)), message.data)
 
 
-def _trajectory(message: Any) -> Row:  # noqa: ANN401
+def _trajectory(message: Message) -> Row:
     if len(message.points) != 1:
         raise ValueError(
             f"has {len(message.points)} points, which a controller interpolates in a way of its "
@@ -47,7 +49,7 @@ def _trajectory(message: Any) -> Row:  # noqa: ANN401
     return _point("", message.joint_names, message.points[0])
 
 
-def _controller_state(message: Any) -> Row:  # noqa: ANN401
+def _controller_state(message: Message) -> Row:
     """Returns all points of a state: desired and actual, or reference, feedback, output."""
     row: Row = {}
     for field in ("desired", "actual", "reference", "feedback", "output"):
@@ -62,7 +64,7 @@ TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
 
 #: How each type that is understood becomes a row. ValueError says what is wrong with a message.
-ROW_OF: dict[str, Callable[[Any], Row]] = {
+ROW_OF: dict[str, Callable[[Message], Row]] = {
     JOINT_STATE: _joint_state,
     MULTI_ARRAY: _multi_array,
     TRAJECTORY: _trajectory,

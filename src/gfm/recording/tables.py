@@ -74,6 +74,8 @@ class Table:
     def stamps_ns(self, column: Column) -> Stamps:
         """Returns times in nanoseconds, shape (rows,); whole numbers of whole ns stay exact."""
         time_s = self.numbers(column)
+        if len(time_s) == 0:
+            raise RecordingError(f"{self.where}: column {column.column}", "has no rows", "times")
         last_s = float(np.abs(time_s).max())
         if last_s >= LAST_STAMP_S:
             where = f"{self.where}: column {column.column}"
@@ -122,7 +124,7 @@ def read_table(path: Path, file_format: str, rows: str = "") -> Table:
         columns = TABLE_FORMATS[file_format](content, rows)
     except (ValueError, TypeError, KeyError) as exc:
         raise RecordingError(str(path), f"cannot be read as {file_format} ({exc})", "rows") from exc
-    if not columns.cells:
+    if not any(columns.cells.values()):
         raise RecordingError(str(path), "has no rows", "a table")
     digest = hashlib.sha256(content).hexdigest()
     return Table(path=path, digest=digest, columns=columns.cells, header=columns.header)

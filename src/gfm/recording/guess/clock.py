@@ -30,7 +30,7 @@ def time_line(table: Table) -> Line:
     """
     for name, cells in table.columns.items():
         said = set(words(name))
-        if not said & _NAMES or isinstance(cells[0], list):
+        if not said & _NAMES or not cells or isinstance(cells[0], list):
             continue
         steps = np.diff(table.numbers(Column(column=name)))
         scale = _scale(said, steps)

@@ -79,6 +79,8 @@ def guessed_mapping(path: Path, robot: Robot, asked: Asked) -> str:
 
 def _opener(path: Path) -> Callable[[Path, Robot, Asked], _Found]:
     """Returns what reads a file, by its name."""
+    if not path.exists():
+        raise RecordingError(str(path), "no such file", "a table, a bag or a dataset")
     if (path / "meta").is_dir():
         return _dataset
     if path.is_dir() or path.suffix in _BAGS:

@@ -83,7 +83,8 @@ def signals_of(table: Table, robot: Robot, *, told: bool = False) -> list[Signal
 
 
 def _places(table: Table) -> Iterator[_Place]:
-    for name, cells in table.columns.items():
+    filled = {name: cells for name, cells in table.columns.items() if cells}
+    for name, cells in filled.items():
         size = _list_size(cells[0])
         if size is None:
             yield _Place(column=name, index=None, words=words(name))

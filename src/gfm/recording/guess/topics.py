@@ -55,10 +55,15 @@ def bag_topics(path: Path, robot: Robot, use: Sequence[str]) -> tuple[Topic, Top
 
 def _topic(bag: Bag, name: str, robot: Robot) -> Topic:
     kind, table = bag.types[name], bag.table(name, _wanted(bag, name, robot))
-    told = kind in (MULTI_ARRAY, TRAJECTORY)
-    told = told or (kind == JOINT_STATE and bool(set(words(name)) & TOLD))
+    told = kind in (MULTI_ARRAY, TRAJECTORY) or (kind == JOINT_STATE and _says_told(name))
     signals = signals_of(table, robot, told=told)
     return Topic(name=name, kind=kind, table=table, signals=signals)
+
+
+def _says_told(topic: str) -> bool:
+    """Returns whether a topic's name says so; /ctrl/joint_states are measured all the same."""
+    measured = {"state", "states"} & set(words(topic.rpartition("/")[2]))
+    return bool(TOLD & set(words(topic))) and not measured
 
 
 def _wanted(bag: Bag, topic: str, robot: Robot) -> set[str]:
@@ -85,8 +90,11 @@ def _best(
         return best[0]
     there = ", ".join(f"{name} ({kind})" for name, kind in sorted(bag.types.items())) or "none"
     if best:
-        problem = f"{what} of the model's joints on {', '.join(topic.name for topic in best)}"
-        raise RecordingError(str(bag.path), problem, "one topic (--use TOPIC says which)")
+        several = f"{what} of the model's joints on {', '.join(topic.name for topic in best)}"
+        raise RecordingError(str(bag.path), several, "one topic (--use TOPIC says which)")
+    for topic, problem in bag.problems.items():
+        if bag.types[topic] in ROW_OF:
+            raise problem
     raise RecordingError(
         str(bag.path),
         f"no topic with {what} of the model's joints",
