@@ -73,8 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _mapping(arguments: argparse.Namespace) -> Mapping | None:
     """Returns the mapping that was given, or guesses and prints one."""
-    from gfm.recording.guess import Asked, guessed_mapping
-    from gfm.recording.mapping import load_mapping, mapping_of
+    from gfm.recording.mapping import load_mapping
 
     flags = {"--yes": arguments.yes, "--use": arguments.use, "--unit": arguments.unit}
     given = [flag for flag, value in flags.items() if value]
@@ -86,6 +85,14 @@ def _mapping(arguments: argparse.Namespace) -> Mapping | None:
         return load_mapping(arguments.mapping)
     if arguments.model is None:
         return None
+    return _offered(arguments)
+
+
+def _offered(arguments: argparse.Namespace) -> Mapping:
+    """Guesses a mapping, and prints it."""
+    from gfm.recording.guess import Asked, guessed_mapping
+    from gfm.recording.mapping import mapping_of
+
     asked = Asked(use=tuple(arguments.use), unit=arguments.unit)
     text = guessed_mapping(arguments.files[0], _robot(arguments.model), asked)
     sys.stdout.write(text)
@@ -147,7 +154,7 @@ def _summary(trajectory: Trajectory) -> str:
 
 def _copies(trajectory: Trajectory) -> Iterator[str]:
     """Yields a warning where commands are the measurements themselves."""
-    from gfm.diagnosis.data.quality.channels import echoed
+    from gfm.diagnosis.data.quality.echoes import echoed
 
     found = echoed(trajectory)
     if found:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gfm.diagnosis.data.quality import channels
+from gfm.diagnosis.data.quality import channels, echoes
 from gfm.experiments.objections import dead_positions
 from gfm.experiments.objections.channels import stuck_effort, stuck_position
 
@@ -96,14 +96,14 @@ def test_what_never_changes_is_told(make):
 @pytest.mark.parametrize("shift", [-2, -1, 0, 1, 2])
 def test_a_command_that_is_the_measurement_is_an_echo(make, shift):
     measured = WAVE + NOISE[:, 0]
-    (told,) = channels.echoed(make(T, measured, command=np.roll(measured, shift)))
+    (told,) = echoes.echoed(make(T, measured, command=np.roll(measured, shift)))
     assert told.what == "command equals measurement"
     assert told.value == pytest.approx(100.0)
 
 
 def test_a_servo_that_follows_well_is_no_echo(make):
-    assert channels.echoed(make(T, WAVE + NOISE[:, 0], command=WAVE)) == []
-    assert channels.echoed(make(T, WAVE, command=WAVE + 1e-5)) == []
+    assert echoes.echoed(make(T, WAVE + NOISE[:, 0], command=WAVE)) == []
+    assert echoes.echoed(make(T, WAVE, command=WAVE + 1e-5)) == []
 
 
 def test_rounding_is_told_where_noise_does_not_hide_it(make):

@@ -1,7 +1,7 @@
 """What stamps and single signals say of a recording.
 
 Stamps: jitter, gaps, a clock that jumps, measurements told twice. Signals: channels that stand
-still, commands that echo, rounding, odd units.
+still, rounding, odd units.
 
 Shape letters: T measurements, J joints.
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gfm.core import CommandKind, Trajectory
+from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.core.noise import noise_std
 from gfm.core.rounding import resolution
@@ -29,8 +29,6 @@ REPEATED = 0.05
 MOST_HELD, LEAST_STEPS = 10, 30
 #: Sequential reading takes a millisecond or more for each joint: shorter cycles leave no room.
 LEAST_CYCLE_S = 0.005
-#: Measurements that equal the command, as a share, from which it is an echo; and how exactly.
-ECHO, EXACTLY = 0.95, 1e-6
 #: How closely two signals must follow each other for their ratio to mean a unit.
 FOLLOWS = 0.8
 
@@ -149,34 +147,6 @@ def rounded(recording: Trajectory) -> list[Finding]:
     coarse = {j: 1e3 * steps[j] for j in seen}
     advice = "no error below a third of it can be seen"
     return findings(recording, "encoder step", coarse, "mrad", advice, doubtful=False)
-
-
-def echoed(recording: Trajectory) -> list[Finding]:
-    """Finds commands that are the measurements themselves, a measurement earlier or later."""
-    measured = {
-        CommandKind.POSITION: recording.position,
-        CommandKind.VELOCITY: recording.velocity,
-        CommandKind.EFFORT: recording.effort,
-    }[recording.command_kind]
-    if measured is None:
-        return []
-    command = recording.held_command
-    shares = {
-        j: max(_equal(command[:, j], measured[:, j], shift) for shift in (-2, -1, 0, 1, 2))
-        for j in np.flatnonzero(np.ptp(measured, axis=0) > 100.0 * EXACTLY).tolist()
-    }
-    echoes = {j: 100 * share for j, share in shares.items() if share > ECHO}
-    advice = "the command looks like an echo of the measurement: record what the robot was told"
-    return findings(recording, "command equals measurement", echoes, "%", advice)
-
-
-def _equal(command: Array, measured: Array, shift: int) -> float:
-    """Returns the share of changing measurements that equal the command `shift` rows on."""
-    rolled = np.roll(command, shift)[3:-3]
-    changing = np.diff(measured)[2:-3] != 0.0
-    if changing.sum() < 20:
-        return 0.0
-    return float((np.abs(rolled - measured[3:-3]) < EXACTLY)[changing].mean())
 
 
 def odd_velocities(recording: Trajectory) -> list[Finding]:

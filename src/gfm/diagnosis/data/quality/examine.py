@@ -12,7 +12,7 @@ import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality import channels, limits
+from gfm.diagnosis.data.quality import channels, echoes, limits
 from gfm.diagnosis.data.quality.finding import EVERYWHERE, Finding
 from gfm.diagnosis.data.quality.lateness import Delays, delays
 from gfm.diagnosis.residuals.problem import Problem
@@ -39,7 +39,7 @@ def findings_of(recording: Trajectory, plant: Plant) -> tuple[Finding, ...]:
         *channels.repeated(recording),
         *channels.one_stamp_a_cycle(recording),
         *channels.still(recording),
-        *channels.echoed(recording),
+        *echoes.echoed(recording),
         *limits.cut_off_speeds(recording),
         *limits.at_range_limit(recording, plant),
         *channels.odd_velocities(recording),
