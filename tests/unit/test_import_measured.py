@@ -9,7 +9,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from gfm.core import Trajectory
+from gfm.core import CommandKind, Trajectory
+from gfm.recording.guess import Asked, Robot, guessed_mapping
+from gfm.recording.importing import imported
+from gfm.recording.mapping import mapping_of
 
 ROOT = Path(__file__).resolve().parents[2]
 Measured = Callable[[str, str], list[Trajectory]]
@@ -72,3 +75,16 @@ def test_so101(measured: Measured) -> None:
     assert np.median(np.diff(run.time_s)) == pytest.approx(0.0201, abs=2e-4)
     assert abs(run.position - run.command).max() < 0.5
     assert run.effort is None
+
+
+def test_a_guess_reads_a_double_pendulum_as_the_shipped_mapping_does(measured: Measured) -> None:
+    name = "dfki_double_pendulum/C1_20230629-143339.csv.gz"
+    (shipped,) = measured(name, "double_pendulum.toml")
+    path = ROOT.parent / "shared" / "data" / "measured" / name
+    robot = Robot(joints=("shoulder", "elbow"), command_kind=CommandKind.EFFORT)
+    asked = Asked(use=("pos_meas", "vel_meas", "tau_meas", "tau_con"))
+    text = guessed_mapping(path, robot, asked)
+    (guessed,) = imported([path], mapping_of(text, "guess"))
+    assert guessed.joint_names == shipped.joint_names
+    for signal in ("stamp_ns", "position", "velocity", "effort", "command"):
+        np.testing.assert_array_equal(getattr(guessed, signal), getattr(shipped, signal))
