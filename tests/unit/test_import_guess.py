@@ -245,6 +245,15 @@ def test_degrees_are_told_by_a_name(tmp_path: Path) -> None:
     np.testing.assert_array_equal(run_by_guess(path).position, np.radians(1.0) * POSITION)
 
 
+@pytest.mark.parametrize(("factors", "word"), [((57.3, 1.0), "measured"), ((1.0, 57.3), "comm")])
+def test_mixed_units_are_refused(tmp_path: Path, factors: tuple[float, float], word: str) -> None:
+    measured, told = factors
+    table = np.column_stack([TIME_MS, measured * POSITION, told * (POSITION + 0.1)])
+    path = csv_file(tmp_path, "t,q1,q2,q_des1,q_des2", table)
+    with pytest.raises(ConfigError, match=f"shoulder: {word}.* positions are .* as wide"):
+        guess(path)
+
+
 def test_what_is_no_signal_is_passed_over(tmp_path: Path) -> None:
     table = np.column_stack([TIME_MS, POSITION, COMMAND, COMMAND])
     head = "t,q1,q2,q_des1,q_des2,torque_enable1,torque_enable2"

@@ -17,7 +17,7 @@ from gfm.recording.guess.order import in_followed_order
 from gfm.recording.guess.robot import Asked, Robot
 from gfm.recording.guess.signals import Signal, chosen, chosen_commands, signals_of
 from gfm.recording.guess.topics import bag_topics
-from gfm.recording.guess.units import Told, Unit, to_rad, told_unit
+from gfm.recording.guess.units import Told, Unit, check_same_unit, to_rad, told_unit
 from gfm.recording.lerobot import TIMESTAMP, episodes
 from gfm.recording.tables import Table, read_table
 
@@ -212,16 +212,19 @@ def _unit(
     kind: CommandKind,
 ) -> Told:
     """Returns the unit of all positions; measured and commanded ones have the same."""
+    values = {}
+    for position, command in joints:
+        if found.lerobot and _is_gripper(position):
+            continue
+        values[position.joint] = position.values(found.states)
+        if kind is CommandKind.POSITION:
+            told = command.values(found.commands)
+            if found.states is found.commands:
+                check_same_unit(position.joint, values[position.joint], told)
+            values[position.joint] = np.concatenate([values[position.joint], told])
     if asked.unit is not None:
         return Told(unit=Unit(asked.unit), why=f"{asked.unit}, as said")
     named = {word for position, _ in joints for word in words(position.column)}
     if named & DEGREES:
         return Told(unit=Unit.DEGREES, why="degrees, as the name says")
-    values = {}
-    for position, command in joints:
-        if found.lerobot and _is_gripper(position):
-            continue
-        both = [position.values(found.states)]
-        both += [command.values(found.commands)] if kind is CommandKind.POSITION else []
-        values[position.joint] = np.concatenate(both)
     return told_unit(values, robot, lerobot=found.lerobot)

@@ -1,4 +1,7 @@
-"""In which unit positions are, and how they become rad."""
+"""In which unit positions are, and how they become rad.
+
+Shape letters: T rows.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,10 @@ from gfm.recording.guess.robot import Robot
 _TURN = 2.0 * np.pi
 #: Where LeRobot's normalised positions end: calibrated ranges are mapped to it, and clipped.
 _END = 100.0
+#: How far a ratio may lie from degrees over rad: servos give way, or overshoot.
+_NEAR = 2.0
+#: Correlation from which a joint follows its commands.
+_FOLLOWS = 0.8
 
 
 class Unit(StrEnum):
@@ -85,6 +92,29 @@ def _fits(values: Array, limits: tuple[float, float]) -> bool:
     low, high = limits
     room = 0.5 * (high - low)
     return bool(values.min() > low - room and values.max() < high + room)
+
+
+def check_same_unit(joint: str, measured: Array, told: Array) -> None:
+    """Refuses a joint that follows its commands some 57 times as wide, or as narrow.
+
+    Args:
+        joint: Whose.
+        measured: Positions, shape (T,).
+        told: Commands of the same rows, shape (T,).
+
+    Raises:
+        ConfigError: one of them is in degrees, the other in rad.
+    """
+    widths = float(np.std(measured)), float(np.std(told))
+    if min(widths) <= 0.0 or np.corrcoef(measured, told)[0, 1] < _FOLLOWS:
+        return
+    ratio = max(widths) / min(widths)
+    if 1.0 / _NEAR < np.radians(ratio) < _NEAR:
+        degrees = "measured" if widths[0] > widths[1] else "commanded"
+        raise ConfigError(
+            f"{joint}: {degrees} positions are {ratio:.3g} times as wide as the others, as degrees "
+            "are beside rad; expected one unit (a mapping of your own gives each its scale)"
+        )
 
 
 def to_rad(unit: Unit, joint: str, robot: Robot, *, percent: bool) -> tuple[float, float]:
