@@ -21,7 +21,7 @@ def fitted(cost, *effects):
     return Fit(effects=effects, jacobian=residual.reshape(-1, 1)[:, :0], residual=residual)
 
 
-def problem(position, outlying_from=None):
+def problem(position, outlying_from=np.inf):
     segment = Segment(
         time_s=TIME_S,
         position=position,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gfm.diagnosis.inference import constants
+from gfm.diagnosis.inference import constants, score
 from gfm.diagnosis.inference.constants import (
     CLEARLY,
     DEGREES_OF_FREEDOM,
@@ -19,7 +19,6 @@ from gfm.diagnosis.inference.score import (
     OCTAVES_HZ,
     Difference,
     SegmentShape,
-    blocks_of,
     difference,
     effective,
     predictive,
@@ -35,15 +34,13 @@ class Recorded:
     joints: tuple[str, ...]
     segments: tuple[SegmentShape, ...]
 
-    def layout(self):
-        return self.segments
-
-    def limits(self):
-        return None
-
     @property
     def size(self):
         return sum(s.channels * s.measurements * len(self.joints) for s in self.segments)
+
+
+def blocks_of(layout, **how):
+    return score.blocks_of(layout.segments, len(layout.joints), **how)
 
 
 def recorded(recordings=4, segments=3, joints=("a",), channels=1, measurements=400):
@@ -102,7 +99,9 @@ def test_blocks_are_two_seconds_long_or_as_short_as_measurements_allow():
 def test_a_cell_is_one_channel_and_joint_in_one_octave():
     blocks, octaves = blocks_of(MIXED), len(OCTAVES_HZ)
     assert blocks.count.shape == (5, 2 * 2 * octaves)
-    assert blocks.joint.tolist() == ([0] * octaves + [1] * octaves) * 2
+    (first,) = (piece for piece in blocks.pieces if piece.shape[1] == 101)
+    by_place = blocks.cell[first] // octaves
+    assert by_place.min(axis=1).tolist() == by_place.max(axis=1).tolist() == [[0, 1], [2, 3]]
     whole = blocks.count.reshape(5, 4, octaves).sum(axis=2)
     np.testing.assert_array_equal(whole[0], [101.0] * 4)  # both channels
     np.testing.assert_array_equal(whole[3], [50.0, 50.0, 0.0, 0.0])  # positions alone

@@ -47,9 +47,9 @@ class LeastSquares(ABC):
         """Returns the same, faster and with nothing outlying: good enough for differences."""
         return self
 
-    def limits(self) -> Array | None:
-        """Returns beyond what numbers count less in a fit, shape (N,); None where none does."""
-        return None
+    def limits(self) -> Array | float:
+        """Returns beyond what numbers count less in a fit, shape (N,); infinite for none."""
+        return np.inf
 
     def differences(self, effects: Sequence[EffectInstance]) -> Array:
         """Returns the changes of free amounts over which derivatives are taken, shape (P,).

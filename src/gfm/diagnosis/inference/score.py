@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,20 +53,6 @@ class SegmentShape(NamedTuple):
     measurements: int
 
 
-class Segmented(Protocol):
-    """What has a residual in segments: see `gfm.diagnosis.residuals.problem.Problem`."""
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """The measured joints."""
-
-    def layout(self) -> Sequence[SegmentShape]:
-        """Returns what each segment's numbers are."""
-
-    def limits(self) -> Array | None:
-        """Returns beyond what numbers count less in a fit, shape (N,); None where none does."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Blocks:
     """How the numbers of a residual are divided.
@@ -77,7 +63,6 @@ class Blocks:
         block: Its block, shape (N,).
         recording: The recording of each block, shape (B,).
         cell: Its cell, shape (N,).
-        joint: The joint of each cell, shape (C,).
         count: Coefficients of each cell in each block, shape (B, C).
         floor: Mean square that no right model falls below, shape (B, C).
         limit: Beyond what numbers count less in a fit, shape (N,). Here they count in full: a
@@ -90,11 +75,10 @@ class Blocks:
     block: NDArray[np.intp]
     recording: NDArray[np.intp]
     cell: NDArray[np.intp]
-    joint: NDArray[np.intp]
     count: Array
     floor: Array
-    limit: Array | None = None
-    each_segment: bool = False
+    limit: Array | float
+    each_segment: bool
 
     def spectrum(self, residual: Array) -> Array:
         """Returns a residual that counts in full in frequencies, block by block, shape (N,)."""
@@ -110,13 +94,24 @@ class Blocks:
         return np.asarray(sums.reshape(self.count.shape))
 
 
-def blocks_of(problem: Segmented, *, each_segment: bool = False) -> Blocks:
-    """Returns how a problem's residual is divided.
+def blocks_of(
+    layout: Sequence[SegmentShape],
+    joints: int,
+    limit: Array | float = np.inf,
+    *,
+    each_segment: bool = False,
+) -> Blocks:
+    """Returns how a residual is divided.
 
     Its parts are recordings where there are several, else every other segment; or each segment is
     one, where there are few.
+
+    Args:
+        layout: What each segment's numbers are.
+        joints: How many are measured.
+        limit: Beyond what numbers count less in a fit, shape (N,); infinite for none.
+        each_segment: Whether each segment is a part.
     """
-    layout, joints = problem.layout(), len(problem.joints)
     recordings = sorted({segment.recording for segment in layout})
     places = joints * max(segment.channels for segment in layout)
     size = sum(segment.channels * segment.measurements * joints for segment in layout)
@@ -143,10 +138,9 @@ def blocks_of(problem: Segmented, *, each_segment: bool = False) -> Blocks:
         block=block,
         recording=np.array(owners, dtype=np.intp),
         cell=cell,
-        joint=np.arange(count.shape[1]) // len(OCTAVES_HZ) % joints,
         count=count,
         floor=1.0 + LEAST_DISCREPANCY**2 * _of_joint(count) / np.maximum(count, 1.0),
-        limit=problem.limits(),
+        limit=limit,
         each_segment=each_segment,
     )
 
@@ -243,7 +237,7 @@ def _left_elsewhere(blocks: Blocks, fitted: Fit) -> Array:
     the few segments in which it acts, each from the others; where parts are recordings, its amounts
     stand.
     """
-    left = unbounded(fitted.residual, blocks.limit).copy()
+    left = unbounded(fitted.residual, blocks.limit)
     jacobian = fitted.jacobian if blocks.each_segment else fitted.jacobian[:, always(fitted)]
     if not jacobian.shape[1]:
         return left

@@ -17,7 +17,7 @@ OUTLYING = 3.0
 MOST_POWERS = 20.0
 
 
-def bounded(residual: Array, limit: Array | float | None) -> Array:
+def bounded(residual: Array, limit: Array | float) -> Array:
     """Returns residuals whose squares grow with the logarithm of the given ones beyond a limit.
 
     Up to it they are unchanged. Beyond it the square is l^2 (1 + 2 ln(|r| / l)), which continues
@@ -25,32 +25,27 @@ def bounded(residual: Array, limit: Array | float | None) -> Array:
 
     Args:
         residual: shape (N,).
-        limit: l, positive: one, or one for each, shape (N,); None for none.
+        limit: l, positive: one, or one for each, shape (N,); infinite for none.
     """
-    if limit is None:
-        return residual
     size = np.abs(residual)
-    outlying = size > limit
-    if not outlying.any():
-        return residual
-    ratio = np.where(outlying, size / limit, 1.0)
-    return np.where(
-        outlying, np.sign(residual) * limit * np.sqrt(1.0 + 2.0 * np.log(ratio)), residual
+    ratio = np.maximum(size / limit, 1.0)
+    return np.asarray(
+        np.sign(residual) * np.minimum(size, limit) * np.sqrt(1.0 + 2.0 * np.log(ratio))
     )
 
 
-def unbounded(residual: Array, limit: Array | float | None) -> Array:
+def unbounded(residual: Array, limit: Array | float) -> Array:
     """Returns the residuals that `bounded` made these of: its inverse."""
-    if limit is None:
-        return residual
-    ratio = np.maximum(np.abs(residual) / limit, 1.0)
-    full = np.sign(residual) * limit * np.exp(np.minimum(0.5 * (ratio**2 - 1.0), MOST_POWERS))
-    return np.where(ratio > 1.0, full, residual)
+    size = np.abs(residual)
+    return np.asarray(np.sign(residual) * np.minimum(size, limit) * np.exp(_powers(size / limit)))
 
 
-def slopes(residual: Array, limit: Array | float | None) -> Array:
+def slopes(residual: Array, limit: Array | float) -> Array:
     """Returns by how much bounded residuals change with those that they were made of."""
-    if limit is None:
-        return np.ones_like(residual)
-    ratio = np.maximum(np.abs(residual) / limit, 1.0)
-    return np.asarray(np.exp(-np.minimum(0.5 * (ratio**2 - 1.0), MOST_POWERS)) / ratio)
+    ratio = np.abs(residual) / limit
+    return np.asarray(np.exp(-_powers(ratio)) / np.maximum(ratio, 1.0))
+
+
+def _powers(ratio: Array) -> Array:
+    """Returns by how many powers of e what was bounded to a ratio of its limit went beyond it."""
+    return np.asarray(np.minimum(0.5 * (np.maximum(ratio, 1.0) ** 2 - 1.0), MOST_POWERS))

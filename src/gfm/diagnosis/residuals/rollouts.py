@@ -201,4 +201,4 @@ class Rollouts(SegmentedProblem):
 
         With no limits: it errs by more than these may be.
         """
-        return replace(self, rough=True, outlying_from=None)
+        return replace(self, rough=True, outlying_from=np.inf)

@@ -34,7 +34,7 @@ class SegmentedProblem(LeastSquares):
         state_basis: Per segment, an orthonormal basis of what its initial state can explain, if
             that is taken out of the residual, shape (N of the segment, up to states).
         outlying_from: Residuals from which on they are outlying, by channel and joint, in units of
-            the noise, shape (channels, J); None for none.
+            the noise, shape (channels, J); infinite for none.
         each_segment: Whether each segment is a part of the data by itself: where there are few.
     """
 
@@ -42,7 +42,7 @@ class SegmentedProblem(LeastSquares):
     given: tuple[EffectInstance, ...] = ()
     segments: tuple[Any, ...] = ()
     state_basis: tuple[Array, ...] = ()
-    outlying_from: Array | None = None
+    outlying_from: Array | float = np.inf
     each_segment: bool = False
 
     def layout(self) -> list[SegmentShape]:
@@ -65,18 +65,19 @@ class SegmentedProblem(LeastSquares):
     @cached_property
     def blocks(self) -> Blocks:
         """How a residual is divided, to be scored."""
-        return blocks_of(self, each_segment=self.each_segment)
+        joints = len(self.joints)
+        return blocks_of(self.layout(), joints, self.limits(), each_segment=self.each_segment)
 
     @override
-    def limits(self) -> Array | None:
-        if self.outlying_from is None:
-            return None
-        each = [
-            np.tile(self.outlying_from[channel], shape.measurements)
-            for shape in self.layout()
-            for channel in range(shape.channels)
-        ]
-        return np.concatenate(each)
+    def limits(self) -> Array:
+        by_channel = np.broadcast_to(self.outlying_from, (2, len(self.joints)))
+        return np.concatenate(
+            [
+                np.tile(by_channel[channel], shape.measurements)
+                for shape in self.layout()
+                for channel in range(shape.channels)
+            ]
+        )
 
     def slices(self) -> list[slice]:
         """Returns where each segment's numbers lie in a residual."""
@@ -113,7 +114,7 @@ class SegmentedProblem(LeastSquares):
 
     def plain(self) -> Self:
         """Returns the problem without such limits: what is outlying counts in full."""
-        return replace(self, outlying_from=None)
+        return replace(self, outlying_from=np.inf)
 
     def settled(self, effects: Sequence[EffectInstance]) -> Self:
         """Returns the problem begun as it fits best under `effects`; itself if nothing is free."""

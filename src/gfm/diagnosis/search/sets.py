@@ -91,15 +91,11 @@ class Sets:
         """The effects, with the amounts of the last set."""
         return self.fits[-1].effects
 
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """The measured joints."""
-        return self.problems[0].joints
-
     @cached_property
     def blocks(self) -> Blocks:
         """How the residual of all sets is divided."""
-        return blocks_of(self)
+        limits = np.concatenate([problem.limits() for problem in self.problems])
+        return blocks_of(self.layout(), len(self.problems[0].joints), limits)
 
     def layout(self) -> list[SegmentShape]:
         """Returns what each segment's numbers are.
@@ -114,13 +110,6 @@ class Sets:
                 part = shape.recording if several else i % 2
                 shapes.append(shape._replace(recording=part * len(self.problems) + k))
         return shapes
-
-    def limits(self) -> Array | None:
-        """Returns beyond what numbers count less in a fit, shape (N,)."""
-        rows = zip((problem.limits() for problem in self.problems), self.fits, strict=True)
-        return np.concatenate(
-            [np.full_like(f.residual, np.inf) if x is None else x for x, f in rows]
-        )
 
     def apart(self) -> OverSets:
         """Returns the hypothesis that every set has amounts of its own."""
