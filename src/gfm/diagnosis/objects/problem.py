@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 
 import mujoco
 import numpy as np
@@ -25,7 +26,7 @@ from gfm.diagnosis.objects.track import in_plane, turned
 from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.effects import EffectInstance
-from gfm.sim.object_stage import Setting, Stage, make_stage, run
+from gfm.sim.object_stage import Stage, make_stage, run
 
 #: Steps with which the effect of the initial state is measured: m, m, rad, and per second.
 STATE_STEPS = (2e-4, 2e-4, 2e-3, 2e-3, 2e-3, 2e-2)
@@ -64,18 +65,17 @@ class ObjectProblem(SegmentedProblem):
 
         What the initial state can explain is taken out.
         """
-        stage = make_stage(self.spec, effects)
-        parts = self._whitened(stage, [segment.setting for segment in self.segments])
+        parts = self._whitened(make_stage(self.spec, effects), self.segments)
         if not self.state_basis:
             return parts
         return [without(*row) for row in zip(parts, self.state_basis, strict=True)]
 
-    def _whitened(self, stage: Stage, settings: Sequence[Setting]) -> list[Array]:
-        """Returns residuals under some settings, those of all segments, repeated as need be."""
-        segments = self.segments * (len(settings) // len(self.segments))
+    def _whitened(self, stage: Stage, segments: Sequence[ObjectSegment]) -> list[Array]:
+        """Returns the residuals of some segments, shape (3 P,) each."""
+        poses = run(stage, [segment.setting for segment in segments])
         errors = [
             (segment.plane - predicted(segment, pose, stage.timestep_s)) / self.noise
-            for segment, pose in zip(segments, run(stage, settings), strict=True)
+            for segment, pose in zip(segments, poses, strict=True)
         ]
         numbers = [np.nan_to_num(error.ravel(), nan=LARGEST) for error in errors]
         return [np.clip(one, -LARGEST, LARGEST) for one in numbers]
@@ -118,31 +118,25 @@ class ObjectProblem(SegmentedProblem):
     def nearer(self, effects: Sequence[EffectInstance]) -> ObjectProblem:
         """Returns the problem with initial states a Gauss-Newton step better, and their bases."""
         stage = make_stage(self.spec, effects)
-        residuals = self._whitened(stage, [segment.setting for segment in self.segments])
-        columns = self._derivatives(stage)
-        moved = []
-        for segment, slopes, left in zip(self.segments, columns, residuals, strict=True):
+        before, moved = self._whitened(stage, self.segments), []
+        for segment, slopes, left in zip(
+            self.segments, self._derivatives(stage), before, strict=True
+        ):
             step = -np.linalg.lstsq(slopes, left, rcond=1e-3)[0]
-            setting = _moved(segment.setting, np.clip(step, -FARTHEST, FARTHEST))
-            measured = segment.measured or segment
-            moved.append(replace(segment, setting=setting, measured=measured))
-        after = self._whitened(stage, [s.setting for s in moved])
+            moved.append(_moved(segment, np.clip(step, -FARTHEST, FARTHEST)))
+        after = self._whitened(stage, moved)
         kept = [
             new if np.sum(b**2) < np.sum(a**2) else old
-            for old, new, a, b in zip(self.segments, moved, residuals, after, strict=True)
+            for old, new, a, b in zip(self.segments, moved, before, after, strict=True)
         ]
         return replace(self, segments=tuple(kept)).based(effects)
 
     def _derivatives(self, stage: Stage) -> list[Array]:
         """Returns by how much each step of an initial state changes residuals, (3 P, 6) each."""
-        count = len(self.segments)
-        ways = [segment.setting for segment in self.segments]
-        ways += [_moved(one, step) for step in np.eye(6) for one in ways[:count]]
-        parts = self._whitened(stage, ways)
-        return [
-            np.stack([parts[i * count + s] - parts[s] for i in range(1, 7)], axis=1)
-            for s in range(count)
-        ]
+        moved = [[one, *(_moved(one, step) for step in np.eye(6))] for one in self.segments]
+        parts = iter(self._whitened(stage, list(chain.from_iterable(moved))))
+        each = [[next(parts) for _ in ways] for ways in moved]
+        return [np.stack([one - still for one in others], axis=1) for still, *others in each]
 
 
 def predicted(segment: ObjectSegment, pose: Array, timestep_s: float) -> Array:
@@ -154,10 +148,11 @@ def predicted(segment: ObjectSegment, pose: Array, timestep_s: float) -> Array:
     return np.asarray(at + np.array([0.0, 0.0, whole]))
 
 
-def _moved(setting: Setting, amounts: Array) -> Setting:
-    """Returns a setting that begins elsewhere: `amounts` of `STATE_STEPS`, shape (6,)."""
-    change = amounts * np.array(STATE_STEPS)
+def _moved(segment: ObjectSegment, amounts: Array) -> ObjectSegment:
+    """Returns a segment that begins elsewhere: by `amounts` of `STATE_STEPS`, shape (6,)."""
+    change, setting = amounts * np.array(STATE_STEPS), segment.setting
     here = np.array([*setting.pose[:2], 0.0])
     pose = turned(setting.pose, here + change[:3], here)
     faster = own_velocity(pose, np.asarray(change[3:]))
-    return replace(setting, pose=pose, velocity=setting.velocity + faster)
+    setting = replace(setting, pose=pose, velocity=setting.velocity + faster)
+    return replace(segment, setting=setting, measured=segment.measured or segment)
