@@ -89,12 +89,9 @@ def features(evidence: Evidence) -> np.ndarray:
 
 def credible(found: SearchResult) -> list[EffectInstance]:
     """Returns the effects that are more likely right than not: others are suspects."""
-    return [e for e in found.fit.effects if _confidence(found, e) >= LEAST_CONFIDENCE]
-
-
-def _confidence(found: SearchResult, instance: EffectInstance) -> float:
-    evidence = found.evidence.get(instance.key)
-    return 0.0 if evidence is None else confidence(evidence)
+    told = found.evidence
+    weighed = [e for e in found.fit.effects if e.key in told]
+    return [e for e in weighed if confidence(told[e.key]) >= LEAST_CONFIDENCE]
 
 
 def named_effects(
@@ -125,20 +122,17 @@ def named_effects(
                 )
                 for p in instance.effect.parameters
             },
-            confidence=round(_confidence(found, instance), 3),
+            confidence=round(confidence(found.evidence[instance.key]), 3),
             native=instance.effect.native,
-            evidence=_figures(found, instance),
+            evidence=_figures(found.evidence[instance.key]),
         )
         for instance in instances
     ]
-    return tuple(sorted(named, key=lambda one: -one.evidence.get("nats", 0.0)))
+    return tuple(sorted(named, key=lambda one: -one.evidence["nats"]))
 
 
-def _figures(found: SearchResult, instance: EffectInstance) -> dict[str, float]:
-    """Returns what speaks for a name, as numbers; nothing where nothing was weighed."""
-    evidence = found.evidence.get(instance.key)
-    if evidence is None:
-        return {}
+def _figures(evidence: Evidence) -> dict[str, float]:
+    """Returns what speaks for a name, as numbers."""
     told = {
         "nats": evidence.without.nats,
         "z_without": evidence.without.errors,
@@ -165,9 +159,9 @@ def suspects_of(found: SearchResult, named: Sequence[EffectInstance]) -> tuple[S
                 e, f"more likely wrong than right (confidence {sure:.2f})", _explained(e, found)
             ),
             confidence=round(sure, 3),
-            evidence=_figures(found, e),
+            evidence=_figures(found.evidence[e.key]),
         )
-        for e, sure in ((e, _confidence(found, e)) for e in found.fit.effects)
+        for e, sure in ((e, confidence(found.evidence[e.key])) for e in found.fit.effects)
         if e.key not in taken
     ]
     equal = [
