@@ -13,7 +13,6 @@ from functools import partial
 
 import numpy as np
 
-from gfm.core.checks import Array
 from gfm.diagnosis.inference.constants import UNWEIGHED
 from gfm.diagnosis.inference.fitting import acting, along_valley, always, each_without, measured
 from gfm.diagnosis.inference.score import Difference
@@ -31,7 +30,7 @@ from gfm.diagnosis.search.moves.reduce import (
 from gfm.diagnosis.search.naming import describe
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step
 from gfm.diagnosis.search.under_way import MoveFrom, Search
-from gfm.effects import EffectInstance, Key, Scope
+from gfm.effects import Key, Scope
 
 #: Steps at most.
 MOST_STEPS = 24
@@ -68,7 +67,8 @@ def _best(here: Hypothesis[P], search: Search[P], moves: Sequence[MoveFrom[P]]) 
     best = Step(move=Move.ADD, before=here.fit.cost)
     for move in moves:
         other = move(here, search, best)
-        if other and _comes_before(other, best):
+        # What predicts as well, and is of the same move, has weighed more.
+        if other and (other.gain, other.move is best.move) > (best.gain, False):
             best = other
     return best
 
@@ -102,11 +102,6 @@ def _reduced(
             return here, compared
 
 
-def _comes_before(one: Step, other: Step) -> bool:
-    """Returns whether a step predicts better, or as well, and has weighed more of the same move."""
-    return one.gain > other.gain or (one.gain == other.gain and one.move is other.move)
-
-
 def support(
     here: Hypothesis[P], search: Search[P], compared: Sequence[Compared]
 ) -> dict[Key, Evidence]:
@@ -115,7 +110,7 @@ def support(
     For those that a few segments judge, what spoke for them there: all others know nothing of it.
     """
     rivals = {one.instance.key: one for one in compared}
-    left, parts = _left_by_joint(here), _apart(here)
+    left, parts = _left(here), _apart(here)
     told = {}
     for without, instance in gains_of_each(here):
         beside = rivals.get(instance.key, Compared(instance=instance))
@@ -125,24 +120,22 @@ def support(
             without=search.held.get(instance.key, without),
             rival=rival if beside.weighed else unweighed,
             by=beside.rival.new[0] if beside.rival else None,
-            left=_left_of(instance, here.problem.joints, left),
+            left=left[instance.key],
             apart=parts[instance.key],
         )
     return told
 
 
-def _left_by_joint(here: Hypothesis) -> Array:
-    """Returns the squared gap of each joint before and after, in units of the noise, (2, J)."""
-    plain = here.problem.plain()
+def _left(here: Hypothesis) -> dict[Key, float]:
+    """Returns the share of the squared gap that is left where each effect acts."""
+    plain, joints, told = here.problem.plain(), here.problem.joints, dict[Key, float]()
     costs = [plain.joint_costs(r) for r in plain.residuals([(), here.effects])]
-    return np.maximum(np.stack(costs) - 1.0, 1e-9)
-
-
-def _left_of(instance: EffectInstance, joints: Sequence[str], gaps: Array) -> float:
-    """Returns the share of the squared gap, shape (2, J), that is left where an effect acts."""
-    local = instance.effect.scope in (Scope.JOINT, Scope.PAIR)
-    rows = [joints.index(name) for name in (instance.joints if local else joints)]
-    return float(gaps[1][rows].sum() / gaps[0][rows].sum())
+    before, after = np.maximum(np.stack(costs) - 1.0, 1e-9)
+    for instance in here.effects:
+        local = instance.effect.scope in (Scope.JOINT, Scope.PAIR)
+        rows = [joints.index(name) for name in (instance.joints if local else joints)]
+        told[instance.key] = float(after[rows].sum() / before[rows].sum())
+    return told
 
 
 def _apart(here: Hypothesis) -> dict[Key, float]:
