@@ -5,7 +5,7 @@ Shape letters: N numbers of a residual.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
@@ -20,6 +20,7 @@ from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis
 from gfm.effects import Effect, EffectInstance, Scope
 
+S = TypeVar("S", Place, EffectInstance)
 T = TypeVar("T")
 
 
@@ -63,14 +64,14 @@ def screen(before: Hypothesis, candidates: Sequence[Place], sample_s: float) -> 
     sample = before.problem.sample(sample_s)
     part = before.problem.subset(sample)
     base = _rows_of(before, sample)
-    responses = _responses(part, candidates, base)
     basis = np.linalg.qr(base.jacobian)[0]
     start = replace(base, residual=without(base.residual, basis))
+    responses = _responses(part, candidates, base, basis)
     here = Hypothesis(problem=part, fit=start, nominal=before.nominal)
     # An amount is that of all parts: left out, a few segments would be told by one or two.
     found = [
         Screened(one, -here.over(replace(base, residual=left)))
-        for one, left in _tried(part, responses, base)
+        for one, left in _tried(part, responses, base, basis)
     ]
     return sorted(found, key=lambda s: -s.gain.nats)
 
@@ -86,14 +87,13 @@ def _rows_of(before: Hypothesis, segments: Sequence[int]) -> Fit:
 
 
 def _responses(
-    problem: SegmentedProblem, candidates: Sequence[Place], base: Fit
+    problem: SegmentedProblem, candidates: Sequence[Place], base: Fit, basis: Array
 ) -> list[tuple[EffectInstance, Array]]:
     """Returns candidates in their best amounts, their valleys apart, and what that explains.
 
-    To first order, of the residual beside `base`, shape (N,).
+    To first order, of the residual beside `base`, for which `basis` makes up, shape (N,).
     """
     groups = [(place, group) for place in candidates for group in place.probes]
-    basis = np.linalg.qr(base.jacobian)[0]
     residual = without(base.residual, basis)
     weights = slopes(base.residual, problem.limits())[:, None]
     best: dict[tuple[object, ...], tuple[float, EffectInstance, Array]] = {}
@@ -117,7 +117,7 @@ def _changes(
     effects: Sequence[EffectInstance],
 ) -> Iterator[tuple[Place, list[EffectInstance], Array]]:
     """Yields groups of probes with what each changes beside `effects`, shape (N, probes)."""
-    for alike in _on_same_steps(groups, lambda one: one[0].effect):
+    for alike in _on_same_steps(groups):
         sets = [(*effects, instance) for _, group in alike for instance in group]
         still, *moved = problem.residuals([effects, *sets])
         changes = iter(still - m for m in moved)
@@ -125,27 +125,30 @@ def _changes(
             yield place, group, np.stack([next(changes) for _ in group], axis=1)
 
 
-def _on_same_steps(items: Sequence[T], effect: Callable[[T], Effect]) -> list[list[T]]:
+def _on_same_steps(items: Sequence[tuple[S, T]]) -> list[list[tuple[S, T]]]:
     """Returns together what is simulated on the same time steps, by the effect of each.
 
     Motors apart from their links have steps of their own, and so has what a candidate that has one
     is compared with.
     """
-    both = [[i for i in items if effect(i).separates_motor is apart] for apart in (False, True)]
+    both = [[i for i in items if i[0].effect.separates_motor is apart] for apart in (False, True)]
     return [alike for alike in both if alike]
 
 
 def _tried(
-    problem: SegmentedProblem, found: Sequence[tuple[EffectInstance, Array]], base: Fit
+    problem: SegmentedProblem,
+    found: Sequence[tuple[EffectInstance, Array]],
+    base: Fit,
+    basis: Array,
 ) -> Iterator[tuple[EffectInstance, Array]]:
     """Yields candidates with what they leave: to first order, or by a rollout if that is less.
 
     Of the rollout, the share that fits best: where the first order says too much, less of it may
-    explain all. The effects of `base` make up for it to first order.
+    explain all. The effects of `base` make up for it to first order, by `basis`.
     """
-    basis, fast, limits = np.linalg.qr(base.jacobian)[0], problem.coarse(), problem.limits()
+    fast, limits = problem.coarse(), problem.limits()
     full = unbounded(base.residual, limits)
-    for alike in _on_same_steps(found, lambda one: one[0].effect):
+    for alike in _on_same_steps(found):
         sets = [base.effects, *((*base.effects, instance) for instance, _ in alike)]
         before, *after = fast.residuals(sets)
         for (instance, explained), rolled in zip(alike, after, strict=True):
