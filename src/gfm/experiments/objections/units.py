@@ -128,7 +128,7 @@ def command_ratio(recording: Trajectory) -> Objection | None:
 
 def velocity_ratio(recording: Trajectory) -> Objection | None:
     """Objects to velocities that are no derivative of the positions."""
-    for name, ratio in velocity_ratios(recording).items():
+    for j, ratio in velocity_ratios(recording).items():
         if _is(ratio, -1.0, NEAR):
             problem, expected = "has the opposite sign of the position's slope", "the same sign"
         elif _is(ratio, DEGREES, NEAR) or _is(ratio, 1.0 / DEGREES, NEAR):
@@ -140,7 +140,8 @@ def velocity_ratio(recording: Trajectory) -> Objection | None:
             expected = "stamps in seconds (milliseconds, microseconds or nanoseconds taken for it?)"
         else:
             continue
-        return Objection(where=f"velocity of {name}", problem=problem, expected=expected)
+        where = f"velocity of {recording.joint_names[j]}"
+        return Objection(where=where, problem=problem, expected=expected)
     return None
 
 

@@ -151,23 +151,19 @@ def rounded(recording: Trajectory) -> list[Finding]:
 
 def odd_velocities(recording: Trajectory) -> list[Finding]:
     """Finds velocities that follow the position's slope at another scale."""
-    odd = {
-        recording.joint_names.index(name): ratio
-        for name, ratio in velocity_ratios(recording).items()
-        if not 0.5 < ratio < 2.0
-    }
+    odd = {j: r for j, r in velocity_ratios(recording).items() if not 0.5 < r < 2.0}
     advice = "1 expected: another unit (rpm is 9.55)? velocities are not used"
     return findings(recording, "velocity over the position's slope", odd, "", advice)
 
 
-def velocity_ratios(recording: Trajectory) -> dict[str, float]:
-    """Returns velocity over d position / dt, by joint, where they follow each other."""
+def velocity_ratios(recording: Trajectory) -> dict[int, float]:
+    """Returns velocity over d position / dt, by a joint's number, where they follow each other."""
     if recording.velocity is None:
         return {}
     _, speed, _ = smooth_states(recording.time_s, recording.position)
-    pairs = zip(recording.joint_names, recording.velocity.T, speed.T, strict=True)
+    pairs = enumerate(zip(recording.velocity.T, speed.T, strict=True))
     return {
-        name: float(slope(told, seen))
-        for name, told, seen in pairs
+        j: float(slope(told, seen))
+        for j, (told, seen) in pairs
         if abs(correlation(told, seen)) > FOLLOWS
     }
