@@ -122,16 +122,14 @@ def delays(
 
 def _of_joint(recording: Trajectory, prediction: Array | None, joint: int) -> Iterator[float]:
     """Yields the lateness of one joint, block by block, s."""
-    if recording.gains[joint] == 0.0:
-        return
-    if prediction is None:
-        pair = _command_pair(recording, joint)
-    else:
-        pair = _prediction_pair(recording, joint, prediction)
-    if pair is None:
-        return
-    period_s, reference, answer = pair
     torques = prediction is None and recording.command_kind is CommandKind.EFFORT
+    measured = recording.effort if torques else recording.position
+    if recording.gains[joint] == 0.0 or measured is None:
+        return
+    columns = [measured[:, joint], *([] if prediction is None else [prediction[:, joint]])]
+    if not np.isfinite(columns).all():
+        return
+    period_s, reference, answer = _pair(recording, joint, columns, torques=torques)
     before, after = _margins(period_s)
     size = max(round(BLOCK_S / period_s), 1)
     for start in range(0, len(answer) - size // 2, size):
@@ -160,49 +158,35 @@ def _shift(reference: Array, block: Array, least: float) -> float | None:
     return best + 0.5 * float(left - right) / float(left - 2.0 * middle + right)
 
 
-def _command_pair(recording: Trajectory, joint: int) -> tuple[float, Array, Array] | None:
-    """Returns a sampling period, the commanded signal with margins, and the measured one.
+def _pair(
+    recording: Trajectory, joint: int, columns: Sequence[Array], *, torques: bool
+) -> tuple[float, Array, Array]:
+    """Returns a sampling period, what a joint should do with margins, and what it does.
 
-    Speeds are compared where positions or speeds are commanded, and changes of torques where
-    torques are.
+    Speeds are compared where positions or speeds are, and changes of torques where torques are.
+
+    Args:
+        recording: Whose commands are taken where nothing is predicted.
+        joint: Its number.
+        columns: What was measured, and what is predicted if that is compared, shape (T,) each.
+        torques: Whether that is torques.
     """
-    kind, time_s = recording.command_kind, recording.time_s
-    measured = recording.effort if kind is CommandKind.EFFORT else recording.position
-    if measured is None:
-        return None
-    grid, even = evenly(time_s, measured[:, [joint]])
-    period_s, times = grid[1] - grid[0], _with_margins(grid)
-    command = _held_means(times, recording.command_time_s, recording.command[:, joint])
-    if kind is CommandKind.EFFORT:
-        sharp = partial(_smooth, period_s=period_s, order=1, over_s=SHARP_S)
-        return period_s, sharp(command), sharp(even[:, 0])
-    order = 1 if kind is CommandKind.POSITION else 0
-    return period_s, _smooth(command, period_s, order), _smooth(even[:, 0], period_s, 1)
-
-
-def _prediction_pair(
-    recording: Trajectory, joint: int, prediction: Array
-) -> tuple[float, Array, Array] | None:
-    """Returns the same of predicted and measured speeds."""
-    if not np.isfinite(prediction[:, joint]).all():
-        return None
-    both = np.stack([recording.position[:, joint], prediction[:, joint]], axis=1)
-    grid, even = evenly(recording.time_s, both)
-    period_s = grid[1] - grid[0]
-    predicted = np.interp(_with_margins(grid), grid, even[:, 1])
-    return period_s, _smooth(predicted, period_s, 1), _smooth(even[:, 0], period_s, 1)
+    grid, even = evenly(recording.time_s, np.stack(columns, axis=1))
+    period_s, order = grid[1] - grid[0], 1
+    before, after = _margins(period_s)
+    times = grid[0] + period_s * np.arange(-before, len(grid) + after)
+    if len(columns) > 1:
+        reference = np.interp(times, grid, even[:, 1])
+    else:
+        reference = _held_means(times, recording.command_time_s, recording.command[:, joint])
+        order = 0 if recording.command_kind is CommandKind.VELOCITY else 1
+    smooth = partial(_smooth, period_s=period_s, over_s=SHARP_S if torques else SMOOTHING_S)
+    return period_s, smooth(reference, order=order), smooth(even[:, 0], order=1)
 
 
 def _margins(period_s: float) -> tuple[int, int]:
     """Returns how many rows a shift may reach before and after a grid."""
     return round(LATEST_S / period_s), round(-EARLIEST_S / period_s)
-
-
-def _with_margins(grid: Array) -> Array:
-    """Returns the times of a grid with those that a shift may reach."""
-    period_s = grid[1] - grid[0]
-    before, after = _margins(period_s)
-    return np.asarray(grid[0] + period_s * np.arange(-before, len(grid) + after))
 
 
 def _held_means(times: Array, command_time_s: Array, command: Array) -> Array:
@@ -221,7 +205,7 @@ def _held_means(times: Array, command_time_s: Array, command: Array) -> Array:
     return np.asarray((ends[0] - ends[1]) / (2.0 * half))
 
 
-def _smooth(signal: Array, period_s: float, order: int, over_s: float = SMOOTHING_S) -> Array:
+def _smooth(signal: Array, period_s: float, order: int, over_s: float) -> Array:
     """Returns a derivative; both signals are smoothed alike, so that no shift comes from it."""
     window = max(round(over_s / period_s) | 1, 5)
     return np.asarray(savgol_filter(signal, window, 3, deriv=order, delta=period_s))
