@@ -139,10 +139,9 @@ class Rollouts(SegmentedProblem):
             OutOfTimeError: the time of the search is over.
         """
         self.clock.check()
-        kinds = list(dict.fromkeys(segment.kind for segment in self.segments))
-        rows: list[list[Prediction | None]] = [[None] * len(self.segments) for _ in candidates]
+        rows: list[dict[int, Prediction]] = [{} for _ in candidates]
         asked = efforts or self.motors_apart(candidates)
-        for kind in kinds:
+        for kind in dict.fromkeys(segment.kind for segment in self.segments):
             places = [i for i, s in enumerate(self.segments) if s.kind is kind]
             here = [self.segments[i] for i in places]
             told = [
@@ -150,9 +149,8 @@ class Rollouts(SegmentedProblem):
                 for plants in self._plants(kind, candidates)
             ]
             for row, *answers in zip(rows, *told, strict=True):
-                for i, *answer in zip(places, *answers, strict=True):
-                    row[i] = extrapolated(*answer)
-        return [[p for p in row if p is not None] for row in rows]
+                row.update(zip(places, map(extrapolated, *answers), strict=True))
+        return [[row[i] for i in range(len(self.segments))] for row in rows]
 
     def _plants(
         self, kind: CommandKind, candidates: Sequence[Sequence[EffectInstance]]
