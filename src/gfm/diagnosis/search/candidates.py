@@ -237,15 +237,17 @@ def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:
     mujoco.mj_fullM(plant.model, data, inertia)
     every = joined(views)
     served = np.concatenate([view.served for view in views])
-
+    excess = np.percentile(np.abs(every.missing), TYPICAL, axis=0)
+    peaks = (np.percentile(np.abs(one), PEAK, axis=0) for one in (every.needed, served))
+    excess, peak, servo = np.maximum([excess, *peaks], 1e-6).tolist()
     return [
         Scales(
             torque_nm=rms([view.drive[:, j] - view.drive[:, j].mean() for view in views]),
-            excess_nm=max(_percentile(every.missing[:, j], TYPICAL), 1e-6),
+            excess_nm=excess[j],
             velocity_rad_s=max(rms([every.velocity[:, j]]), 1e-3),
             position_rad=max(0.5 * float(np.ptp(every.position[:, j])), 1e-3),
-            peak_nm=max(_percentile(every.needed[:, j], PEAK), 1e-6),
-            servo_nm=max(_percentile(served[:, j], PEAK), 1e-6),
+            peak_nm=peak[j],
+            servo_nm=servo[j],
             inertia=float(inertia[dof, dof]),
             cogging_per_revolution=cogging_orders(every, j),
             lowest_m=_lowest_points(plant, every.position) if j == len(plant.dof) - 1 else (),
@@ -299,8 +301,3 @@ def _power(angle: Array, rest: Array, basis: Array) -> float:
     waves = without(np.stack([np.sin(angle), np.cos(angle)], axis=1), basis)
     fitted = waves @ np.linalg.lstsq(waves, rest, rcond=None)[0]
     return float(fitted @ fitted)
-
-
-def _percentile(values: Array, percent: float) -> float:
-    """Returns the size that so many percent of values do not exceed."""
-    return float(np.percentile(np.abs(values), percent))
