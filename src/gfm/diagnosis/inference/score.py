@@ -131,7 +131,9 @@ def blocks_of(
             pieces.append(rows)
             owners.append(segment.recording)
         start += segment.channels * segment.measurements * joints
-    count = _counts(block, cell, (len(pieces), places * len(OCTAVES_HZ)))
+    cells = places * len(OCTAVES_HZ)
+    each = np.bincount(block * cells + cell, minlength=len(pieces) * cells)
+    count = each.reshape(-1, cells).astype(float)
     return Blocks(
         pieces=tuple(pieces),
         fold=fold,
@@ -156,11 +158,6 @@ def _pieces(segment: SegmentShape, joints: int) -> list[tuple[NDArray[np.intp], 
     hertz = [0.5 * np.arange(p.shape[1]) / p.shape[1] * per_s for p in parts]
     octaves = [np.searchsorted(OCTAVES_HZ, one, side="right") - 1 for one in hertz]
     return list(zip(parts, octaves, strict=True))
-
-
-def _counts(block: NDArray[np.intp], cell: NDArray[np.intp], shape: tuple[int, int]) -> Array:
-    counts = np.bincount(block * shape[1] + cell, minlength=shape[0] * shape[1])
-    return np.asarray(counts.reshape(shape).astype(float))
 
 
 def _of_joint(count: Array) -> Array:
