@@ -45,13 +45,11 @@ class Problem(Rollouts):
     @override
     def robust(self, effects: Sequence[EffectInstance]) -> Problem:
         residual = self.plain().residuals([effects])[0]
-        joints = len(self.joints)
-        sizes: list[list[Array]] = [[], []]
-        for segment, rows in zip(self.segments, self.slices(), strict=True):
-            channels = residual[rows].reshape(-1, len(segment.position), joints)
-            for channel, values in enumerate(channels):
-                sizes[channel].append(np.sqrt(np.mean(values**2, axis=0)))
-        typical = [np.median(s, axis=0) if s else np.ones(joints) for s in sizes]
+        shapes, joints = zip(self.slices(), self.channels, strict=True), len(self.joints)
+        parts = [residual[rows].reshape(channels, -1, joints) for rows, channels in shapes]
+        sizes = [np.sqrt(np.mean(part**2, axis=1)) for part in parts]
+        of_each = [[own[channel] for own in sizes if len(own) > channel] for channel in range(2)]
+        typical = [np.median(own or np.ones((1, joints)), axis=0) for own in of_each]
         return replace(self, outlying_from=OUTLYING * np.maximum(np.stack(typical), 1.0))
 
     def position_errors(self, effects: Sequence[EffectInstance]) -> list[Array]:
