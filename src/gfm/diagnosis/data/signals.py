@@ -30,9 +30,8 @@ def smooth_states(time_s: Array, position: Array) -> tuple[Array, Array, Array]:
     """Returns position, velocity and acceleration at the stamps, each of shape (T, J)."""
     grid, even = evenly(time_s, position)
     period_s = grid[1] - grid[0]
-    window = max(round(SMOOTHING_S / period_s) | 1, SMOOTHING_ORDER + 2 | 1)
-    window = min(window, (len(grid) - 1) | 1 if len(grid) % 2 == 0 else len(grid))
-    window -= 1 - window % 2
+    window = max(round(SMOOTHING_S / period_s), SMOOTHING_ORDER + 2) | 1
+    window = min(window, (len(grid) - 1) | 1)
     derivatives = [
         savgol_filter(even, window, SMOOTHING_ORDER, deriv=d, delta=period_s, axis=0)
         for d in range(3)
