@@ -158,13 +158,10 @@ def error_plot(
     joint: int, problem: Problem, before: Sequence[Array], after: Sequence[Array]
 ) -> EvidencePlot:
     """Returns one joint's position error over time on the first segments, before and after."""
-    name = problem.joints[joint]
-    first = [
-        i for i, s in enumerate(problem.segments) if s.recording == problem.segments[0].recording
-    ]
-    lengths = [float(problem.segments[i].time_s[-1]) for i in first]
-    starts = np.cumsum([0.0, *lengths[:-1]])
-    time_s = [problem.segments[i].time_s + start for i, start in zip(first, starts, strict=True)]
+    name, segments = problem.joints[joint], problem.segments
+    first = [i for i, s in enumerate(segments) if s.recording == segments[0].recording]
+    starts = np.cumsum([0.0, *(segments[i].time_s[-1] for i in first[:-1])])
+    time_s = [segments[i].time_s + start for i, start in zip(first, starts, strict=True)]
     lines = (("nominal model", before), ("corrected model", after))
     return EvidencePlot(
         title=f"{name}: position error of open-loop rollouts on held-out data",

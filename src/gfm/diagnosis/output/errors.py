@@ -28,17 +28,16 @@ class RolloutErrors:
     @property
     def summary(self) -> ErrorSummary:
         """The three numbers of the verdict."""
-        return error_summary(self.before, self.after, self.problem.noise.position, "rad")
+        return self._on(slice(None))
 
     @property
     def joints(self) -> dict[str, ErrorSummary]:
         """The same three numbers of every joint."""
-        told = {}
-        for j, joint in enumerate(self.problem.joints):
-            before, after = ([error[:, j] for error in one] for one in (self.before, self.after))
-            noise = self.problem.noise.position[j : j + 1]
-            told[joint] = error_summary(before, after, noise, "rad")
-        return told
+        return {name: self._on(slice(j, j + 1)) for j, name in enumerate(self.problem.joints)}
+
+    def _on(self, joints: slice) -> ErrorSummary:
+        before, after = ([e[:, joints] for e in one] for one in (self.before, self.after))
+        return error_summary(before, after, self.problem.noise.position[joints], "rad")
 
     def of_each(self, recordings: Sequence[Trajectory], role: str) -> list[RecordingSummary]:
         """Returns a line for each of the recordings that the segments are of."""
