@@ -22,6 +22,7 @@ def view(span, torque):
     noise = 0.02 * np.random.default_rng(0).standard_normal(len(TIME_S))
     missing = torque(position, velocity) + noise
     return TorqueView(
+        joints=("j",),
         position=position[:, None],
         velocity=velocity[:, None],
         drive=np.zeros((len(position), 1)),

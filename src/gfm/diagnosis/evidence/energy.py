@@ -18,7 +18,7 @@ import numpy as np
 from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.evidence.torques import TorqueDomain, without_law
-from gfm.diagnosis.search.candidates import has_law, law_along
+from gfm.diagnosis.search.candidates import has_law
 from gfm.diagnosis.search.naming import Placed
 from gfm.diagnosis.search.nominal_parameters import covers
 from gfm.effects import EffectInstance
@@ -89,12 +89,11 @@ class EnergyBalance:
 
 def energy_balance(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> EnergyBalance:
     """Returns the balance under the nominal model and with `effects`."""
-    problem, view = domain.problem, domain.view
-    spec = next(iter(problem.specs.values()))
+    view, spec = domain.view, next(iter(domain.problem.specs.values()))
     named = tuple(
         Dissipation(
             *e.key,
-            power_w=-_mean_power(domain, law_along(e, problem.joints, view) * view.velocity),
+            power_w=-_mean_power(domain, view.law(e) * view.velocity),
             only_takes=e.effect.name in DISSIPATIVE and not covers(spec, e),
         )
         for e in effects

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
@@ -15,14 +16,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis.evidence.torques import without_law
 from gfm.diagnosis.output.result import EvidencePlot, Series
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.candidates import (
-    TorqueView,
-    has_law,
-    joined,
-    law_along,
-    minus_laws,
-    torque_views,
-)
+from gfm.diagnosis.search.candidates import TorqueView, has_law, joined, torque_views
 from gfm.effects import EffectInstance
 
 #: Points of a cloud at most.
@@ -54,7 +48,7 @@ def law_plots(
         return []
     view, left = torque_left(instances, problem, recordings)
     beside = ", the other effects in it" if len(instances) > 1 else ""
-    return [_law_plot(one, problem.joints, view, left, beside) for one in lawful]
+    return [_law_plot(one, view, left, beside) for one in lawful]
 
 
 def torque_left(
@@ -66,19 +60,13 @@ def torque_left(
     minus what the drives gave, the measured effort where there is one.
     """
     view = joined(torque_views(problem, recordings, without_law(instances)))
-    return view, minus_laws(view.missing, instances, problem.joints, view)
+    return view, reduce(np.subtract, map(view.law, instances), view.missing)
 
 
-def _law_plot(
-    instance: EffectInstance,
-    joints: Sequence[str],
-    view: TorqueView,
-    left: Array,
-    beside: str,
-) -> EvidencePlot:
+def _law_plot(instance: EffectInstance, view: TorqueView, left: Array, beside: str) -> EvidencePlot:
     name, signal = instance.joints[0], instance.effect.seen_over
-    joint = joints.index(name)
-    law = law_along(instance, joints, view)[:, joint]
+    joint = view.joints.index(name)
+    law = view.law(instance)[:, joint]
     missing = left[:, joint] + law
     axis = getattr(view, signal)[:, joint]
     if signal == "drive":
@@ -128,10 +116,8 @@ def profile_plots(
         low = 0.0 if first.lower <= 0.0 else 0.5
         amounts = instance.values[first.name] * np.linspace(low, 2.0 - low, PROFILE_POINTS)
         amounts = np.clip(amounts, first.lower, first.upper)
-        others = [
-            replace(instance, values={**instance.values, first.name: float(amount)})
-            for amount in amounts
-        ]
+        values = [{**instance.values, first.name: amount} for amount in amounts.tolist()]
+        others = [replace(instance, values=one) for one in values]
         sets = [(*instances[:place], other, *instances[place + 1 :]) for other in others]
         looked_at = problem if rare is None or not instance.effect.intermittent else rare
         left = np.sqrt(np.mean(looked_at.residuals(sets) ** 2, axis=1))

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -21,14 +21,7 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.signals import smooth_states
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.candidates import (
-    TorqueView,
-    has_law,
-    joined,
-    law_along,
-    minus_laws,
-    torque_views,
-)
+from gfm.diagnosis.search.candidates import TorqueView, has_law, joined, torque_views
 from gfm.effects import EffectInstance
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
 
@@ -74,7 +67,7 @@ class TorqueDomain:
     def missing(self, effects: Sequence[EffectInstance] = ()) -> Array:
         """Returns the torque that the model with `effects` lacks, block means, N m, (B, J)."""
         left = self.view_with(without_law(effects)).missing
-        return self.blocks(minus_laws(left, effects, self.problem.joints, self.view))
+        return self.blocks(reduce(np.subtract, map(self.view.law, effects), left))
 
     def response(self, instance: EffectInstance) -> Array:
         """Returns the torque that an effect adds along the motion, block means, N m, (B, J).
@@ -82,7 +75,7 @@ class TorqueDomain:
         Zero for a motor apart from its link: no inverse dynamics of the measured joints has it.
         """
         if has_law(instance) or instance.effect.separates_motor:
-            return self.blocks(law_along(instance, self.problem.joints, self.view))
+            return self.blocks(self.view.law(instance))
         return self.blocks(self.view.missing - self.view_with([instance]).missing)
 
     def signals(self) -> dict[str, Array]:

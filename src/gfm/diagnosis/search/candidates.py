@@ -109,11 +109,13 @@ def places(
 class TorqueView:
     """One recording seen as torques: what drives the joints and what the model says is needed.
 
-    All of shape (T, J); `missing` is needed minus drive: the generalized force that the model lacks
-    along the measured motion. Part of the drive is what the model's gravity compensation gives.
-    Where the drive was not `measured`, it is what the model's own servo would do.
+    Of `joints`, all of shape (T, J); `missing` is needed minus drive: the generalized force that
+    the model lacks along the measured motion. Part of the drive is what the model's gravity
+    compensation gives. Where the drive was not `measured`, it is what the model's own servo would
+    do.
     """
 
+    joints: tuple[str, ...]
     position: Array
     velocity: Array
     drive: Array
@@ -131,12 +133,28 @@ class TorqueView:
         """What the servo gives beside a gravity compensation, by the motion if not measured."""
         return (self.drive if self.measured else self.needed) - self.compensation
 
+    def law(self, instance: EffectInstance) -> Array:
+        """Returns the torque of an effect's law, N m, shape (T, J); zero where it has none."""
+        torque = np.zeros_like(self.missing)
+        if has_law(instance):
+            first, *second = (self.joints.index(name) for name in instance.joints)
+            motion = Motion(
+                position=self.position[:, first],
+                velocity=self.velocity[:, first],
+                drive=self.drive[:, first],
+                other_velocity=self.velocity[:, second[0]] if second else None,
+            )
+            torque[:, first] = instance.effect.torque(motion, instance.values)
+            torque[:, second] = -torque[:, [first] * len(second)]
+        return torque
+
 
 def joined(views: Sequence[TorqueView]) -> TorqueView:
     """Returns what the views of several recordings say, one after the other."""
     names = ("position", "velocity", "drive", "missing")
     q, v, drive, missing = (np.concatenate([getattr(one, n) for one in views]) for n in names)
-    return TorqueView(position=q, velocity=v, drive=drive, missing=missing)
+    joints = views[0].joints
+    return TorqueView(joints=joints, position=q, velocity=v, drive=drive, missing=missing)
 
 
 def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
@@ -167,6 +185,7 @@ def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
     elif (wrong := compensation_error(plant, q)) is not None:
         drive += wrong.force[:, plant.dof]
     return TorqueView(
+        joints=plant.joints,
         position=q,
         velocity=v,
         drive=drive,
@@ -201,31 +220,6 @@ def has_law(instance: EffectInstance) -> bool:
     nothing = np.zeros(1)
     motion = Motion(position=nothing, velocity=nothing, drive=nothing, other_velocity=nothing)
     return bool(instance.joints) and instance.effect.torque(motion, instance.values) is not None
-
-
-def law_along(instance: EffectInstance, joints: Sequence[str], view: TorqueView) -> Array:
-    """Returns the torque of an effect's law, N m, shape (T, J); zero where it has none."""
-    torque = np.zeros_like(view.missing)
-    if has_law(instance):
-        first, *second = (joints.index(name) for name in instance.joints)
-        motion = Motion(
-            position=view.position[:, first],
-            velocity=view.velocity[:, first],
-            drive=view.drive[:, first],
-            other_velocity=view.velocity[:, second[0]] if second else None,
-        )
-        torque[:, first] = instance.effect.torque(motion, instance.values)
-        torque[:, second] = -torque[:, [first] * len(second)]
-    return torque
-
-
-def minus_laws(
-    missing: Array, effects: Sequence[EffectInstance], joints: Sequence[str], view: TorqueView
-) -> Array:
-    """Returns a missing torque, N m, shape (T, J), without what laws of effects say of it."""
-    for instance in effects:
-        missing = missing - law_along(instance, joints, view)
-    return missing
 
 
 def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:
@@ -269,10 +263,8 @@ def _lowest_points(plant: Plant, postures: Array) -> tuple[tuple[float, float, f
         mujoco.mj_kinematics(model, data)
         upward = data.xmat[link].reshape(3, 3)[2]
         lowest = np.minimum(lowest, data.xpos[link, 2] + points @ upward)
-    return tuple(
-        (float(x), float(y), float(z), float(height))
-        for (x, y, z), height in zip(points, lowest, strict=True)
-    )
+    rows = zip(points.tolist(), lowest.tolist(), strict=True)
+    return tuple((x, y, z, height) for (x, y, z), height in rows)
 
 
 def cogging_orders(view: TorqueView, joint: int) -> tuple[int, ...]:
