@@ -30,12 +30,12 @@ from gfm.diagnosis.inference.fitting import (
     bounds_of,
     derivatives,
     free_parameters,
-    mean_square,
     with_amounts,
 )
 from gfm.diagnosis.inference.intervals import standard_errors
 from gfm.diagnosis.inference.score import (
     Blocks,
+    Difference,
     Predictive,
     SegmentShape,
     blocks_of,
@@ -63,15 +63,25 @@ class OverSets:
     """A hypothesis over all sets.
 
     Attributes:
+        sets: The sets.
         courses: Of each effect.
         fit: The effects of all sets, set by set, with the derivatives by all their amounts, as if
             no set shared any: shape (N, K P).
-        predictive: How well it predicts each part of the data from the others.
     """
 
+    sets: Sets
     courses: tuple[Course, ...]
     fit: Fit
-    predictive: Predictive
+
+    @cached_property
+    def predictive(self) -> Predictive:
+        """How well it predicts each part of the data from the others."""
+        shared = replace(self.fit, jacobian=self.fit.jacobian @ self.sets.design(self.courses))
+        return predictive(self.sets.blocks, shared)
+
+    def over(self, other: OverSets) -> Difference:
+        """Returns by how much it predicts better than another one."""
+        return difference(self.sets.blocks, self.predictive, other.predictive)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,8 +125,9 @@ class Sets:
         """Returns the hypothesis that every set has amounts of its own."""
         effects = tuple(chain.from_iterable(one.effects for one in self.fits))
         residual = np.concatenate([one.residual for one in self.fits])
-        courses = (Course.CHANGES,) * len(self.effects)
-        return self._told(courses, effects, residual, self._derivatives(effects, residual))
+        jacobian = self._derivatives(effects, residual)
+        fit = Fit(effects=effects, jacobian=jacobian, residual=residual)
+        return OverSets(sets=self, courses=(Course.CHANGES,) * len(self.effects), fit=fit)
 
     def simplest(self, here: OverSets, report: Callable[[str], None]) -> OverSets:
         """Returns the simplest hypothesis that none predicts clearly better than.
@@ -136,7 +147,7 @@ class Sets:
         Both of shape (K, its parameters); errors are infinite where a set does not show it.
         """
         courses = (*here.courses[:effect], Course.CHANGES, *here.courses[effect + 1 :])
-        other, design = self._nearby(here, courses).fit, self._design(courses)
+        other, design = self._nearby(here, courses).fit, self.design(courses)
         values = amounts(other.effects)
         numbers = np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], np.float64)
         parts = chain.from_iterable(problem.slices() for problem in self.problems)
@@ -155,8 +166,7 @@ class Sets:
         told = []
         for place in self._places(effect)[:, 0]:
             left = fit.residual + fit.jacobian[:, place] * (none - values[place])
-            other = self._told(here.courses, fit.effects, left, fit.jacobian)
-            apart = difference(self.blocks, here.predictive, other.predictive)
+            apart = here.over(replace(here, fit=replace(fit, residual=left)))
             told.append(apart._replace(nats=abs(apart.nats)).clear)
         return tuple(told)
 
@@ -170,31 +180,29 @@ class Sets:
             if course is not Course.REPEATS:
                 less = between if course is Course.CHANGES else Course.REPEATS
                 courses = (*here.courses[:i], less, *here.courses[i + 1 :])
-                linear = self._nearby(here, courses).predictive
-                others.append((difference(self.blocks, here.predictive, linear).errors, i, courses))
+                others.append((here.over(self._nearby(here, courses)).errors, i, courses))
         for _, i, courses in sorted(others):
             if steps > 1:
                 report(f"does {describe(self.effects[i])} differ between sets?")
             other = self._fitted(here, courses, steps)
-            if not difference(self.blocks, here.predictive, other.predictive).clear:
+            if not here.over(other).clear:
                 yield other
 
     def _fitted(self, here: OverSets, courses: tuple[Course, ...], steps: int) -> OverSets:
         """Returns another hypothesis, fitted by so many Gauss-Newton steps at most."""
-        effects = self._nearby(here, courses).fit.effects
-        own = [problem.residuals([part])[0] for problem, part in self._of_sets(effects)]
-        residual = np.concatenate(own)
-        gain = 1.0 - mean_square(residual) / here.fit.cost
-        if courses == here.courses and gain < FIT_TOLERANCE:
+        near = self._nearby(here, courses)
+        own = [p.residuals([part])[0] for p, part in self._of_sets(near.fit.effects)]
+        fit = replace(near.fit, residual=np.concatenate(own))
+        if courses == here.courses and 1.0 - fit.cost / here.fit.cost < FIT_TOLERANCE:
             return here
         if steps == 1:
-            return self._told(courses, effects, residual, here.fit.jacobian)
-        jacobian = self._derivatives(effects, residual)
-        return self._fitted(self._told(courses, effects, residual, jacobian), courses, steps - 1)
+            return replace(near, fit=fit)
+        fit = replace(fit, jacobian=self._derivatives(fit.effects, fit.residual))
+        return self._fitted(replace(near, fit=fit), courses, steps - 1)
 
     def _nearby(self, here: OverSets, courses: tuple[Course, ...]) -> OverSets:
         """Returns another hypothesis as it fits best, to first order around one."""
-        fit, values, design = here.fit, amounts(here.fit.effects), self._design(courses)
+        fit, values, design = here.fit, amounts(here.fit.effects), self.design(courses)
         numbers = np.linalg.lstsq(design, values, rcond=None)[0]
         left = fit.residual + fit.jacobian @ (design @ numbers - values)
         columns = fit.jacobian @ design
@@ -202,18 +210,8 @@ class Sets:
         numbers -= np.linalg.lstsq(columns / size, left, rcond=NEGLIGIBLE)[0] / size
         moved = np.clip(design @ numbers, *bounds_of(fit.effects))
         left = fit.residual + fit.jacobian @ (moved - values)
-        return self._told(courses, with_amounts(fit.effects, moved), left, fit.jacobian)
-
-    def _told(
-        self,
-        courses: tuple[Course, ...],
-        effects: tuple[EffectInstance, ...],
-        residual: Array,
-        jacobian: Array,
-    ) -> OverSets:
-        fit = Fit(effects=effects, jacobian=jacobian, residual=residual)
-        shared = replace(fit, jacobian=jacobian @ self._design(courses))
-        return OverSets(courses=courses, fit=fit, predictive=predictive(self.blocks, shared))
+        near = replace(fit, effects=with_amounts(fit.effects, moved), residual=left)
+        return OverSets(sets=self, courses=courses, fit=near)
 
     def _of_sets(
         self, effects: tuple[EffectInstance, ...]
@@ -234,7 +232,7 @@ class Sets:
         sets = len(owners) * np.arange(len(self.problems))
         return np.asarray(sets[:, None] + np.flatnonzero(owners == effect))
 
-    def _design(self, courses: Sequence[Course]) -> Array:
+    def design(self, courses: Sequence[Course]) -> Array:
         """Returns how the amounts of all sets follow from the free numbers, shape (K P, M)."""
         sets = len(self.problems)
         shapes = {
