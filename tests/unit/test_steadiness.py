@@ -3,27 +3,33 @@
 import numpy as np
 import pytest
 
+from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.inference.score import BLOCK_S, SegmentShape, blocks_of
 from gfm.diagnosis.inference.steadiness import apart
 
 COUNT, BLOCK = 2400, 100
-BLOCKS = [np.arange(k, k + BLOCK) for k in range(0, COUNT, BLOCK)]
-#: Four recordings of six blocks.
-ORDER = [np.arange(k, k + 6) for k in range(0, len(BLOCKS), 6)]
 ONE = np.array([True])
 
 
-def told(columns, measured, effect=ONE, order=ORDER):
+def recorded(recordings):
+    """So many recordings that have 24 blocks together, each of them a segment."""
+    owners = np.repeat(np.arange(recordings), COUNT // BLOCK // recordings).tolist()
+    return blocks_of([SegmentShape(owner, BLOCK_S, 1, BLOCK) for owner in owners], 1)
+
+
+def told(columns, measured, effect=ONE, recordings=4):
     """How far parts put an effect apart whose columns are fitted to what was measured."""
     amounts = np.linalg.lstsq(columns, measured, rcond=None)[0]
     left = measured - columns @ amounts
     response = columns[:, effect] @ amounts[effect]
-    return apart(-columns, left, BLOCKS, order, effect, response)
+    fitted = Fit(effects=(), jacobian=-columns, residual=left)
+    return apart(fitted, recorded(recordings), effect, response)
 
 
 def speeds(seed=0):
     """A signal that is weak in some blocks and strong in others, shape (N, 1)."""
     rng = np.random.default_rng(seed)
-    size = np.repeat(rng.uniform(0.3, 3.0, len(BLOCKS)), BLOCK)
+    size = np.repeat(rng.uniform(0.3, 3.0, COUNT // BLOCK), BLOCK)
     return (size * rng.standard_normal(COUNT))[:, None]
 
 
@@ -59,9 +65,9 @@ def test_recordings_that_tell_other_amounts_differ_by_as_much():
 
 def test_blocks_take_turns_where_there_is_one_recording():
     x = np.random.default_rng(0).standard_normal((COUNT, 1))
-    amount = np.repeat(np.tile([1.2, 0.8], len(BLOCKS) // 2), BLOCK)
-    one = [np.arange(len(BLOCKS))]
-    assert told(x, amount * x[:, 0] + noise(0, 0.01), order=one) == pytest.approx(0.4, abs=0.03)
+    amount = np.repeat(np.tile([1.2, 0.8], COUNT // BLOCK // 2), BLOCK)
+    share = told(x, amount * x[:, 0] + noise(0, 0.01), recordings=1)
+    assert share == pytest.approx(0.4, abs=0.03)
 
 
 def test_a_part_that_tells_nothing_of_an_effect_does_not_contradict():

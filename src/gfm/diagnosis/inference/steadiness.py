@@ -15,17 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.score import RIDGE
+from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.inference.score import RIDGE, Blocks
 
 
-def apart(
-    jacobian: Array,
-    residual: Array,
-    blocks: Sequence[NDArray[np.intp]],
-    order: Sequence[NDArray[np.intp]],
-    columns: NDArray[np.bool_],
-    response: Array,
-) -> float:
+def apart(fitted: Fit, blocks: Blocks, own: NDArray[np.bool_], response: Array) -> float:
     """Returns by what share of itself an effect differs between parts of the data, beyond chance.
 
     To first order around amounts that were fitted to all of them; the most of three pairs of parts:
@@ -34,30 +28,30 @@ def apart(
     its square (as DerSimonian and Laird 1986 do between studies).
 
     Args:
-        jacobian: Derivative of the residual, shape (N, P).
-        residual: At the optimum, shape (N,).
-        blocks: Rows of each block, B of them.
-        order: Blocks of each recording, first to last.
-        columns: Which parameters are the effect's, shape (P,).
+        fitted: The effect, and what else the parts know of.
+        blocks: How the residual is divided.
+        own: Which parameters are the effect's, shape (P,).
         response: What the effect changes in the residual, shape (N,).
     """
-    scaled = jacobian / (np.linalg.norm(jacobian, axis=0) + 1e-9)
-    own, size = scaled[:, columns].T @ scaled[:, columns], float(response @ response)
-    strength = np.array([np.mean(response[rows] ** 2) for rows in blocks])
+    scaled = fitted.jacobian / (np.linalg.norm(fitted.jacobian, axis=0) + 1e-9)
+    square, size = scaled[:, own].T @ scaled[:, own], float(response @ response)
+    rows = [piece.ravel() for piece in blocks.pieces]
+    strength = np.array([np.mean(response[one] ** 2) for one in rows])
     shares = [0.0]
-    for parts in _parts(order, strength):
-        told = [_told(scaled, residual, [blocks[i] for i in part]) for part in parts]
-        change = (told[0][0] - told[1][0])[columns]
-        covariance = (told[0][1] + told[1][1])[np.ix_(columns, columns)]
-        beyond = max(float(change @ own @ change) - float(np.trace(own @ covariance)), 0.0)
+    for parts in _parts(blocks.recording, strength):
+        told = [_told(scaled, fitted.residual, [rows[i] for i in part]) for part in parts]
+        change = (told[0][0] - told[1][0])[own]
+        covariance = (told[0][1] + told[1][1])[np.ix_(own, own)]
+        beyond = max(float(change @ square @ change) - float(np.trace(square @ covariance)), 0.0)
         shares.append(float(np.sqrt(beyond / max(size, 1.0))))
     return max(shares)
 
 
 def _parts(
-    order: Sequence[NDArray[np.intp]], strength: Array
+    recording: NDArray[np.intp], strength: Array
 ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
     """Yields pairs of parts, each as its blocks; none where one is empty."""
+    order = [np.flatnonzero(recording == one) for one in np.unique(recording)]
     turn = [one for own in order for one in np.split(own, len(own))] if len(order) < 2 else order
     halves = [np.array_split(own, 2) for own in order]
     weakest_first = np.argsort(strength, kind="stable")

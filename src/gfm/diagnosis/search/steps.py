@@ -144,18 +144,10 @@ def _apart(here: Hypothesis) -> dict[Key, float]:
     sets = [fitted.effects, *each_without(fitted.effects)]
     whole, *rest = here.problem.plain().residuals(sets)
     weights = slopes(fitted.residual, here.problem.limits())
-    rows = [piece.ravel() for piece in blocks.pieces]
-    order = [np.flatnonzero(blocks.recording == one) for one in np.unique(blocks.recording)]
     told, steady = dict[Key, float](), always(fitted)
     for i, (instance, without) in enumerate(zip(fitted.effects, rest, strict=True)):
         own = fitted.owners == i
         beside = own | steady  # what acts now and then, a part may not know
-        told[instance.key] = apart(
-            fitted.jacobian[:, beside],
-            fitted.residual,
-            rows,
-            order,
-            own[beside],
-            (without - whole) * weights,
-        )
+        known = replace(fitted, jacobian=fitted.jacobian[:, beside])
+        told[instance.key] = apart(known, blocks, own[beside], (without - whole) * weights)
     return told
