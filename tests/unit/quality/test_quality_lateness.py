@@ -40,6 +40,11 @@ def answer(
     return np.stack(columns, axis=1) + noise
 
 
+def unknown(*recordings):
+    """Predictions that broke off."""
+    return [np.full_like(one.position, np.nan) for one in recordings]
+
+
 @pytest.mark.parametrize("delay_s", [0.0, 0.0237, 0.05])
 def test_against_a_prediction_the_delay_comes_out(make, delay_s):
     command = commanded(3)
@@ -56,7 +61,7 @@ def test_a_segment_without_a_prediction_says_nothing_against_one(make):
     command = commanded(1)
     measured = make(T, answer(command, 0.02), command=command)
     alone = delays([measured], [answer(command)])
-    both = delays([measured, measured], [answer(command), None])
+    both = delays([measured, measured], [answer(command), *unknown(measured)])
     assert both.blocks == alone.blocks
     assert both.seconds == alone.seconds
 
@@ -114,7 +119,7 @@ def test_commanded_and_measured_torques_have_nothing_in_between(make):
     late = delays([recording])
     # A sample shows what held in the period around it: the change itself lies half a period back.
     assert late.seconds[0] == pytest.approx(1.5 * PERIOD_S, abs=1e-3)
-    (told,) = timing_of([recording], delays([recording], [None]))
+    (told,) = timing_of([recording], delays([recording], unknown(recording)))
     assert "nothing else lies between" in told.consequence
 
 
@@ -122,7 +127,7 @@ def test_torques_sampled_just_after_their_commands_are_not_early(make):
     steps = np.random.default_rng(0).uniform(-1.0, 1.0, 2500)
     recording = make(T, 0.1 * np.sin(T), "effort", command=steps, effort=steps)
     assert delays([recording]).seconds[0] == pytest.approx(-0.5 * PERIOD_S, abs=1e-3)
-    (told,) = timing_of([recording], delays([recording], [None]))
+    (told,) = timing_of([recording], delays([recording], unknown(recording)))
     assert "as good as at once" in told.consequence
     assert not told.doubtful
 
@@ -132,7 +137,7 @@ def test_an_effect_before_its_cause_is_doubtful(make):
     recording = make(T, answer(command, lag_s=0.01), command=command)
     latched = replace(recording, command_stamp_ns=recording.command_stamp_ns + 40_000_000)
     assert delays([latched]).seconds[0] == pytest.approx(-0.03, abs=4e-3)
-    told = timing_of([latched], delays([latched], [None]))
+    told = timing_of([latched], delays([latched], unknown(latched)))
     assert [one.doubtful for one in told] == [True]
     assert "an effect before its cause" in told[0].consequence
 
@@ -144,7 +149,9 @@ def test_kinds_of_command_are_not_mixed(make):
     velocity = make(T, answer(command, lag_s=0.01), "velocity", command=told)
     what = [
         one.what
-        for one in timing_of([position, velocity], delays([position, velocity], [None, None]))
+        for one in timing_of(
+            [position, velocity], delays([position, velocity], unknown(position, velocity))
+        )
     ]
     assert what == ["answers position commands after", "answers velocity commands after"]
 

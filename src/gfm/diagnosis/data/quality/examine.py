@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from gfm.core import CommandKind, Trajectory
-from gfm.core.checks import Array
 from gfm.diagnosis.data.quality import channels, echoes, limits
 from gfm.diagnosis.data.quality.finding import EVERYWHERE, Finding
 from gfm.diagnosis.data.quality.lateness import Delays, delays
@@ -91,7 +90,13 @@ def all_findings(
         for name, position in problem.still.items()
     ]
     parts, models = as_recordings(problem), [(), effects] if effects else [()]
-    late = [delays(parts, predicted_positions(problem, one)) for one in models]
+    # What breaks off predicts nothing.
+    late = [
+        delays(
+            parts, [np.where(p.diverged, np.nan, p.position) for p in problem.predictions([m])[0]]
+        )
+        for m in models
+    ]
     return (*unseen, *each, *timing_of(recordings, *late))
 
 
@@ -117,15 +122,6 @@ def as_recordings(problem: Problem) -> list[Trajectory]:
         )
         for i, segment in enumerate(problem.segments)
     ]
-
-
-def predicted_positions(problem: Problem, effects: Sequence[EffectInstance]) -> list[Array | None]:
-    """Returns what a model predicts for each of its segments, rad, shape (T, J).
-
-    None where the simulation broke off.
-    """
-    predictions = problem.predictions([effects])[0]
-    return [None if one.diverged else one.position for one in predictions]
 
 
 def timing_of(recordings: Sequence[Trajectory], *late: Delays) -> tuple[Finding, ...]:

@@ -94,22 +94,17 @@ class Delays:
         return float(line.slope) if even and low < abs(line.slope) < high else None
 
 
-def delays(
-    recordings: Sequence[Trajectory], predictions: Sequence[Array | None] | None = None
-) -> Delays:
+def delays(recordings: Sequence[Trajectory], predictions: Sequence[Array] | None = None) -> Delays:
     """Returns by how much later every joint moves than commanded, or than predicted.
 
     Args:
         recordings: Of one robot. A recording with a drive that is off says nothing of its joint.
         predictions: For each recording the positions that a model predicts at its measurements,
-            rad, shape (T, J), or None where there are none; without any, commands are taken.
+            rad, shape (T, J), NaN where there are none; without any, commands are taken.
     """
-    known: list[tuple[Trajectory, Array | None]] = [(one, None) for one in recordings]
-    if predictions is not None:
-        rows = zip(recordings, predictions, strict=True)
-        known = [(recording, told) for recording, told in rows if told is not None]
-    joints = recordings[0].joint_names
-    found = [[late for pair in known for late in _of_joint(*pair, j)] for j in range(len(joints))]
+    told: Sequence[Array | None] = predictions or [None] * len(recordings)
+    pairs, joints = list(zip(recordings, told, strict=True)), recordings[0].joint_names
+    found = [[late for pair in pairs for late in _of_joint(*pair, j)] for j in range(len(joints))]
     enough = [late if len(late) >= LEAST_BLOCKS else [np.nan] for late in found]
     return Delays(
         joints=joints,
