@@ -62,8 +62,7 @@ class ObjectPart:
     @property
     def named(self) -> tuple[NamedEffect, ...]:
         """What of it is more likely right than not."""
-        named = named_effects(self.found, credible(self.found))
-        return tuple(_widened(one) for one in named)
+        return tuple(map(_widened, named_effects(self.found, credible(self.found))))
 
 
 def examine_object(
