@@ -172,7 +172,7 @@ def test_a_clean_robot_has_an_even_balance_and_stores_what_gravity_takes():
 
 def test_what_an_effect_adds_is_its_law_or_what_it_changes_in_the_model(rubbing):
     domain = domain_of(rubbing)
-    velocity = domain.signals()["velocity"]
+    velocity = domain.signals["velocity"]
     damped = domain.response(effect("viscous_friction", coefficient=0.7))
     np.testing.assert_allclose(damped, -0.7 * velocity, atol=1e-12)
     # A heavier rotor needs more torque to speed up: -inertia times acceleration.
@@ -184,9 +184,9 @@ def test_what_an_effect_adds_is_its_law_or_what_it_changes_in_the_model(rubbing)
 
 def test_a_drive_that_was_switched_off_exerts_nothing(rubbing):
     off = replace(rubbing[0], servo_gain={"j": 0.0})
-    assert not domain_of([off]).signals()["drive"].any()
+    assert not domain_of([off]).signals["drive"].any()
     half = replace(rubbing[0], servo_gain={"j": 0.5})
-    assert domain_of([half]).signals()["drive"].any()
+    assert domain_of([half]).signals["drive"].any()
 
 
 def test_a_dense_recording_is_looked_at_over_its_whole_length(rubbing):
@@ -196,7 +196,7 @@ def test_a_dense_recording_is_looked_at_over_its_whole_length(rubbing):
     dense = replace(rubbing[0], stamp_ns=stamp_ns, position=position)
     domain = domain_of([dense])
     assert len(domain.recordings[0].stamp_ns) == 800
-    velocity = domain.signals()["velocity"][:, 0]
+    velocity = domain.signals["velocity"][:, 0]
     middles = 0.045 + 0.1 * np.arange(80)
     np.testing.assert_allclose(velocity[1:-1], 0.4 * np.cos(middles[1:-1]), atol=2e-3)
 

@@ -9,13 +9,15 @@ Shape letters: T measurements of a segment, B blocks, J joints.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.data.signals import correlation
+from gfm.diagnosis.evidence.torques import TorqueDomain
+from gfm.effects import EffectInstance
 
 #: RMS error, in noise floors, that is as small as noise.
 ADEQUATE_RATIO = 1.25
@@ -96,24 +98,21 @@ class JointAdequacy:
 
 
 def adequacy(
-    joints: Sequence[str],
-    noise: Array,
+    domain: TorqueDomain,
+    effects: Sequence[EffectInstance],
     errors: tuple[Sequence[Array], Sequence[Array]],
-    missing: tuple[Array, Array],
-    signals: Mapping[str, Array],
 ) -> tuple[JointAdequacy, ...]:
-    """Returns what both models leave, joint by joint.
+    """Returns what the nominal model and that with `effects` leave, joint by joint.
 
     Args:
-        joints: Names, J of them.
-        noise: Of the positions, rad, shape (J,).
+        domain: The recordings as torques.
+        effects: What corrects the model.
         errors: Position errors of rollouts before and after, per segment, rad, (T, J) each.
-        missing: Torques that lack before and after, N m, shape (B, J) each.
-        signals: What they may go with.
     """
+    joints, missing = domain.problem.joints, (domain.missing(), domain.missing(effects))
     both = [
-        [_residual(j, noise, e, m, signals) for j in range(len(joints))]
-        for e, m in zip(errors, missing, strict=True)
+        [_residual(domain, j, *left) for j in range(len(joints))]
+        for left in zip(errors, missing, strict=True)
     ]
     return tuple(
         JointAdequacy(joint=name, before=before, after=after)
@@ -122,12 +121,12 @@ def adequacy(
 
 
 def _residual(
-    joint: int, noise: Array, errors: Sequence[Array], missing: Array, signals: Mapping[str, Array]
+    domain: TorqueDomain, joint: int, errors: Sequence[Array], missing: Array
 ) -> Residual:
-    own = [error[:, joint] for error in errors]
-    ratio = float(np.sqrt(np.mean(np.concatenate(own) ** 2)) / noise[joint])
+    own, noise = [error[:, joint] for error in errors], domain.problem.noise.position[joint]
+    ratio = float(np.sqrt(np.mean(np.concatenate(own) ** 2)) / noise)
     slow = slow_share(own)
-    told = {n: correlation(missing[:, joint], signals[n][:, joint]) for n in WORDS}
+    told = {n: correlation(missing[:, joint], domain.signals[n][:, joint]) for n in WORDS}
     strongest = max(told, key=lambda name: abs(told[name]))
     is_noise = ratio <= ADEQUATE_RATIO or slow <= WHITE
     says = not is_noise and abs(told[strongest]) >= GOES_WITH
@@ -179,16 +178,14 @@ class JointRegions:
         )
 
 
-def localisation(
-    left: Sequence[JointAdequacy], missing: Array, signals: Mapping[str, Array]
-) -> tuple[JointRegions, ...]:
+def localisation(domain: TorqueDomain, left: Sequence[JointAdequacy]) -> tuple[JointRegions, ...]:
     """Returns where what the nominal model lacks lies, joint by joint.
 
     Args:
-        left: What both models leave on J joints.
-        missing: Torque that the nominal model lacks, N m, shape (B, J).
-        signals: Of the motion.
+        domain: The recordings as torques.
+        left: What both models leave on each joint.
     """
+    missing, signals = domain.missing(), domain.signals
     ratios = np.array([(one.before.ratio, one.after.ratio) for one in left])
     before, after = (_shares(np.where(s > NOISE, s - 1.0, 0.0)) for s in ratios.T**2)
     by = {

@@ -57,12 +57,10 @@ def evidence_chain(
     # Torques are looked at without contacts: no object has a part in them.
     effects = [e for e in effects if e.effect.scope is not Scope.OBJECT]
     domain = torque_domain(problem, holdout)
-    missing, signals = (domain.missing(), domain.missing(effects)), domain.signals()
-    noise, joints = problem.noise.position, problem.joints
-    adequate = adequacy(joints, noise, errors, missing, signals)
+    adequate = adequacy(domain, effects, errors)
     return EvidenceChain(
         adequacy=adequate,
-        regions=localisation(adequate, missing[0], signals),
+        regions=localisation(domain, adequate),
         domains=two_domains(domain, found, effects) if found else (),
         stopping=stopping(found) if found else None,
         energy=energy_balance(domain, effects),

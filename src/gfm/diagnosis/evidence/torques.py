@@ -78,8 +78,9 @@ class TorqueDomain:
             return self.blocks(self.view.law(instance))
         return self.blocks(self.view.missing - self.view_with([instance]).missing)
 
+    @cached_property
     def signals(self) -> dict[str, Array]:
-        """Returns everything that a missing torque may go with, block means, shape (B, J) each."""
+        """Everything that a missing torque may go with, block means, shape (B, J) each."""
         changes = [np.gradient(r.held_command, r.time_s, axis=0) for r in self.recordings]
         along = {
             "position": self.view.position,
