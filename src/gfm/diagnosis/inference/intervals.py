@@ -49,7 +49,9 @@ def standard_errors(
         segments: Segments of the residual that are independent of each other.
     """
     bread = np.linalg.pinv(jacobian.T @ jacobian)
-    rows = [rows for one in segments for rows in _blocks(one, segments)]
+    pieces = max(BLOCKS // len(segments), 1)
+    edges = [np.linspace(s.start, s.stop, pieces + 1).astype(int).tolist() for s in segments]
+    rows = [slice(a, b) for own in edges for a, b in pairwise(own) if b > a]
     scores = [jacobian[block].T @ residual[block] for block in rows]
     meat = np.sum([np.outer(score, score) for score in scores], axis=0)
     meat = meat * len(scores) / max(len(scores) - 1, 1)
@@ -58,10 +60,3 @@ def standard_errors(
     unseen = np.linalg.norm(jacobian, axis=0) * np.maximum(np.abs(values), UNSEEN) < UNSEEN
     deviations[unseen] = np.inf
     return deviations
-
-
-def _blocks(segment: slice, segments: Sequence[slice]) -> list[slice]:
-    """Returns a segment cut into its share of the blocks."""
-    pieces = max(BLOCKS // len(segments), 1)
-    edges = np.linspace(segment.start, segment.stop, pieces + 1).astype(int)
-    return [slice(a, b) for a, b in pairwise(edges) if b > a]
