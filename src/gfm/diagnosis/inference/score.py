@@ -112,17 +112,15 @@ def blocks_of(
         limit: Beyond what numbers count less in a fit, shape (N,); infinite for none.
         each_segment: Whether each segment is a part.
     """
-    recordings = sorted({segment.recording for segment in layout})
+    several = len({segment.recording for segment in layout}) > 1
     places = joints * max(segment.channels for segment in layout)
     size = sum(segment.channels * segment.measurements * joints for segment in layout)
     fold, block, cell = (np.empty(size, dtype=np.intp) for _ in range(3))
     pieces, owners = list[NDArray[np.intp]](), list[int]()
     start = 0
     for index, segment in enumerate(layout):
-        if each_segment:
-            part = index
-        else:
-            part = recordings.index(segment.recording) if len(recordings) > 1 else index % 2
+        turn = segment.recording if several else index % 2
+        part = index if each_segment else turn
         for rows, octave in _pieces(segment, joints):
             rows = rows + start
             channel_and_joint = np.arange(rows.shape[0] * joints).reshape(-1, 1, joints)
