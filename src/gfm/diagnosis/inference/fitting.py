@@ -199,10 +199,9 @@ def _free(instance: EffectInstance) -> list[EffectParameter]:
 def always(fitted: Fit) -> NDArray[np.bool_]:
     """Returns which derivatives are by amounts of what acts all the time, shape (P,)."""
     told = np.ones(fitted.jacobian.shape[1], dtype=bool)
-    if any(e.effect.intermittent for e in fitted.effects):
-        told[:] = [
-            not fitted.effects[i].effect.intermittent for i, _ in free_parameters(fitted.effects)
-        ]
+    rare = np.array([e.effect.intermittent for e in fitted.effects])
+    if rare.any():
+        told[:] = ~rare[fitted.owners]
     return told
 
 

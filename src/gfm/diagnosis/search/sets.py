@@ -29,7 +29,6 @@ from gfm.diagnosis.inference.fitting import (
     amounts,
     bounds_of,
     derivatives,
-    free_parameters,
     with_amounts,
 )
 from gfm.diagnosis.inference.intervals import standard_errors
@@ -228,7 +227,7 @@ class Sets:
 
     def _places(self, effect: int) -> NDArray[np.intp]:
         """Returns where an effect's amounts are among all, shape (K, its parameters)."""
-        owners = np.array([i for i, _ in free_parameters(self.effects)])
+        owners = self.fits[-1].owners
         sets = len(owners) * np.arange(len(self.problems))
         return np.asarray(sets[:, None] + np.flatnonzero(owners == effect))
 
@@ -240,7 +239,7 @@ class Sets:
             Course.DRIFTS: np.stack([np.ones(sets), np.linspace(-1.0, 1.0, sets)], axis=1),
             Course.CHANGES: np.eye(sets),
         }
-        owners = [i for i, _ in free_parameters(self.effects)]
+        owners = self.fits[-1].owners
         each = np.eye(len(owners))[:, :, None]
         return np.hstack(
             [np.kron(shapes[courses[i]], e) for i, e in zip(owners, each, strict=True)]
