@@ -153,17 +153,7 @@ def _estimate(value: float, unit: str, width: float, *, holds: bool) -> Paramete
 def suspects_of(found: SearchResult, named: Sequence[EffectInstance]) -> tuple[Suspect, ...]:
     """Returns what was weighed and is not named: equals, doubtful names, and what lost."""
     taken = {other.key for instance in named for other in found.names_of(instance)}
-    doubtful = [
-        replace(
-            _suspect(
-                e, f"more likely wrong than right (confidence {sure:.2f})", _explained(e, found)
-            ),
-            confidence=round(sure, 3),
-            evidence=_figures(found.evidence[e.key]),
-        )
-        for e, sure in ((e, confidence(found.evidence[e.key])) for e in found.fit.effects)
-        if e.key not in taken
-    ]
+    doubtful = [_doubtful(e, found) for e in found.fit.effects if e.key not in taken]
     equal = [
         _suspect(
             other,
@@ -185,6 +175,14 @@ def _suspect(instance: EffectInstance, reason: str, gain: float) -> Suspect:
         decided_by=instance.effect.shown_by,
         gain=float(np.clip(gain, 0.0, 1.0)),
     )
+
+
+def _doubtful(instance: EffectInstance, found: SearchResult) -> Suspect:
+    evidence = found.evidence[instance.key]
+    sure = confidence(evidence)
+    reason = f"more likely wrong than right (confidence {sure:.2f})"
+    told = _suspect(instance, reason, _explained(instance, found))
+    return replace(told, confidence=round(sure, 3), evidence=_figures(evidence))
 
 
 def _rivals(found: SearchResult, named: Sequence[EffectInstance]) -> Iterator[Suspect]:
