@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from gfm.diagnosis.inference.fitting import ROUGH, Fit, at_bound, fit
@@ -68,14 +68,14 @@ def _add(
     tried: list[Tried] = []
     for one, again in _shortlist(screened):
         if _is_worth_a_fit(before, one, tried, gained, again=again) and search.goes_on():
-            tried.append(_tried(before, (one.instance,), search.report))
+            tried.append(_tried(before, (one.instance,), search))
     if worth_more(before, best_of(before, tried)) and search.goes_on():
         # What no single joint's effect explains, all joints may lack, also beside one of the
         # whole robot: late commands and friction everywhere look like lags.
         kinds = _kinds(screened)
         whole = [o.new for o in tried if is_whole(o.new[0].effect)]
         kinds += [(*one, *kind) for one in whole[:1] for kind in kinds]
-        tried += [_tried(before, kind, search.report) for kind in kinds]
+        tried += [_tried(before, kind, search) for kind in kinds]
     return best_first(before, [*ranked, *_with_front_fitted_out(before, tried)])
 
 
@@ -195,12 +195,10 @@ def _kinds(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
     return [tuple(one.instance for one in kind) for kind in several[:KINDS]]
 
 
-def _tried(
-    before: Hypothesis, new: tuple[EffectInstance, ...], report: Callable[[str], None]
-) -> Tried:
+def _tried(before: Hypothesis[P], new: tuple[EffectInstance, ...], search: Search[P]) -> Tried:
     """Returns new effects fitted beside those that are there."""
     more = f" and {len(new) - 1} more" if len(new) > 1 else ""
-    report(f"fitting {describe(new[0])}{more}")
+    search.report(f"fitting {describe(new[0])}{more}")
     fits = [before.fitted(effects) for effects in _beginnings(before, new)]
     best: Fit = min(fits, key=lambda f: f.cost)
     if _separates_motor(new):

@@ -55,7 +55,7 @@ def common_errors(before: Hypothesis[P], search: Search[P], best: Step) -> Step 
     if tried_before or enough or not much or not search.goes_on():
         return None
     search.report("looking for common errors on all joints")
-    begun = [_from_grid(before, search.candidates, without) for without in BEGUN_WITHOUT]
+    begun = [_from_grid(before, search, without) for without in BEGUN_WITHOUT]
     new = max(begun, key=len)
     search.report(f"fitting {len(new)} effects together")
     fits = [_fitted_together(before, one) for one in begun]
@@ -77,9 +77,7 @@ def _fitted_together(before: Hypothesis, new: Sequence[EffectInstance]) -> Fit:
     return before.fitted(begun)
 
 
-def _from_grid(
-    before: Hypothesis, candidates: Sequence[Place], without: str
-) -> tuple[EffectInstance, ...]:
+def _from_grid(before: Hypothesis[P], search: Search[P], without: str) -> list[EffectInstance]:
     """Returns every common error on every open joint, with the best of its grid.
 
     All joints are tried side by side: each takes what leaves least on itself. What is there already
@@ -87,13 +85,13 @@ def _from_grid(
 
     Args:
         before: Beside what they are tried.
-        candidates: All there are.
+        search: With all candidates.
         without: What is none to begin with.
     """
     problem, taken = before.problem, {e.key for e in before.effects}
     places = [
         place
-        for place in candidates
+        for place in search.candidates
         if place.effect.name in COMMON
         and place.key not in taken
         and set(place.joints) & set(before.open_joints)
@@ -112,7 +110,7 @@ def _from_grid(
                 costs[:] = costs.mean(axis=1, keepdims=True)
             best = dict(zip(problem.joints, costs.argmin(axis=0).tolist(), strict=True))
             chosen |= {key: grid[best[key[1][0]]] for key, grid in grids.items()}
-    return tuple(_instances(places, chosen))
+    return _instances(places, chosen)
 
 
 def _grid(place: Place) -> list[float]:
