@@ -71,9 +71,8 @@ def room_of(segment: Segment, prediction: Prediction, ringing: Sequence[Spring])
     stiffness = np.array([one.stiffness for one in ringing])
     angles = MOST_BENT * np.abs(prediction.effort[:, joints]).max(axis=0) / stiffness
     speeds = 2.0 * np.pi * angles * [one.ringing_hz for one in ringing]
-    now = np.zeros((2, len(joints)))
-    if segment.initial_motor is not None:
-        now = segment.initial_motor[:, joints]
+    motor = segment.initial_motor
+    now = np.zeros((2, len(joints))) if motor is None else motor[:, joints]
     most, sizes = np.stack([angles, speeds]), np.array(STATE_STEP)[:, None]
     return np.stack([((-most - now) / sizes).ravel(), ((most - now) / sizes).ravel()])
 

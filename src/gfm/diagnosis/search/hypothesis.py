@@ -12,7 +12,7 @@ from typing_extensions import TypeVar
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.constants import INEXACT_SHARE, LEAST_DISCREPANCY
-from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit, measured
+from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit, mean_square, measured
 from gfm.diagnosis.inference.score import Difference, Predictive, difference, predictive, room
 from gfm.diagnosis.residuals.problem import Problem, unsettled
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
@@ -128,15 +128,14 @@ def settled_hypothesis(
     there, found = in_turn(problem, effects)
     if found.cost > FAR_OFF and any(s.measured is not None for s in there.segments):
         begun = unsettled(there, found.effects)
-        again, other = in_turn(begun, fit(begun, found.effects).effects)
-        if _unbounded(again, other) < _unbounded(there, found):
-            there, found = again, other
+        again = in_turn(begun, fit(begun, found.effects).effects)
+        there, found = min((there, found), again, key=_unbounded)
     return Hypothesis(problem=there, fit=found, nominal=nominal)
 
 
-def _unbounded(problem: Problem, fitted: Fit) -> float:
-    """Returns the cost of a fit if what is outlying counts in full."""
-    return float(np.mean(problem.plain().residuals([fitted.effects])[0] ** 2))
+def _unbounded(found: tuple[Problem, Fit]) -> float:
+    """Returns the cost of a fit to a problem if what is outlying counts in full."""
+    return mean_square(found[0].plain().residuals([found[1].effects])[0])
 
 
 def in_turn(problem: P, effects: Sequence[EffectInstance]) -> tuple[P, Fit]:

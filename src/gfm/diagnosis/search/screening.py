@@ -78,12 +78,9 @@ def screen(before: Hypothesis, candidates: Sequence[Place], sample_s: float) -> 
 
 def _rows_of(before: Hypothesis, segments: Sequence[int]) -> Fit:
     """Returns the fit of a hypothesis on some segments only."""
-    slices = before.problem.slices()
-    mask = np.zeros(slices[-1].stop, dtype=bool)
-    for i in segments:
-        mask[slices[i]] = True
-    fit = before.fit
-    return replace(fit, jacobian=fit.jacobian[mask], residual=fit.residual[mask])
+    slices, fit = before.problem.slices(), before.fit
+    rows = np.r_[tuple(slices[i] for i in segments)]
+    return replace(fit, jacobian=fit.jacobian[rows], residual=fit.residual[rows])
 
 
 def _responses(
