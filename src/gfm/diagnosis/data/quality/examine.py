@@ -90,14 +90,10 @@ def all_findings(
         for name, position in problem.still.items()
     ]
     parts, models = as_recordings(problem), [(), effects] if effects else [()]
+    told = [problem.predictions([one])[0] for one in models]
     # What breaks off predicts nothing.
-    late = [
-        delays(
-            parts, [np.where(p.diverged, np.nan, p.position) for p in problem.predictions([m])[0]]
-        )
-        for m in models
-    ]
-    return (*unseen, *each, *timing_of(recordings, *late))
+    known = [[np.where(p.diverged, np.nan, p.position) for p in one] for one in told]
+    return (*unseen, *each, *timing_of(recordings, *(delays(parts, one) for one in known)))
 
 
 def doubts(findings: Iterable[Finding], recording: str = EVERYWHERE) -> tuple[str, ...]:

@@ -119,12 +119,8 @@ def _plateau(signal: Array, demand: Array, width: float) -> float | None:
         top, next_level = np.abs(depth) < width, (depth >= width) & (depth < 2.0 * width)
         full = top.mean() > PLATEAU and top.sum() > FULLER * max(next_level.sum(), 1)
         moving = np.abs(np.median(signal[top])) > FROM_ZERO * width
-        if (
-            full
-            and moving
-            and -depth.min() < OVERSHOOT * width
-            and _spread(demand[top]) > DEMAND_GOES_ON * spread > 0.0
-        ):
+        flat = full and moving and -depth.min() < OVERSHOOT * width
+        if flat and _spread(demand[top]) > DEMAND_GOES_ON * spread > 0.0:
             return float(np.median(signal[top]))
     return None
 
