@@ -27,6 +27,7 @@ def view(span, torque):
         velocity=velocity[:, None],
         drive=np.zeros((len(position), 1)),
         missing=missing[:, None],
+        served=missing[:, None],
     )
 
 
@@ -68,16 +69,16 @@ def test_what_the_motion_does_not_cover_is_not_looked_for():
 
 
 def test_the_size_of_a_servo_is_what_was_measured_of_it():
-    """A motion that takes ten times as much: the joint fell onto its stop."""
-    fallen = view(1.0, lambda _q, v: 50.0 * np.sign(v))
+    """A motion that takes ten times as much: another thing moved the joint."""
+    position = np.sin(3.0 * TIME_S)[:, None]
     spec = mujoco.MjSpec.from_string(CARRIED.format(by_drive="false"))
-    held = recorded(fallen.position, effort=np.full_like(fallen.drive, 5.0))
+    takes = (0.1 + 2.0 * 0.5**2) * 3.0**2
+    held = recorded(position, effort=np.full_like(position, 0.1 * takes))
     problem = make_problem({CommandKind.EFFORT: spec}, [held])
-    for measured, size in ((True, 5.0), (False, 50.0)):
-        seen = replace(fallen, drive=held.effort, missing=fallen.missing - 5.0, measured=measured)
-        (scales,) = joint_scales(problem, [seen])
+    for recording, size in ((held, 0.1 * takes), (replace(held, effort=None), takes)):
+        (scales,) = joint_scales(problem, torque_views(problem, [recording]))
         assert scales.servo_nm == pytest.approx(size, rel=0.01)
-        assert scales.peak_nm == pytest.approx(50.0, rel=0.01)
+        assert scales.peak_nm == pytest.approx(takes, rel=0.01)
 
 
 WEIGHT_NM = 9.81 * 0.5 * 2.0

@@ -167,7 +167,8 @@ def learned_report(
         noise=NOISE_SHARE * np.maximum(np.sqrt(np.mean(drive**2, axis=0)), 1e-9),
     )
     here = nominal_hypothesis(told)
-    scales = joint_scales(problem, [replace(domain.view, missing=mean)])
+    takes = mean + domain.view.drive
+    scales = joint_scales(problem, [replace(domain.view, missing=mean, served=takes)])
     search = Search[LearnedProblem](
         candidates=_candidates(told.joints, scales), report=lambda _: None
     )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import mujoco
@@ -110,9 +110,9 @@ class TorqueView:
     """One recording seen as torques: what drives the joints and what the model says is needed.
 
     Of `joints`, all of shape (T, J); `missing` is needed minus drive: the generalized force that
-    the model lacks along the measured motion. Part of the drive is what the model's gravity
-    compensation gives. Where the drive was not `measured`, it is what the model's own servo would
-    do.
+    the model lacks along the measured motion; `served` is what the servo gives beside the model's
+    gravity compensation. Where the drive was not measured, it is what the model's own servo would
+    do, and `served` what the motion takes.
     """
 
     joints: tuple[str, ...]
@@ -120,18 +120,12 @@ class TorqueView:
     velocity: Array
     drive: Array
     missing: Array
-    compensation: Array | float = 0.0
-    measured: bool = False
+    served: Array
 
     @property
     def needed(self) -> Array:
         """What the motion takes."""
         return self.missing + self.drive
-
-    @property
-    def served(self) -> Array:
-        """What the servo gives beside a gravity compensation, by the motion if not measured."""
-        return (self.drive if self.measured else self.needed) - self.compensation
 
     def law(self, instance: EffectInstance) -> Array:
         """Returns the torque of an effect's law, N m, shape (T, J); zero where it has none."""
@@ -151,10 +145,9 @@ class TorqueView:
 
 def joined(views: Sequence[TorqueView]) -> TorqueView:
     """Returns what the views of several recordings say, one after the other."""
-    names = ("position", "velocity", "drive", "missing")
-    q, v, drive, missing = (np.concatenate([getattr(one, n) for one in views]) for n in names)
-    joints = views[0].joints
-    return TorqueView(joints=joints, position=q, velocity=v, drive=drive, missing=missing)
+    names = ("position", "velocity", "drive", "missing", "served")
+    q, v, drive, missing, served = (np.concatenate([getattr(w, n) for w in views]) for n in names)
+    return replace(views[0], position=q, velocity=v, drive=drive, missing=missing, served=served)
 
 
 def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
@@ -190,8 +183,7 @@ def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
         velocity=v,
         drive=drive,
         missing=needed - drive,
-        compensation=compensation,
-        measured=recording.effort is not None,
+        served=(needed if recording.effort is None else drive) - compensation,
     )
 
 
@@ -230,9 +222,8 @@ def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:
     inertia = np.zeros((plant.model.nv, plant.model.nv))
     mujoco.mj_fullM(plant.model, data, inertia)
     every = joined(views)
-    served = np.concatenate([view.served for view in views])
     excess = np.percentile(np.abs(every.missing), TYPICAL, axis=0)
-    peaks = (np.percentile(np.abs(one), PEAK, axis=0) for one in (every.needed, served))
+    peaks = (np.percentile(np.abs(one), PEAK, axis=0) for one in (every.needed, every.served))
     excess, peak, servo = np.maximum([excess, *peaks], 1e-6).tolist()
     return [
         Scales(
