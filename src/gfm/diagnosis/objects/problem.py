@@ -118,12 +118,11 @@ class ObjectProblem(SegmentedProblem):
     def nearer(self, effects: Sequence[EffectInstance]) -> ObjectProblem:
         """Returns the problem with initial states a Gauss-Newton step better, and their bases."""
         stage = make_stage(self.spec, effects)
-        before, moved = self._whitened(stage, self.segments), []
-        for segment, slopes, left in zip(
-            self.segments, self._derivatives(stage), before, strict=True
-        ):
-            step = -np.linalg.lstsq(slopes, left, rcond=1e-3)[0]
-            moved.append(_moved(segment, np.clip(step, -FARTHEST, FARTHEST)))
+        before = self._whitened(stage, self.segments)
+        pairs = zip(self._derivatives(stage), before, strict=True)
+        steps = [-np.linalg.lstsq(columns, left, rcond=1e-3)[0] for columns, left in pairs]
+        steps = np.clip(steps, -FARTHEST, FARTHEST)
+        moved = [_moved(*one) for one in zip(self.segments, steps, strict=True)]
         after = self._whitened(stage, moved)
         kept = [
             new if np.sum(b**2) < np.sum(a**2) else old

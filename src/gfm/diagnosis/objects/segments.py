@@ -159,8 +159,7 @@ def _pieces(scene: Scene, first: int, last: int, *, pushed: bool) -> list[Object
         start_s += _half_window_s(scene)
     elif _rests(scene, start_s):
         start_s -= BEFORE_S
-    longest = LONGEST_PUSH_S if pushed else LONGEST_FREE_S
-    after = 0.0 if pushed else AFTER_S
+    longest, after = (LONGEST_PUSH_S, 0.0) if pushed else (LONGEST_FREE_S, AFTER_S)
     if end_s - start_s < SHORTEST_S:
         return []
     count = int(np.ceil((end_s + after - start_s) / longest))
