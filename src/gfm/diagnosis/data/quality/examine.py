@@ -32,6 +32,11 @@ _IN_TURN = "joints read one after the other under one stamp: give read_offset_s 
 
 def findings_of(recording: Trajectory, plant: Plant) -> tuple[Finding, ...]:
     """Returns what is doubtful, or good to know, about a recording."""
+    efforts: list[Finding] = []
+    if recording.effort is not None:
+        view, _ = limits.views_of(recording, plant)
+        efforts += limits.cut_off_efforts(recording, recording.effort, view.drive)
+        efforts += limits.doubtful_efforts(recording, view)
     return (
         *channels.jitter(recording),
         *channels.gaps(recording),
@@ -42,19 +47,9 @@ def findings_of(recording: Trajectory, plant: Plant) -> tuple[Finding, ...]:
         *limits.cut_off_speeds(recording),
         *limits.at_range_limit(recording, plant),
         *channels.odd_velocities(recording),
-        *_of_efforts(recording, plant),
+        *efforts,
         *channels.rounded(recording),
     )
-
-
-def _of_efforts(recording: Trajectory, plant: Plant) -> list[Finding]:
-    if recording.effort is None:
-        return []
-    view, _ = limits.views_of(recording, plant)
-    return [
-        *limits.cut_off_efforts(recording, recording.effort, view.drive),
-        *limits.doubtful_efforts(recording, view),
-    ]
 
 
 def all_findings(
