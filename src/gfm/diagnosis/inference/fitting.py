@@ -198,11 +198,8 @@ def _free(instance: EffectInstance) -> list[EffectParameter]:
 
 def always(fitted: Fit) -> NDArray[np.bool_]:
     """Returns which derivatives are by amounts of what acts all the time, shape (P,)."""
-    told = np.ones(fitted.jacobian.shape[1], dtype=bool)
     rare = np.array([e.effect.intermittent for e in fitted.effects])
-    if rare.any():
-        told[:] = ~rare[fitted.owners]
-    return told
+    return ~rare[fitted.owners] if rare.any() else np.ones(fitted.jacobian.shape[1], dtype=bool)
 
 
 def at_bound(instance: EffectInstance) -> bool:

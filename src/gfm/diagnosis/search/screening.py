@@ -152,8 +152,7 @@ def _tried(
             # What fast integration alone changes is no gain of a candidate.
             moved = rolled - before
             best = -float(moved @ full) / max(float(moved @ moved), 1e-12)
-            shares = [bounded(full + share * moved, limits) for share in (1.0, best)]
-            lefts = [without(left, basis) for left in shares]
+            lefts = [without(bounded(full + x * moved, limits), basis) for x in (1.0, best)]
             yield instance, min(*lefts, base.residual - explained, key=np.linalg.norm)
 
 
