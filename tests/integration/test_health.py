@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import socket
+from pathlib import Path
 
 import pytest
 
@@ -14,18 +15,18 @@ from gfm.launch.health import UnhealthyError, health, main
 HOST = socket.gethostname()
 
 
-def make_system() -> SystemSpec:
+def make_system(folder: Path) -> SystemSpec:
     bridge = ProcessSpec(
         role="robot_bridge",
         name="bridge",
         module="gfm_robot_bridge",
-        arguments=("--robot", "mirror"),
+        arguments=("--robot", "mirror", "--recordings", str(folder / "recordings")),
     )
     return SystemSpec(run="health", endpoint=free_endpoint(), processes=(replay_process(), bridge))
 
 
 def test_a_service_is_well_only_while_it_answers_itself(tmp_path, capsys):
-    with Supervisor(make_system(), tmp_path) as supervisor:
+    with Supervisor(make_system(tmp_path), tmp_path) as supervisor:
         supervisor.start()
         joining = ("--connect", supervisor.spec.endpoint, "--run", "health", "--timeout-s", "0.5")
         assert main(["robot_bridge", *joining]) == 0
