@@ -69,7 +69,20 @@ def test_a_short_run_closes_the_loop(tmp_path):
     assert len(list((out / "recordings").glob("*.mcap"))) == 10
     assert (out / "checkpoints" / "gfm.npz").exists()
     assert "Revealed after the verdict" in done.stdout
-    assert "<html" in (out / "report.html").read_text()
+    page = (out / "report.html").read_text()
+    assert "<html" in page
+    assert 'href="#task"' in page
+    check_task(report["task"])
+
+
+def check_task(task: dict) -> None:
+    """The second robot's encoder is found, and the policy reaches more with the tool in place."""
+    assert [(e["effect"], e["joints"]) for e in task["diagnosis"]["effects"]] == [
+        ("encoder_offset", ["right_j1"])
+    ]
+    before, after = (told["success"] for told in (task["before"], task["after"]["placed"]))
+    assert before["of"] == after["of"] == 20
+    assert after["reached"] >= before["reached"] + 6
 
 
 def check_findings(report: dict) -> None:
@@ -91,7 +104,9 @@ def check_findings(report: dict) -> None:
 @pytest.mark.slow
 def test_a_run_without_a_hidden_effect_names_none(tmp_path):
     out = tmp_path / "out"
-    done = run("--hidden-effect", "none", "--skip-gfm", "--motion-s", "4", "--out", str(out))
+    done = run(
+        "--hidden-effect", "none", "--skip-gfm", "--skip-task", "--motion-s", "4", "--out", str(out)
+    )
     assert done.returncode == 0, done.stderr
     report = json.loads((out / "report.json").read_text())
     assert report["diagnosis"]["verdict"] == "no_gap"
