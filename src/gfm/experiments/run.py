@@ -84,7 +84,7 @@ _EXPECTED_S = {
     DIAGNOSE: 90.0,
     LEARN: 100.0,
     LEARN_REST: 15.0,
-    TASK: 160.0,
+    TASK: 190.0,
     EVALUATE: 15.0,
 }
 #: Learning ends so long before the budget does, and is not begun for less than the second, s.
