@@ -58,7 +58,7 @@ def test_an_interrupted_run_stops_its_services(tmp_path):
 @pytest.mark.slow
 def test_a_short_run_closes_the_loop(tmp_path):
     out = tmp_path / "out"
-    short = ("--motion-s", "4", "--budget-minutes", "4")
+    short = ("--motion-s", "4", "--budget-minutes", "6")
     done = run("--hidden-effect", "coulomb_friction", "--seed", "1", *short, "--out", str(out))
     assert done.returncode == 0, done.stderr
     report = json.loads((out / "report.json").read_text())
