@@ -2,9 +2,10 @@
 
     python benchmarks/effects_10_seeds.py --out runs/effects
 
-Every run is a whole `gfm run --skip-gfm` with services and recordings of its own. Runs whose report
-is already there are not repeated, so that a run that failed (its log lies beside its folder) can be
-looked into and made again. The robot is a simulated one, written apart from the diagnosis.
+Every run is a whole `gfm run --skip-gfm --skip-task` with services and recordings of its own. Runs
+whose report is already there are not repeated, so that a run that failed (its log lies beside its
+folder) can be looked into and made again. The robot is a simulated one, written apart from the
+diagnosis.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ class Outcome:
 
 def run_once(seed: int, asked: str, folder: Path) -> Outcome:
     """Runs the loop, unless its report is there, and returns what it found."""
-    words = ("--skip-gfm", "--seed", str(seed), "--hidden-effect", asked)
+    words = ("--skip-gfm", "--skip-task", "--seed", str(seed), "--hidden-effect", asked)
     return outcome(seed, asked, report_of(words, folder))
 
 

@@ -66,7 +66,8 @@ class Case:
 
 def run_once(effect: str, seed: int, minutes: float, folder: Path) -> Case:
     """Runs the loop, unless its report is there, and returns what it found."""
-    words = ("--seed", str(seed), "--hidden-effect", effect, "--budget-minutes", str(minutes))
+    words = ("--skip-task", "--seed", str(seed), "--hidden-effect", effect)
+    words += ("--budget-minutes", str(minutes))
     report = report_of(words, folder)
     rows = {row["model"]: row for row in report["comparison"]["models"]}
     return Case(
