@@ -10,7 +10,7 @@ from gfm.core import ConfigError, MonotonicClock
 from gfm.excitation.motion import Motion, Purpose
 from gfm.excitation.waypoints import motions
 from gfm.experiments.drive import drive, sawyer_ranges
-from gfm.service import DEFAULT_ENDPOINT
+from gfm.launch.flags import add_endpoint
 from gfm.transport import ZenohTransport
 
 if TYPE_CHECKING:
@@ -27,13 +27,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "record", help="drive the robot along motions and record them", description=_DESCRIPTION
     )
-    parser.add_argument("--run", dest="run_name", default="default", help="(default: %(default)s)")
-    parser.add_argument(
-        "--connect",
-        default=DEFAULT_ENDPOINT,
-        metavar="ENDPOINT",
-        help="the run's router (default: %(default)s)",
-    )
+    add_endpoint(parser, "--connect", "the system's router")
     parser.add_argument("--seed", type=int, default=0, help="of the motions (default: %(default)s)")
     parser.add_argument(
         "--duration-s", type=float, default=12.0, help="of each motion (default: %(default)s)"

@@ -23,6 +23,7 @@ from gfm.core import (
     Status,
     UnreachableError,
 )
+from gfm.launch.flags import add_endpoint
 from gfm.launch.router import RouterService
 from gfm.launch.spec import (
     ENGINES,
@@ -36,7 +37,6 @@ from gfm.launch.spec import (
 from gfm.launch.supervisor import Supervisor
 from gfm.launch.survey import status_table, statuses, summary, summary_line
 from gfm.service import (
-    DEFAULT_ENDPOINT,
     ServiceConfig,
     StopSignal,
     open_transport,
@@ -94,7 +94,7 @@ def add_up_parser(subparsers: Subparsers) -> None:
         metavar="DIR",
         help="has actor.toml, learner.toml, replay.toml ... with settings of the services",
     )
-    _add_endpoint(parser, "--listen", "where the router listens")
+    add_endpoint(parser, "--listen", "where the router listens")
     parser.set_defaults(run=run_up)
 
 
@@ -184,7 +184,7 @@ def add_status_parser(subparsers: Subparsers) -> None:
         "status", help="ask a running system how it is", description=_STATUS
     )
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
-    _add_endpoint(parser, "--connect", "the system's router")
+    add_endpoint(parser, "--connect", "the system's router")
     parser.set_defaults(run=run_status)
 
 
@@ -220,7 +220,7 @@ def add_router_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "router", help="run a router that services connect to", description=_ROUTER
     )
-    _add_endpoint(parser, "--listen", "where to listen")
+    add_endpoint(parser, "--listen", "where to listen")
     parser.set_defaults(run=run_router)
 
 
@@ -235,17 +235,3 @@ def run_router(arguments: argparse.Namespace) -> int:
         _log.info("listening on %s", arguments.listen)
         run_service(RouterService(name), transport, MonotonicClock(), stopped)
     return 0
-
-
-def _add_endpoint(parser: argparse.ArgumentParser, flag: str, meaning: str) -> None:
-    parser.add_argument(
-        flag, default=DEFAULT_ENDPOINT, metavar="ENDPOINT", help=f"{meaning} (default: %(default)s)"
-    )
-    # Not `run`: that is where the parsers keep the function to call.
-    parser.add_argument(
-        "--run",
-        dest="run_name",
-        default="default",
-        metavar="NAME",
-        help="name of the run; runs that share a router don't meet (default: %(default)s)",
-    )

@@ -9,7 +9,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from gfm.core import ConfigError, MonotonicClock
-from gfm.service import DEFAULT_ENDPOINT
+from gfm.launch.flags import add_endpoint
 from gfm.transport import ZenohTransport, ask
 from gfm_wire import Message, ScaleSpeed, StopRobot
 
@@ -34,13 +34,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--because", default="a person said so", metavar="TEXT", help="what its driver is told"
     )
-    parser.add_argument("--run", dest="run_name", default="default", help="(default: %(default)s)")
-    parser.add_argument(
-        "--connect",
-        default=DEFAULT_ENDPOINT,
-        metavar="ENDPOINT",
-        help="the run's router (default: %(default)s)",
-    )
+    add_endpoint(parser, "--connect", "the system's router")
     parser.set_defaults(run=run)
 
 
