@@ -15,8 +15,13 @@ from functools import partial, reduce
 from gfm.core import Trajectory
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import joint_scales, places, torque_views
-from gfm.diagnosis.search.hypothesis import Hypothesis, nominal_hypothesis, settled_hypothesis
-from gfm.diagnosis.search.moves.add import add, add_costly
+from gfm.diagnosis.search.hypothesis import (
+    Hypothesis,
+    P,
+    nominal_hypothesis,
+    settled_hypothesis,
+)
+from gfm.diagnosis.search.moves.add import add, add_costly, add_motors
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.intermittent import Intermittent, gain_in
 from gfm.diagnosis.search.naming import equals_of, fitly_named, looked_for, recorded, twins
@@ -28,8 +33,6 @@ from gfm.effects import EffectInstance, Scope, effect_library
 
 #: Share of the time that is kept for rivals of what was found.
 FOR_RIVALS = 0.4
-#: What long segments leave, in units of what short ones do, from which on they are searched, too.
-MORE_IN_LONG = 2.0
 
 
 def search(
@@ -59,17 +62,23 @@ def search(
     everything = replace(everything, stepping=problem.stepping, clock=problem.clock)
     rarely = Intermittent(everything=everything, candidates=under_way.candidates)
     under_way.candidates = [p for p in rarely.candidates if not p.effect.intermittent]
-    here = run(here, under_way, (add, common_errors, rarely, add_costly))
+    here = run(here, under_way, (add, common_errors, rarely, add_costly, _motors_beside))
     if long is not problem:
         report("settling amounts")
         parts = parts_of(under_way.steps).values()
         long = reduce(Problem.joined, parts, replace(long, clock=problem.clock))
         settle = partial(settled_hypothesis, long, here.effects, here.nominal)
-        settled = under_way.in_its_time(settle, here)
-        # What keeps a rollout off slowly, initial states of short segments make up for.
-        slowly = settled.fit.cost - 1.0 > MORE_IN_LONG * max(here.fit.cost - 1.0, 1.0)
-        here = run(settled, under_way, (add, add_costly)) if slowly else settled
+        here = under_way.in_its_time(settle, here)
+    # What keeps a rollout off slowly, initial states of short segments make up for. Long ones may
+    # tell of it before motors apart from their links are tried, which takes longest.
+    for moves in ((add, add_costly), (add, add_costly, add_motors)):
+        here = run(here, under_way, moves)
     return _fitly_told(end(here, under_way))
+
+
+def _motors_beside(before: Hypothesis[P], search: Search[P], best: Step) -> Step | None:
+    """Returns the step of `add_motors` beside one that gains something; None where none does."""
+    return add_motors(before, search, best) if best.chosen else None
 
 
 def search_object(

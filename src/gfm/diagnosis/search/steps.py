@@ -51,7 +51,7 @@ def _steps(
     while here.is_open and len(search.steps) < MOST_STEPS and search.goes_on():
         best = _best(here, search, moves)
         if best.chosen is None:
-            search.steps.append(best)
+            search.steps += [best] if best.ranked else []
             break
         left, here = here.fit.cost, search.after(here, best)
         search.steps.append(best)
@@ -63,10 +63,17 @@ def _steps(
 
 
 def _best(here: Hypothesis[P], search: Search[P], moves: Sequence[MoveFrom[P]]) -> Step:
-    """Returns the best step that moves propose; one that chooses nothing where none does."""
+    """Returns the best step that moves propose; one that chooses nothing where none does.
+
+    Moves that led nowhere from here are not tried again.
+    """
     best = Step(move=Move.ADD, before=here.fit.cost)
     for move in moves:
+        if search.in_vain.get(move) is here:
+            continue
         other = move(here, search, best)
+        if other is None or other.chosen is None:
+            search.in_vain[move] = here
         # What predicts as well, and is of the same move, has weighed more.
         if other and (other.gain, other.move is best.move) > (best.gain, False):
             best = other

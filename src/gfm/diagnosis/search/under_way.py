@@ -35,6 +35,7 @@ class Search(Generic[P]):
         clock: Breaks off what takes too long.
         steps: So far.
         ended_early: Whether there was no time left for steps that might have gained something.
+        in_vain: The hypothesis from which each move led nowhere.
     """
 
     candidates: Sequence[Place] = ()
@@ -45,6 +46,7 @@ class Search(Generic[P]):
     clock: Clock = field(default_factory=Clock)
     steps: list[Step] = field(default_factory=list)
     ended_early: bool = False
+    in_vain: dict[MoveFrom[P], Hypothesis[P]] = field(default_factory=dict)
 
     @property
     def out_of_time(self) -> bool:
@@ -57,13 +59,19 @@ class Search(Generic[P]):
         chosen = [step.chosen for step in self.steps if step.segments]
         return {one.new[0].key: one.gain for one in chosen if one is not None}
 
-    def in_its_time(self, made: Callable[[], T], otherwise: T) -> T:
-        """Returns what takes long to make, or something else where its time is over."""
+    def in_its_time(self, made: Callable[[], T], otherwise: T, *, step: bool = False) -> T:
+        """Returns what takes long to make, or something else where its time is over.
+
+        Args:
+            made: Makes it.
+            otherwise: Returned if there is no time.
+            step: Whether its time is that of steps.
+        """
         try:
-            with self.clock.until(self.in_time):
+            with self.clock.until(self.goes_on if step else self.in_time):
                 return made()
         except OutOfTimeError:
-            self.report("the time is over")
+            self.report(f"the time {'for steps ' if step else ''}is over")
             return otherwise
 
 

@@ -38,14 +38,25 @@ def add(before: Hypothesis[P], search: Search[P], _best: Step | None = None) -> 
 
 
 def add_costly(before: Hypothesis[P], search: Search[P], best: Step) -> Step | None:
-    """Returns the same of what takes long to simulate, beside the best step so far.
+    """Returns the same of what takes longer to simulate, beside the best step so far.
 
     None where that step leaves nothing that is worth the time, or is about a few segments only.
     """
+    return _beside(before, search, best, [p for p in search.candidates if p.effect.costly])
+
+
+def add_motors(before: Hypothesis[P], search: Search[P], best: Step) -> Step | None:
+    """Returns the same of motors apart from their links, which take longest."""
+    motors = [place for place in search.candidates if place.effect.separates_motor]
+    return _beside(before, search, best, motors)
+
+
+def _beside(
+    before: Hypothesis[P], search: Search[P], best: Step, slow: Sequence[Place]
+) -> Step | None:
     if best.part is not None or not (worth_more(before, best.chosen) and search.goes_on()):
         return None
     ranked = best.ranked if best.move is Move.ADD else ()
-    slow = [place for place in search.candidates if takes_long(place.effect)]
     return _add(before, search, slow, ranked, best.gain)
 
 
@@ -68,14 +79,14 @@ def _add(
     tried: list[Tried] = []
     for one, again in _shortlist(screened):
         if _is_worth_a_fit(before, one, tried, gained, again=again) and search.goes_on():
-            tried.append(_tried(before, (one.instance,), search))
+            tried += _in_time(before, (one.instance,), search)
     if worth_more(before, best_of(before, tried)) and search.goes_on():
         # What no single joint's effect explains, all joints may lack, also beside one of the
         # whole robot: late commands and friction everywhere look like lags.
         kinds = _kinds(screened)
         whole = [o.new for o in tried if is_whole(o.new[0].effect)]
         kinds += [(*one, *kind) for one in whole[:1] for kind in kinds]
-        tried += [_tried(before, kind, search) for kind in kinds]
+        tried += [one for kind in kinds for one in _in_time(before, kind, search)]
     return best_first(before, [*ranked, *_with_front_fitted_out(before, tried)])
 
 
@@ -193,6 +204,13 @@ def _kinds(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
     several = [kind for kind in kinds.values() if len(kind) > 1]
     several.sort(key=lambda kind: -sum(one.gain.nats for one in kind))
     return [tuple(one.instance for one in kind) for kind in several[:KINDS]]
+
+
+def _in_time(
+    before: Hypothesis[P], new: tuple[EffectInstance, ...], search: Search[P]
+) -> list[Tried]:
+    """Returns new effects fitted beside those that are there; nothing if that takes too long."""
+    return search.in_its_time(lambda: [_tried(before, new, search)], [], step=True)
 
 
 def _tried(before: Hypothesis[P], new: tuple[EffectInstance, ...], search: Search[P]) -> Tried:
