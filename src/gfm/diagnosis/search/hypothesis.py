@@ -24,7 +24,8 @@ Of = TypeVar("Of", bound=SegmentedProblem, covariant=True, default=SegmentedProb
 #: Times that initial states and amounts are looked for in turn at most, and the share of what was
 #: left that one turn may leave for another.
 IN_TURN, TURN_LEAVES = 4, 0.9
-#: Mean square from which on initial states may be held back by a model that was wrong.
+#: Mean square from which on first order says little: initial states, too, may be held back by a
+#: model that was wrong.
 FAR_OFF = 100.0
 
 

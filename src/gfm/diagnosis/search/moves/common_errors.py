@@ -15,7 +15,7 @@ import numpy as np
 from gfm.diagnosis.inference.fitting import ROUGH, Fit, acting, fit
 from gfm.diagnosis.residuals.outliers import bounded
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import Hypothesis, P
+from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, P
 from gfm.diagnosis.search.moves.add import beside
 from gfm.diagnosis.search.trace import Move, Step
 from gfm.diagnosis.search.under_way import Search
@@ -47,12 +47,14 @@ BEGUN_WITHOUT = ("", "coulomb_friction")
 def common_errors(before: Hypothesis[P], search: Search[P], best: Step) -> Step | None:
     """Returns the step that adds common errors on all joints that something is missing on.
 
-    None where that was tried, or the best step so far gains as much as single effects do.
+    None where that was tried, or the best step so far gains as much as single effects do. Where
+    rollouts stay near what was measured, several gain nothing where none does.
     """
     tried_before = any(step.move is Move.COMMON_ERRORS for step in search.steps)
     much = before.fit.cost > MUCH * float(np.mean(before.nominal))
     enough = best.gain >= ENOUGH * before.room.nats
-    if tried_before or enough or not much or not search.goes_on():
+    hopeless = best.chosen is None and before.fit.cost < FAR_OFF
+    if tried_before or enough or hopeless or not much or not search.goes_on():
         return None
     search.report("looking for common errors on all joints")
     begun = [_from_grid(before, search, without) for without in BEGUN_WITHOUT]

@@ -162,11 +162,11 @@ def exchange(
         instance = next((e for e in here.effects if e.key == key), None)
         if instance is None or key in search.held:
             continue
-        search.report(f"looking for rivals of {describe(instance)}")
-        pair = search.in_its_time(
-            partial(_compared, here, instance, rivals, search),
-            Compared(instance=instance, weighed=False),
-        )
+        pair = Compared(instance=instance, weighed=False)
+        if search.in_time():
+            search.report(f"looking for rivals of {describe(instance)}")
+            compared = partial(_compared, here, instance, rivals, search)
+            pair = search.in_its_time(compared, pair)
         if pair.rival and pair.better and pair.rival.new[0].key not in gone:
             gone.add(key)
             step = Step(
