@@ -18,7 +18,7 @@ from gfm.diagnosis.output.result import (
     RecordingSummary,
     Suspect,
 )
-from gfm.report import words
+from gfm.report import glance, words
 from gfm.report.chain_document import chain_json
 from gfm.report.figures import (
     Picture,
@@ -102,6 +102,10 @@ def diagnosis_html(diagnosis: Diagnosis) -> str:
         "diagnosis.html.j2",
         diagnosis=diagnosis,
         verdict=words.VERDICTS[diagnosis.verdict],
+        next_steps=glance.next_steps(diagnosis),
+        bars=glance.bars(diagnosis),
+        quiet=glance.quiet_joints(diagnosis),
+        cards=glance.cards(diagnosis),
         error_picture=error_picture(diagnosis),
         evidence=evidence(diagnosis, limit),
     )

@@ -20,8 +20,8 @@ from gfm.diagnosis.output.result import Diagnosis, ErrorSummary, EvidencePlot, S
 from gfm.report import words
 
 SERIES_POINTS = 2000
-# plotly.js takes 4.8 of the 6 MB that a report may have; a point takes about 11 bytes.
-PAGE_POINTS = 70_000
+# Packed, plotly.js takes 1.84 of the 2 MB that a report may have, and a point about 7 bytes.
+PAGE_POINTS = 9_000
 
 INK = "#1f2328"
 GREY = "#6e7781"
@@ -43,7 +43,7 @@ class Picture:
 
 def points_per_series(series: int) -> int:
     """Returns how many points each of the page's series may keep."""
-    return max(100, min(SERIES_POINTS, PAGE_POINTS // max(1, series)))
+    return max(60, min(SERIES_POINTS, PAGE_POINTS // max(1, series)))
 
 
 def kept_samples(y: Array, style: str, limit: int) -> NDArray[np.intp]:
