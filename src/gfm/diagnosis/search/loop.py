@@ -33,6 +33,8 @@ from gfm.effects import EffectInstance, Scope, effect_library
 
 #: Share of the time that is kept for rivals of what was found.
 FOR_RIVALS = 0.4
+#: What long segments leave, in units of what short ones do, from which on they are searched, too.
+MORE_IN_LONG = 2.0
 
 
 def search(
@@ -68,12 +70,15 @@ def search(
         parts = parts_of(under_way.steps).values()
         long = reduce(Problem.joined, parts, replace(long, clock=problem.clock))
         settle = partial(settled_hypothesis, long, here.effects, here.nominal)
-        here = under_way.in_its_time(settle, here)
-    # What keeps a rollout off slowly, initial states of short segments make up for. Long ones may
-    # tell of it before motors apart from their links are tried, which takes longest.
-    for moves in ((add, add_costly), (add, add_costly, add_motors)):
-        here = run(here, under_way, moves)
-    return _fitly_told(end(here, under_way))
+        settled = under_way.in_its_time(settle, here)
+        # What keeps a rollout off slowly, initial states of short segments make up for.
+        slowly = settled.fit.cost - 1.0 > MORE_IN_LONG * max(here.fit.cost - 1.0, 1.0)
+        here = run(settled, under_way, (add, add_costly)) if slowly else settled
+    # Motors apart from their links take longest: alone they are tried where nothing else gains.
+    last = run(here, under_way, (add_motors,))
+    if last is not here:
+        last = run(last, under_way, (add, add_costly, add_motors))
+    return _fitly_told(end(last, under_way))
 
 
 def _motors_beside(before: Hypothesis[P], search: Search[P], best: Step) -> Step | None:

@@ -63,17 +63,10 @@ def _steps(
 
 
 def _best(here: Hypothesis[P], search: Search[P], moves: Sequence[MoveFrom[P]]) -> Step:
-    """Returns the best step that moves propose; one that chooses nothing where none does.
-
-    Moves that led nowhere from here are not tried again.
-    """
+    """Returns the best step that moves propose; one that chooses nothing where none does."""
     best = Step(move=Move.ADD, before=here.fit.cost)
     for move in moves:
-        if search.in_vain.get(move) is here:
-            continue
         other = move(here, search, best)
-        if other is None or other.chosen is None:
-            search.in_vain[move] = here
         # What predicts as well, and is of the same move, has weighed more.
         if other and (other.gain, other.move is best.move) > (best.gain, False):
             best = other

@@ -35,7 +35,6 @@ class Search(Generic[P]):
         clock: Breaks off what takes too long.
         steps: So far.
         ended_early: Whether there was no time left for steps that might have gained something.
-        in_vain: The hypothesis from which each move led nowhere.
     """
 
     candidates: Sequence[Place] = ()
@@ -46,7 +45,6 @@ class Search(Generic[P]):
     clock: Clock = field(default_factory=Clock)
     steps: list[Step] = field(default_factory=list)
     ended_early: bool = False
-    in_vain: dict[MoveFrom[P], Hypothesis[P]] = field(default_factory=dict)
 
     @property
     def out_of_time(self) -> bool:

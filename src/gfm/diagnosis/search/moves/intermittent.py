@@ -33,7 +33,7 @@ LEAST_SEGMENTS = 4
 FAR_S, VALLEYS, OTHERS = 96.0, 5, 2
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(kw_only=True)
 class Intermittent:
     """The move: as early as more can be gained than the best step so far gains, or than nothing.
 
