@@ -71,6 +71,12 @@ SUBCOMMANDS = (
         summary="drive the robot along motions and record them",
     ),
     Subcommand(
+        name="recording",
+        module="gfm.experiments.recording_command",
+        adder="add_parser",
+        summary="look into recordings, check, cut, export, save",
+    ),
+    Subcommand(
         name="import",
         module="gfm.experiments.import_command",
         adder="add_parser",
@@ -136,7 +142,9 @@ SUBCOMMANDS = (
 def make_parser(chosen: str = "") -> argparse.ArgumentParser:
     """Returns the parser of the command line; only the `chosen` subcommand has its flags."""
     parser = argparse.ArgumentParser("gfm", description=_DESCRIPTION, epilog=_EPILOG)
-    parser.add_argument("--version", action="version", version=f"gfm {gfm.__version__}")
+    version = f"gfm {gfm.__version__}"
+    # With its short name it is the longest: help of the longest command stays on its line.
+    parser.add_argument("-V", "--version", action="version", version=version)
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for one in SUBCOMMANDS:
         if one.name == chosen:

@@ -232,16 +232,6 @@ def test_the_command_writes_all_or_nothing(tmp_path: Path, capsys: Any) -> None:
     assert read_recording(out / "good.mcap").joint_names == ("joint",)
 
 
-def test_a_cut_recording_is_saved_without_a_mapping(tmp_path: Path) -> None:
-    good = csv_file(tmp_path / "good.csv", rows(2000))
-    mapping(tmp_path, SIMPLE)
-    run(good, "--mapping", tmp_path / "map.toml", "--out", tmp_path)
-    whole = (tmp_path / "good.mcap").read_bytes()
-    (tmp_path / "cut.mcap.part").write_bytes(whole[: len(whole) // 2])
-    assert run(tmp_path / "cut.mcap.part", "--out", tmp_path / "saved") == 0
-    assert 100 < len(read_recording(tmp_path / "saved" / "cut.mcap").stamp_ns) < 2000
-
-
 def test_tables_need_a_mapping(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no --mapping given"):
         run(csv_file(tmp_path / "a.csv", rows()), "--out", tmp_path / "out")

@@ -111,28 +111,6 @@ def test_a_joint_without_commands_is_listed(tmp_path: Path) -> None:
     assert back.metadata["uncommanded_joints"] == "pole"
 
 
-def half_written(path: Path, seconds: int = 10) -> Path:
-    """Leaves what a killed writer leaves: no close, no footer."""
-    writer = RecordingWriter(path, about={"run": "r1"})
-    for step in range(100 * seconds):
-        stamp_ns = step * 10_000_000
-        writer.write_state(stamp_ns, JOINTS, np.full(2, step), np.zeros(2), np.zeros(2))
-        writer.write_command(command([0.0, step], stamp_ns, JOINTS))
-        writer.write_requested(command([0.0, np.nan], stamp_ns, JOINTS))
-    return path.with_name(path.name + ".part")
-
-
-@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
-def test_a_killed_writer_loses_at_most_the_last_second(tmp_path: Path) -> None:
-    part = half_written(tmp_path / "a.mcap")
-    assert not (tmp_path / "a.mcap").exists()
-    back = read_recording(part, salvage=True)
-    assert back.name == "a"
-    assert back.duration_s > 9.0
-    assert back.metadata["run"] == "r1"
-    assert back.requested is None or len(back.requested) == len(back.command)
-
-
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
 def test_a_file_cut_anywhere_is_refused_and_never_crashes(tmp_path: Path) -> None:
     write_recording(tmp_path / "whole.mcap", trajectory(steps=200))

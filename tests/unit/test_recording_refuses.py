@@ -33,7 +33,7 @@ def good() -> Messages:
 
 def write(path: Path, messages: Messages) -> Path:
     with path.open("wb") as file, mcap_ros2.writer.Writer(file) as writer:
-        schema = writer.register_msgdef(schemas.JOINT_STATE_TYPE, schemas.JOINT_STATE)
+        schema = writer.register_msgdef(*schemas.JOINT_STATE)
         for topic, listed in messages.items():
             for log_time, message in enumerate(listed):
                 writer.write_message(topic, schema, message, log_time=log_time)

@@ -88,4 +88,4 @@ def _keep_aside(path: Path) -> None:
     while (aside := path.with_name(f"{path.stem}_crashed_{number}{path.suffix}.part")).exists():
         number += 1
     part.rename(aside)
-    _log.warning("a recording was cut off: kept as %s; `gfm import` makes it whole", aside)
+    _log.warning("a recording was cut off: kept as %s; `gfm recording salvage` saves it", aside)

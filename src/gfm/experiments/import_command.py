@@ -21,8 +21,7 @@ Turns what other tools wrote into recordings that `gfm diagnose` reads: tables (
 NumPy's .npz, MATLAB's .mat; also .gz), ROS bags (rosbag2, rosbag1) and LeRobot datasets (v2, v3).
 The mapping, a TOML file, says which column is which signal: docs/recordings.md describes it,
 models/mappings/ has three to start from. With --model instead, a mapping is guessed from the first
-FILE and printed with a reason for every line; --yes imports with it. Without either, FILE is an
-MCAP recording that was cut off (NAME.mcap.part), and what is readable of it is saved.
+FILE and printed with a reason for every line; --yes imports with it.
 """
 
 
@@ -58,20 +57,22 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Reads everything first, so that bad input leaves nothing behind; then writes."""
+    from gfm.recording.importing import imported
+
     mapping = _mapping(arguments)
     if arguments.model is not None and not arguments.yes:
         sys.stderr.write("nothing was imported: save this as a mapping, or add --yes --out DIR\n")
         return 0
     if arguments.out is None:
         raise ConfigError("no --out given; expected a folder to write to")
-    trajectories = _read(arguments.files, mapping)
+    trajectories = list(imported(arguments.files, mapping))
     if arguments.out.exists() and not arguments.out.is_dir():
         raise BadInputError(f"{arguments.out}: is a file; expected a folder to write to")
     _write(arguments.out, trajectories)
     return 0
 
 
-def _mapping(arguments: argparse.Namespace) -> Mapping | None:
+def _mapping(arguments: argparse.Namespace) -> Mapping:
     """Returns the mapping that was given, or guesses and prints one."""
     from gfm.recording.mapping import load_mapping
 
@@ -84,7 +85,9 @@ def _mapping(arguments: argparse.Namespace) -> Mapping | None:
     if arguments.mapping is not None:
         return load_mapping(arguments.mapping)
     if arguments.model is None:
-        return None
+        expected = "one, or --model MODEL.xml, which guesses it"
+        saves = "`gfm recording salvage` saves a recording that was cut off"
+        raise ConfigError(f"no --mapping given; expected {expected} ({saves})")
     return _offered(arguments)
 
 
@@ -118,19 +121,6 @@ def _robot(path: Path) -> Robot:
         ranges={n: (float(r[0]), float(r[1])) for n in limited for r in [model.joint(n).range]},
         slides=frozenset(name for name in joints if model.joint(name).type[0] == slide),
     )
-
-
-def _read(files: Sequence[Path], mapping: Mapping | None) -> list[Trajectory]:
-    from gfm.recording import read_recording
-    from gfm.recording.importing import imported
-
-    if mapping is not None:
-        return list(imported(files, mapping))
-    for path in files:
-        if not path.name.endswith((".mcap", ".mcap.part")):
-            expected = "one for anything but MCAP (--model MODEL.xml guesses it)"
-            raise ConfigError(f"{path}: no --mapping given; expected {expected}")
-    return [read_recording(path, salvage=True) for path in files]
 
 
 def _write(out: Path, trajectories: Sequence[Trajectory]) -> None:

@@ -18,9 +18,9 @@ from gfm.core import RecordingError
 
 _MAGIC = b"\x89MCAP0\r\n"
 #: No recording of joints has a record of this size: a longer one is damage.
-_RECORD_LIMIT_BYTES = 256 * 2**20
+RECORD_LIMIT_BYTES = 256 * 2**20
 #: What reading damaged bytes raises besides McapError.
-_DAMAGE = (
+DAMAGE = (
     McapError,
     CRCValidationError,
     zstandard.ZstdError,
@@ -59,9 +59,9 @@ def read_mcap(path: Path, types: Mapping[str, str]) -> McapContent:
         RecordingError: no such file, not MCAP, a topic of another type, a message that is none.
     """
     collector = _Collector(path, types)
-    with _opened(path) as stream:
+    with opened_mcap(path) as stream:
         records = StreamReader(
-            stream, validate_crcs=True, record_size_limit=_RECORD_LIMIT_BYTES
+            stream, validate_crcs=True, record_size_limit=RECORD_LIMIT_BYTES
         ).records
         try:
             for record in records:
@@ -69,12 +69,17 @@ def read_mcap(path: Path, types: Mapping[str, str]) -> McapContent:
                 if isinstance(record, Footer):
                     collector.content.complete = True
                     break
-        except _DAMAGE:
+        except DAMAGE:
             collector.content.complete = False
     return collector.content
 
 
-def _opened(path: Path) -> BinaryIO:
+def opened_mcap(path: Path) -> BinaryIO:
+    """Returns a file that begins as MCAP does, at its beginning.
+
+    Raises:
+        RecordingError: no such file, or not MCAP.
+    """
     try:
         stream = path.open("rb")
         start = stream.read(len(_MAGIC))
@@ -138,6 +143,6 @@ class _Collector:
         messages = self.content.messages[topic]
         try:
             messages.append(decoder(message.data))
-        except _DAMAGE as exc:
+        except DAMAGE as exc:
             where = f"{self._path}: topic {topic}: message {len(messages)}"
             raise RecordingError(where, f"cannot be decoded ({exc})", "a cdr message") from exc

@@ -24,7 +24,6 @@ def read_recording(
     *,
     joint_states: str = schemas.JOINT_STATES,
     command: str = schemas.COMMAND,
-    salvage: bool = False,
 ) -> Trajectory:
     """Returns what one MCAP file recorded, checked.
 
@@ -35,7 +34,6 @@ def read_recording(
         path: The file.
         joint_states: Topic of the measurements.
         command: Topic of the applied commands.
-        salvage: Read a file that was cut off up to the cut, instead of refusing it.
 
     Raises:
         RecordingError: with the file, the topic, the field and what was expected.
@@ -43,9 +41,9 @@ def read_recording(
     path = Path(path)
     requested = f"{command}_requested"
     joint_topics = (joint_states, command, requested)
-    types = dict.fromkeys(joint_topics, schemas.JOINT_STATE_TYPE)
-    content = read_mcap(path, types | {schemas.OBJECT_POSE: schemas.POSE_TYPE})
-    if not (content.complete or salvage):
+    types = dict.fromkeys(joint_topics, schemas.JOINT_STATE.name)
+    content = read_mcap(path, types | {schemas.OBJECT_POSE: schemas.POSE.name})
+    if not content.complete:
         raise _cut_off(path, content, joint_states)
     states = joint_stream(path, joint_states, _messages(path, content, joint_states))
     if len(states.stamp_ns) < MIN_STATES:
@@ -62,7 +60,7 @@ def _messages(path: Path, content: McapContent, topic: str) -> list[Any]:
         return messages
     there = ", ".join(f"{t} ({kind})" for t, kind in sorted(content.topics.items())) or "none"
     problem = "has no messages" if topic in content.topics else "is missing"
-    expected = f"{schemas.JOINT_STATE_TYPE} under that name; topics in the file: {there}"
+    expected = f"{schemas.JOINT_STATE.name} under that name; topics in the file: {there}"
     raise RecordingError(f"{path}: topic {topic}", problem, expected)
 
 
@@ -71,25 +69,23 @@ def _cut_off(path: Path, content: McapContent, topic: str) -> RecordingError:
     problem = f"cut off or damaged after {count} messages on {topic}"
     expected = (
         "MCAP's closing record (is it still being written? "
-        "`gfm import FILE --out DIR` saves what is readable)"
+        "`gfm recording salvage FILE` saves what is readable)"
     )
     return RecordingError(str(path), problem, expected)
 
 
 def _requested(path: Path, content: McapContent, applied: JointStream) -> JointStream | None:
-    """Returns the requested commands; a file that was cut may lack the last one."""
+    """Returns the requested commands, where there are any."""
     topic = f"{applied.topic}_requested"
     messages = content.messages.get(topic)
     if not messages:
         return None
-    if not content.complete:
-        messages = messages[: len(applied.stamp_ns)]
     requested = joint_stream(path, topic, messages, finite=False)
-    count = len(requested.stamp_ns)
-    if content.complete and not np.array_equal(requested.stamp_ns, applied.stamp_ns):
+    if not np.array_equal(requested.stamp_ns, applied.stamp_ns):
         expected = f"one message for each on {applied.topic}, with the same stamp"
-        raise RecordingError(f"{path}: topic {topic}", f"{count} messages", expected)
-    return requested if count == len(applied.stamp_ns) else None
+        problem = f"{len(requested.stamp_ns)} messages"
+        raise RecordingError(f"{path}: topic {topic}", problem, expected)
+    return requested
 
 
 def _trajectory(
@@ -116,7 +112,7 @@ def _trajectory(
     if position is None:
         raise RecordingError(f"{path}: topic {states.topic}: position", "is empty", "rad per joint")
     return Trajectory(
-        name=path.name.removesuffix(".part").removesuffix(".mcap"),
+        name=path.name.removesuffix(".mcap"),
         joint_names=states.joint_names,
         stamp_ns=states.stamp_ns,
         position=position,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -12,14 +13,15 @@ import numpy as np
 from mcap.records import Schema
 from numpy.typing import NDArray
 
-from gfm.core import Command, CommandKind, Trajectory
+from gfm.core import Command, Trajectory
 from gfm.core.checks import Array
-from gfm.recording import schemas
+from gfm.recording import messages, schemas
 
 #: A chunk reaches the disk when it is full: 8 KiB are some 0.1 s of an arm at 100 Hz, and 2 s of
 #: one joint at 20 Hz. What a killed writer loses is the chunk it had not filled.
 _CHUNK_BYTES = 8 * 1024
-_SECOND_NS = 1_000_000_000
+#: Of the robot; poses of objects are given in it.
+BASE_FRAME = "base"
 
 
 @final
@@ -46,15 +48,20 @@ class RecordingWriter:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = self._part.open("wb")
         self._writer = mcap_ros2.writer.Writer(self._file, chunk_size=_CHUNK_BYTES)
-        joint_state, pose = schemas.JOINT_STATE_TYPE, schemas.POSE_TYPE
-        self._joint_state = self._writer.register_msgdef(joint_state, schemas.JOINT_STATE)
-        self._pose = self._writer.register_msgdef(pose, schemas.POSE)
-        self._reason: Schema | None = None
+        self._schemas: dict[str, Schema] = {}
         self._writer.add_metadata(schemas.ABOUT_RECORD, dict(about or {}))
         if servo_gain:
             gains = {joint: repr(float(gain)) for joint, gain in servo_gain.items()}
             self._writer.add_metadata(schemas.SERVO_GAIN_RECORD, gains)
         self._file.flush()
+
+    def add_metadata(self, record: str, entries: Mapping[str, str]) -> None:
+        """Writes one more metadata record."""
+        self._writer.add_metadata(record, dict(entries))
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Puts a file into the recording."""
+        self._writer.add_attachment(0, 0, name, media_type, data)
 
     def write_state(
         self,
@@ -66,7 +73,8 @@ class RecordingWriter:
     ) -> None:
         """Writes one measurement: rad, rad/s, N m, each of shape (J,)."""
         fields = {"position": position, "velocity": velocity, "effort": effort}
-        self._write_joints(schemas.JOINT_STATES, stamp_ns, joint_names, fields)
+        state = messages.joint_state(stamp_ns, joint_names, fields)
+        self.write_message(schemas.JOINT_STATES, schemas.JOINT_STATE, state, stamp_ns)
 
     def write_command(self, applied: Command) -> None:
         """Writes the command that the robot was told; its stamp is when it took effect."""
@@ -78,19 +86,46 @@ class RecordingWriter:
 
     def write_reason(self, stamp_ns: int, mask: int) -> None:
         """Writes why what was applied under that stamp is not what was requested: a bit mask."""
-        if self._reason is None:  # only a bridge gives reasons
-            self._reason = self._writer.register_msgdef(schemas.REASON_TYPE, schemas.REASON_MASK)
-        self._write(schemas.REASON, self._reason, {"data": mask}, stamp_ns)
+        self.write_message(schemas.REASON, schemas.REASON_MASK, {"data": mask}, stamp_ns)
 
-    def write_object_pose(self, stamp_ns: int, position: Array, quaternion: Array) -> None:
-        """Writes one pose in the base frame: m, shape (3,); w x y z, shape (4,)."""
-        w, x, y, z = quaternion.tolist()
-        pose = {
-            "position": dict(zip("xyz", position.tolist(), strict=True)),
-            "orientation": {"x": x, "y": y, "z": z, "w": w},
-        }
-        message = {"header": _header(stamp_ns, "base"), "pose": pose}
-        self._write(schemas.OBJECT_POSE, self._pose, message, stamp_ns)
+    def write_object_pose(
+        self, stamp_ns: int, position: Array, quaternion: Array, covariance: Array | None = None
+    ) -> None:
+        """Writes one pose in the base frame, with its covariance on a topic of its own.
+
+        Args:
+            stamp_ns: When the object was there.
+            position: m, shape (3,).
+            quaternion: w x y z, shape (4,).
+            covariance: Of x, y, z and the turns about them, m and rad, shape (6, 6); or None.
+        """
+        head, pose = messages.header(stamp_ns, BASE_FRAME), messages.pose(position, quaternion)
+        message: messages.Message = {"header": head, "pose": pose}
+        self.write_message(schemas.OBJECT_POSE, schemas.POSE, message, stamp_ns)
+        if covariance is not None:
+            spread = {"pose": pose, "covariance": covariance.ravel().tolist()}
+            message = {"header": head, "pose": spread}
+            topic, kind = schemas.OBJECT_POSE_SPREAD, schemas.POSE_SPREAD
+            self.write_message(topic, kind, message, stamp_ns)
+
+    def write_frames(self, topic: str, stamp_ns: int, frames: Sequence[messages.Frame]) -> None:
+        """Writes where frames are, on `/tf`, or on `/tf_static` where they stay there."""
+        message = messages.transforms(stamp_ns, frames)
+        self.write_message(topic, schemas.TRANSFORMS, message, stamp_ns)
+
+    def write_description(self, stamp_ns: int, urdf: str) -> None:
+        """Writes the robot's description in URDF."""
+        self.write_message(schemas.DESCRIPTION, schemas.TEXT, {"data": urdf}, stamp_ns)
+
+    def write_message(
+        self, topic: str, kind: schemas.MessageType, message: Mapping[str, object], stamp_ns: int
+    ) -> None:
+        """Writes a message of any type."""
+        schema = self._schemas.get(kind.name)
+        if schema is None:
+            schema = self._schemas[kind.name] = self._writer.register_msgdef(*kind)
+        self._writer.write_message(topic, schema, message, log_time=stamp_ns)
+        self._file.flush()
 
     def close(self) -> None:
         """Completes the file and gives it its name."""
@@ -121,29 +156,16 @@ class RecordingWriter:
             self._finish()
 
     def _finish(self) -> None:
+        """Completes the file. Its name is to hold a whole one even if the machine stops next."""
         self._writer.finish()  # type: ignore[no-untyped-call]
+        self._file.flush()
+        os.fsync(self._file.fileno())
         self._file.close()
 
     def _write_setpoint(self, topic: str, command: Command) -> None:
         fields = {str(command.kind): command.values}
-        self._write_joints(topic, command.stamp_ns, command.joint_names, fields)
-
-    def _write_joints(
-        self,
-        topic: str,
-        stamp_ns: int,
-        joint_names: Sequence[str],
-        fields: Mapping[str, Array | None],
-    ) -> None:
-        message: dict[str, object] = {"header": _header(stamp_ns), "name": list(joint_names)}
-        for kind in CommandKind:
-            values = fields.get(kind)
-            message[kind] = [] if values is None else values.tolist()
-        self._write(topic, self._joint_state, message, stamp_ns)
-
-    def _write(self, topic: str, schema: Schema, message: object, stamp_ns: int) -> None:
-        self._writer.write_message(topic, schema, message, log_time=stamp_ns)
-        self._file.flush()
+        state = messages.joint_state(command.stamp_ns, command.joint_names, fields)
+        self.write_message(topic, schemas.JOINT_STATE, state, command.stamp_ns)
 
 
 def write_recording(path: Path, trajectory: Trajectory) -> None:
@@ -193,8 +215,3 @@ def _command(trajectory: Trajectory, values: Array, i: int) -> Command:
         stamp_ns=int(trajectory.command_stamp_ns[i]),
         number=i,
     )
-
-
-def _header(stamp_ns: int, frame_id: str = "") -> dict[str, object]:
-    seconds, nanoseconds = divmod(stamp_ns, _SECOND_NS)
-    return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}

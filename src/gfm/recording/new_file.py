@@ -1,0 +1,44 @@
+"""Files that appear whole or not at all, and never in the place of another."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from gfm.core import BadInputError
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[Path]:
+    """Gives where to write a file that gets its name once it is whole.
+
+    Raises:
+        BadInputError: the name is taken, or the disk does not take the file.
+    """
+    check_free(path)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield part
+        with part.open("rb") as written:
+            os.fsync(written.fileno())
+        # Unlike a rename this fails where somebody took the name meanwhile.
+        path.hardlink_to(part)
+    except FileExistsError as exc:
+        raise _taken(path) from exc
+    except OSError as exc:
+        raise BadInputError(f"{path}: {exc.strerror or exc}; expected a file to write") from exc
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def check_free(path: Path) -> None:
+    """Raises BadInputError where a name is taken."""
+    if path.exists():
+        raise _taken(path)
+
+
+def _taken(path: Path) -> BadInputError:
+    return BadInputError(f"{path}: exists; expected a new name, for nothing is overwritten")
