@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Literal
+
+import msgspec
 
 from gfm import __version__
 from gfm.core import ConfigError
@@ -41,6 +44,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             where a position servo of the arm pushes with all that it has.
         flight_s: How much a flight record holds: of every stop one is written.
         flights_kept: How many of them are kept.
+        object_spread_m: Standard deviation of a tracked object's place, as its tracker documents it
+        object_spread_rad: ... and of its turn; recordings carry both.
         command_age_s: A command stamped longer ago is refused (wall clock only). 0.2 s is how long
             the robot itself waits: what is older was made for another state of the arm.
         lease_s: Silence after which another driver may take the robot: longer than a driver needs
@@ -62,6 +67,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
     behind_s: float = 0.25
     flight_s: float = 5.0
     flights_kept: int = 50
+    object_spread_m: float = 0.001
+    object_spread_rad: float = 0.01
     command_age_s: float = 0.2
     lease_s: float = 5.0
     watchdog_periods: int = 2
@@ -80,6 +87,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             "behind_s": (0.0, 10.0),
             "flight_s": (0.1, 60.0),
             "flights_kept": (1, 10_000),
+            "object_spread_m": (0.0, 1.0),
+            "object_spread_rad": (0.0, 3.2),
             "command_age_s": (0.01, 10.0),
             "lease_s": (0.5, 60.0),
             "watchdog_periods": (2, 100),
@@ -114,6 +123,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             "control_hz": f"{self.control_hz:g}",
             "velocity_share": f"{self.velocity_share:g}",
             "acceleration_share": f"{self.acceleration_share:g}",
+            "config": msgspec.json.encode(self).decode(),
+            "config_sha256": hashlib.sha256(msgspec.json.encode(self)).hexdigest(),
         }
 
     @property

@@ -11,14 +11,22 @@ from pathlib import Path
 from typing import final
 
 from gfm.core import Command, CommandKind, Observation, RefusedError
-from gfm.recording import RecordingWriter
+from gfm.core.checks import Array
+from gfm.recording import RecordingWriter, schemas
+from gfm.recording.messages import Frame
+from gfm.recording.writer import BASE_FRAME
+from gfm_robot_bridge import periods
 from gfm_robot_bridge.background import Background, Piece
+from gfm_robot_bridge.content import Content
 from gfm_robot_bridge.recording_file import RecordingFile
+from gfm_robot_bridge.scene import Scene
 from gfm_wire import Ack, RecordDone, RecordStart
 
 _log = logging.getLogger(__name__)
 #: Asked for an answer; None while it is not known.
 Pending = Callable[[], Ack | RecordDone | None]
+#: Between two pictures of the arm.
+_SEEN_NS = 50_000_000
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
@@ -31,6 +39,7 @@ class _Recording:
     reports: int = 0
     ended: bool = False
     tracked_ns: int = -1
+    seen_ns: int = -_SEEN_NS
 
 
 @final
@@ -45,18 +54,26 @@ class Recorder:
         folder: Where recordings go.
         about: What every recording says about itself.
         background: That writes.
+        content: What recordings hold beside reports and commands.
 
     Attributes:
         finished: Recordings completed.
         failed: Recordings that the disk ended.
     """
 
-    def __init__(self, folder: Path, about: Mapping[str, str], background: Background) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        about: Mapping[str, str],
+        background: Background,
+        content: Content | None = None,
+    ) -> None:
         self.finished = 0
         self.failed = 0
         self._folder = folder
         self._about = dict(about)
         self._background = background
+        self._content = content or Content()
         self._recording: _Recording | None = None
         self._in_force: tuple[Command, Command, int] | None = None
 
@@ -79,7 +96,8 @@ class Recorder:
         path = self._folder / f"{request.name}.mcap"
         if path.exists():
             raise RefusedError(f"{path} exists; recordings are never overwritten")
-        recording = _Recording(file=RecordingFile(path, self._about | dict(request.metadata)))
+        about = self._about | dict(request.metadata)
+        recording = _Recording(file=RecordingFile(path, about, partial(_first, self._content)))
         self._recording = recording
         self._do(recording.file, recording.file.begin)
 
@@ -152,7 +170,24 @@ class Recorder:
         if recording is not None and not recording.ended:
             self._write(recording.file, partial(_state, report))
             recording.reports += 1
+            self._frames(recording, report)
             self._object_pose(recording, report)
+
+    def period(self, newest: Observation) -> None:
+        """Takes the newest report of a period with what is in force."""
+        recording = self._recording
+        if recording is not None and not recording.ended:
+            self._write(recording.file, partial(_period, newest, self._content.timed))
+
+    def _frames(self, recording: _Recording, report: Observation) -> None:
+        """Writes where the arm's links are, not more often than an eye needs it."""
+        scene = self._content.scene
+        if scene is None or report.stamp_ns < recording.seen_ns + _SEEN_NS:
+            return
+        if recording.reports == 1:
+            self._write(recording.file, partial(_lasting, scene, report.stamp_ns))
+        recording.seen_ns = report.stamp_ns
+        self._write(recording.file, partial(_moving, scene, report))
 
     def _object_pose(self, recording: _Recording, report: Observation) -> None:
         """Writes where the object was, once for each time that it was tracked."""
@@ -164,7 +199,7 @@ class Recorder:
         if place is None or turn is None or seen_ns <= recording.tracked_ns:
             return
         recording.tracked_ns = seen_ns
-        self._write(recording.file, lambda writer: writer.write_object_pose(seen_ns, place, turn))
+        self._write(recording.file, partial(_seen, seen_ns, place, turn, self._content))
 
 
 def _told(requested: Command, applied: Command, reason: int, writer: RecordingWriter) -> None:
@@ -177,3 +212,35 @@ def _state(report: Observation, writer: RecordingWriter) -> None:
     writer.write_state(
         report.stamp_ns, report.joint_names, report.position, report.velocity, report.effort
     )
+
+
+def _first(content: Content, writer: RecordingWriter) -> None:
+    if content.limits:
+        writer.add_metadata(schemas.LIMITS_RECORD, content.limits)
+    if content.scene is not None:
+        writer.attach("model.xml", "application/xml", content.scene.model_xml.encode())
+
+
+def _lasting(scene: Scene, stamp_ns: int, writer: RecordingWriter) -> None:
+    writer.write_description(stamp_ns, scene.description)
+    writer.write_frames(schemas.FIXED_FRAMES, stamp_ns, scene.fixed)
+
+
+def _moving(scene: Scene, report: Observation, writer: RecordingWriter) -> None:
+    writer.write_frames(schemas.FRAMES, report.stamp_ns, scene.moving(report.position))
+
+
+def _seen(
+    seen_ns: int, place: Array, turn: Array, content: Content, writer: RecordingWriter
+) -> None:
+    writer.write_object_pose(seen_ns, place, turn, content.covariance)
+    frame = Frame(parent=BASE_FRAME, child="object", position=place, quaternion=turn)
+    writer.write_frames(schemas.FRAMES, seen_ns, [frame])
+
+
+def _period(newest: Observation, timed: bool, writer: RecordingWriter) -> None:
+    stamp_ns = newest.stamp_ns
+    writer.write_message(periods.SAFETY_TOPIC, periods.SAFETY, periods.safety(newest), stamp_ns)
+    if timed:
+        timing = periods.timing(newest)
+        writer.write_message(periods.TIMING_TOPIC, periods.TIMING, timing, stamp_ns)

@@ -22,6 +22,7 @@ class RecordingFile:
     Args:
         path: The file to make; where a crash left a part under this name, that is kept aside.
         about: What the recording says about itself.
+        first: What is written before anything else.
 
     Attributes:
         path: As given.
@@ -30,12 +31,15 @@ class RecordingFile:
         problem: Why it ended early, in words; empty where it did not.
     """
 
-    def __init__(self, path: Path, about: Mapping[str, str]) -> None:
+    def __init__(
+        self, path: Path, about: Mapping[str, str], first: Callable[[RecordingWriter], None]
+    ) -> None:
         self.path = path
         self.is_open = False
         self.is_done = False
         self.problem = ""
         self._about = dict(about)
+        self._first = first
         self._writer: RecordingWriter | None = None
 
     def begin(self) -> None:
@@ -64,6 +68,7 @@ class RecordingFile:
     def _begin(self) -> None:
         _keep_aside(self.path)
         self._writer = RecordingWriter(self.path, about=self._about)
+        self._first(self._writer)
         self.is_open = True
 
     def _guarded(self, work: Callable[[], None]) -> bool:

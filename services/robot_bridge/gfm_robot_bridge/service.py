@@ -16,6 +16,7 @@ from gfm.service import Service, make_status
 from gfm.transport import Request, Transport
 from gfm_robot_bridge.background import AtOnce, Background
 from gfm_robot_bridge.config import BridgeConfig
+from gfm_robot_bridge.content import content_of
 from gfm_robot_bridge.desk import Controls, Desk
 from gfm_robot_bridge.flight import FlightRecord
 from gfm_robot_bridge.following import Following
@@ -76,7 +77,8 @@ class BridgeService(Service, Controls):
         self._gate = CommandGate(robot.joint_names, lease, oldest_ns)
         self._following = Following(bounds.still, config.behind_rad, config.behind_s)
         folder, background = Path(config.recordings), background or AtOnce()
-        self._recorder = Recorder(folder, config.about, background)
+        content = content_of(config, robot)
+        self._recorder = Recorder(folder, config.about, background, content)
         periods = math.ceil(config.flight_s * config.control_hz)
         self._flight = FlightRecord(folder / "flight", periods, config.flights_kept, background)
         self._counters: Counter[str] = Counter(dict.fromkeys(_COUNTERS, 0))
@@ -282,6 +284,7 @@ class BridgeService(Service, Controls):
     def _end_period(self, newest: Observation) -> None:
         """Publishes the newest report, by which the last command is answered."""
         self._counters["ticks"] += 1
+        self._recorder.period(newest)
         self._transport.publish(OBSERVATION, newest)
         if self._waiting is not None:
             self._waiting.reply(newest)

@@ -21,6 +21,9 @@ def new_file(path: Path) -> Iterator[Path]:
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as exc:
+        raise _refused(path, exc) from exc
+    try:
         yield part
         with part.open("rb") as written:
             os.fsync(written.fileno())
@@ -29,7 +32,7 @@ def new_file(path: Path) -> Iterator[Path]:
     except FileExistsError as exc:
         raise _taken(path) from exc
     except OSError as exc:
-        raise BadInputError(f"{path}: {exc.strerror or exc}; expected a file to write") from exc
+        raise _refused(path, exc) from exc
     finally:
         part.unlink(missing_ok=True)
 
@@ -42,3 +45,7 @@ def check_free(path: Path) -> None:
 
 def _taken(path: Path) -> BadInputError:
     return BadInputError(f"{path}: exists; expected a new name, for nothing is overwritten")
+
+
+def _refused(path: Path, error: OSError) -> BadInputError:
+    return BadInputError(f"{path}: {error.strerror or error}; expected a file to write")
