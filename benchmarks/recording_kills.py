@@ -172,7 +172,8 @@ def killed_after(folder: Path, names: str, seed: int, seconds: float) -> Handed:
 
 def look(folder: Path, names: str, handed: Handed, known: dict[int, Seen], tally: Tally) -> None:
     """Judges what a killed process left, and whether what was there before still is."""
-    now = {path.stat().st_ino: path for path in folder.iterdir()}
+    # Of two names for one file, which a kill may leave, the whole recording's comes last.
+    now = {path.stat().st_ino: path for path in sorted(folder.iterdir(), reverse=True)}
     tally.problems += _missing(now, known)
     for inode, path in now.items():
         if inode not in known:

@@ -14,7 +14,7 @@ import pytest
 from gfm.cli import main
 from gfm.core import Command, CommandKind, ObjectTrack, Trajectory
 from gfm.recording import RecordingWriter, read_recording, write_recording
-from gfm.recording.new_file import new_file
+from gfm.recording.new_file import give_name, new_file
 from gfm.recording.overview import overview
 from gfm.recording.raw import read_raw
 
@@ -326,6 +326,33 @@ def test_a_whole_recording_needs_no_salvage(recorded: Path, capsys) -> None:
     assert "is whole; expected a file that was cut off" in capsys.readouterr().err
 
 
+def test_a_part_that_only_lacks_its_name_loses_nothing(recorded: Path, capsys) -> None:
+    part = recorded.rename(recorded.with_name("swing.mcap.part"))
+    assert run("salvage", part) == 0
+    assert "lost: nothing that is in the file" in capsys.readouterr().out
+    saved = read_recording(recorded.with_name("swing_salvaged.mcap"))
+    np.testing.assert_array_equal(saved.position, swing().position)
+
+
+def test_commands_of_which_one_half_is_lost_are_left_out(tmp_path: Path, capsys) -> None:
+    writer = RecordingWriter(tmp_path / "a.mcap")
+    for step in range(20):
+        stamp_ns = BEGIN_NS + step * 10**7
+        told = Command(
+            kind=CommandKind.POSITION, joint_names=JOINTS, values=np.zeros(2), stamp_ns=stamp_ns
+        )
+        writer.write_state(stamp_ns, JOINTS, np.zeros(2))
+        writer.write_command(told)
+        if step < 19:
+            writer.write_requested(told)
+    with pytest.raises(KeyboardInterrupt), writer:
+        raise KeyboardInterrupt
+    assert run("salvage", tmp_path / "a.mcap.part") == 0
+    assert "lost: 1 halves of commands" in capsys.readouterr().out
+    saved = read_recording(tmp_path / "a_salvaged.mcap")
+    assert len(saved.command_stamp_ns) == 19
+
+
 # Export
 
 
@@ -434,6 +461,39 @@ def test_who_takes_the_name_meanwhile_keeps_it(tmp_path: Path) -> None:
         both()
     assert (tmp_path / "a").read_text() == "early"
     assert names(tmp_path) == ["a"]
+
+
+def test_without_links_a_file_still_gets_its_name_and_takes_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_links(_path: Path, _target: Path) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(Path, "hardlink_to", no_links)
+    with new_file(tmp_path / "a") as place:
+        place.write_text("first")
+    part = tmp_path / "part"
+    part.write_text("second")
+    with pytest.raises(FileExistsError):
+        give_name(part, tmp_path / "a")
+    assert (tmp_path / "a").read_text() == "first"
+    assert names(tmp_path) == ["a", "part"]
+
+
+def test_a_writer_takes_no_name_that_was_taken_meanwhile(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / "a.mcap")
+    (tmp_path / "a.mcap").write_text("mine")
+    with pytest.raises(FileExistsError):
+        writer.close()
+    assert (tmp_path / "a.mcap").read_text() == "mine"
+    assert names(tmp_path) == ["a.mcap", "a.mcap.part"]
+
+
+def test_a_writer_keeps_aside_what_a_crash_left(tmp_path: Path) -> None:
+    before = left_by_a_crash(tmp_path / "a.mcap").read_bytes()
+    write_recording(tmp_path / "a.mcap", swing())
+    assert (tmp_path / "a_crashed_1.mcap.part").read_bytes() == before
+    assert names(tmp_path) == ["a.mcap", "a_crashed_1.mcap.part"]
 
 
 def test_a_folder_that_is_none_is_one_line(recorded: Path, capsys) -> None:

@@ -20,7 +20,7 @@ class RecordingFile:
     Every method is a piece of work for a `Background`; the attributes may be read meanwhile.
 
     Args:
-        path: The file to make; where a crash left a part under this name, that is kept aside.
+        path: The file to make.
         about: What the recording says about itself.
         first: What is written before anything else.
 
@@ -66,7 +66,6 @@ class RecordingFile:
             _log.warning("the recording ends: %s", self.problem)
 
     def _begin(self) -> None:
-        _keep_aside(self.path)
         self._writer = RecordingWriter(self.path, about=self._about)
         self._first(self._writer)
         self.is_open = True
@@ -82,15 +81,3 @@ class RecordingFile:
                     writer.abandon()
             return False
         return True
-
-
-def _keep_aside(path: Path) -> None:
-    """Renames the part that a crash left, so that it is not written over."""
-    part = path.with_name(f"{path.name}.part")
-    if not part.exists():
-        return
-    number = 1
-    while (aside := path.with_name(f"{path.stem}_crashed_{number}{path.suffix}.part")).exists():
-        number += 1
-    part.rename(aside)
-    _log.warning("a recording was cut off: kept as %s; `gfm recording salvage` saves it", aside)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,14 +28,32 @@ def new_file(path: Path) -> Iterator[Path]:
         yield part
         with part.open("rb") as written:
             os.fsync(written.fileno())
-        # Unlike a rename this fails where somebody took the name meanwhile.
-        path.hardlink_to(part)
+        give_name(part, path)
     except FileExistsError as exc:
         raise _taken(path) from exc
     except OSError as exc:
         raise _refused(path, exc) from exc
     finally:
         part.unlink(missing_ok=True)
+
+
+def give_name(part: Path, path: Path) -> None:
+    """Gives a file the name that it is to have.
+
+    Raises:
+        FileExistsError: the name is taken.
+    """
+    try:
+        # Unlike a rename this fails where somebody took the name meanwhile.
+        path.hardlink_to(part)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links, as on a memory stick
+        if path.exists():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
+        part.rename(path)
+    else:
+        part.unlink()
 
 
 def check_free(path: Path) -> None:

@@ -60,7 +60,8 @@ def salvage(path: Path, out: Path) -> Salvaged:
         BadInputError: `out` exists, or cannot be written.
     """
     raw = read_raw(path)
-    if raw.complete:
+    # A part may be whole: what records may end between the last byte and the name.
+    if raw.complete and path.suffix != ".part":
         raise RecordingError(str(path), "is whole", "a file that was cut off or damaged")
     saved = _paired(raw)
     told = _salvaged(raw, saved)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -16,6 +17,9 @@ from numpy.typing import NDArray
 from gfm.core import Command, Trajectory
 from gfm.core.checks import Array
 from gfm.recording import messages, schemas
+from gfm.recording.new_file import give_name
+
+_log = logging.getLogger(__name__)
 
 #: A chunk reaches the disk when it is full: 8 KiB are some 0.1 s of an arm at 100 Hz, and 2 s of
 #: one joint at 20 Hz. What a killed writer loses is the chunk it had not filled.
@@ -28,7 +32,8 @@ BASE_FRAME = "base"
 class RecordingWriter:
     """Writes one recording to `PATH.part` and gives it its name when it is complete.
 
-    A context that ends with an error leaves the `.part`: whatever was recorded is in it.
+    A context that ends with an error leaves the `.part`: whatever was recorded is in it. A part
+    that is there already, which a crash left, is kept aside as `NAME_crashed_1.mcap.part`.
 
     Args:
         path: The file to make, by habit `NAME.mcap`; its folder is made too.
@@ -46,6 +51,7 @@ class RecordingWriter:
         self.path = path
         self._part = path.with_name(path.name + ".part")
         path.parent.mkdir(parents=True, exist_ok=True)
+        _keep_aside(path, self._part)
         self._file = self._part.open("wb")
         self._writer = mcap_ros2.writer.Writer(self._file, chunk_size=_CHUNK_BYTES)
         self._schemas: dict[str, Schema] = {}
@@ -127,10 +133,17 @@ class RecordingWriter:
         self._writer.write_message(topic, schema, message, log_time=stamp_ns)
         self._file.flush()
 
-    def close(self) -> None:
-        """Completes the file and gives it its name."""
+    def close(self, *, replace: bool = False) -> None:
+        """Completes the file and gives it its name.
+
+        Raises:
+            FileExistsError: the name is taken, and not to be replaced; the part stays.
+        """
         self._finish()
-        self._part.replace(self.path)
+        if replace:
+            self._part.replace(self.path)
+        else:
+            give_name(self._part, self.path)
 
     def discard(self) -> None:
         """Removes what was written."""
@@ -168,8 +181,18 @@ class RecordingWriter:
         self.write_message(topic, schemas.JOINT_STATE, state, command.stamp_ns)
 
 
+def _keep_aside(path: Path, part: Path) -> None:
+    if not part.exists():
+        return
+    number = 1
+    while (aside := path.with_name(f"{path.stem}_crashed_{number}{path.suffix}.part")).exists():
+        number += 1
+    part.rename(aside)
+    _log.warning("a recording was cut off: kept as %s; `gfm recording salvage` saves it", aside)
+
+
 def write_recording(path: Path, trajectory: Trajectory) -> None:
-    """Writes a whole trajectory; where that fails, nothing is left behind."""
+    """Writes a whole trajectory in the place of what has that name, or leaves nothing behind."""
     about, gain = trajectory.metadata, trajectory.servo_gain
     writer = RecordingWriter(path, about=about, servo_gain=gain)
     try:
@@ -178,7 +201,7 @@ def write_recording(path: Path, trajectory: Trajectory) -> None:
     except BaseException:
         writer.discard()
         raise
-    writer.close()
+    writer.close(replace=True)
 
 
 def _in_time_order(trajectory: Trajectory) -> Iterator[tuple[int, int]]:
