@@ -54,7 +54,7 @@ _WORD = struct.Struct("<iq")
 
 
 def record_forever(folder: Path, names: str, rng: np.random.Generator, told: int) -> None:
-    """Records motions of 0.1 to 1 s, and says on a pipe what the recorder was given.
+    """Records motions of 0.1 to 2.5 s, and says on a pipe what the recorder was given.
 
     Args:
         folder: Of the recordings.
@@ -70,7 +70,7 @@ def record_forever(folder: Path, names: str, rng: np.random.Generator, told: int
     for number in range(10_000):
         if not _begun(recorder, f"{names}_{number}"):
             continue
-        for stamp_ns in islice(stamps_ns, int(rng.integers(10, 100))):
+        for stamp_ns in islice(stamps_ns, int(rng.integers(10, 250))):
             _feed(recorder, stamp_ns)
             os.write(told, _WORD.pack(number, stamp_ns))
             next_s += _REPORT_NS * 1e-9
@@ -262,7 +262,7 @@ def main() -> int:
     """Runs it; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=1000)
-    parser.add_argument("--longest-s", type=float, default=1.5, help="until a kill")
+    parser.add_argument("--longest-s", type=float, default=2.5, help="until a kill")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="Markdown")
     arguments = parser.parse_args()
