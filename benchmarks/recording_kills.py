@@ -236,14 +236,11 @@ def _judge_part(path: Path, handed: list[int], tally: Tally) -> None:
     tally.lost_s.append(lost_s)
 
 
-def report(tally: Tally, arguments: argparse.Namespace) -> str:
+def report(tally: Tally, seed: int, commit: str) -> str:
     """Returns the result as Markdown."""
     lost = np.array(tally.lost_s) if tally.lost_s else np.zeros(1)
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
-    ).stdout.strip()
     lines = [
-        f"{tally.kills} kills, seed {arguments.seed}, commit {commit}:",
+        f"{tally.kills} kills, seed {seed}, commit {commit}:",
         "",
         "| | |",
         "|---|---|",
@@ -268,6 +265,9 @@ def main() -> int:
     arguments = parser.parse_args()
     rng, tally, known = np.random.default_rng(arguments.seed), Tally(), dict[int, Seen]()
     logging.disable()
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
+    ).stdout.strip()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         for kill in range(arguments.kills):
@@ -276,7 +276,7 @@ def main() -> int:
             handed = killed_after(folder, names, int(rng.integers(2**31)), seconds)
             tally.kills += 1
             look(folder, names, handed, known, tally)
-    text = report(tally, arguments)
+    text = report(tally, arguments.seed, commit)
     sys.stdout.write(text)
     if arguments.out is not None:
         arguments.out.write_text(text)
