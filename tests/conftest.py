@@ -13,8 +13,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import pytest
 
 from gfm.core import Trajectory
+from gfm.recording import write_recording
 from gfm.recording.importing import imported
 from gfm.recording.mapping import load_mapping
+from swings import swing
 
 ROOT = Path(__file__).resolve().parents[1]
 MEASURED = ROOT.parent / "shared" / "data" / "measured"
@@ -40,3 +42,10 @@ def measured() -> Callable[[str, str], list[Trajectory]]:
         return list(imported(paths, load_mapping(ROOT / "models" / "mappings" / mapping)))
 
     return load
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Path:
+    """A recording of `swings.swing`."""
+    write_recording(tmp_path / "swing.mcap", swing())
+    return tmp_path / "swing.mcap"
