@@ -9,7 +9,7 @@ RUN_ARGS ?=
 export CONTAINER_ENGINE ?= docker
 IMAGES := router replay bridge robot actor learner
 
-.PHONY: help run test test-slow test-containers check format lock images clean bench-effects bench-joint-control bench-bridge bench-fit bench-diagnosis
+.PHONY: help run test test-slow test-containers check format lock images clean bench-effects bench-joint-control bench-bridge bench-kills bench-fit bench-diagnosis
 
 help:  ## say what can be made
 	@sed -En 's/^([a-z-]+):.*## (.*)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -47,6 +47,9 @@ bench-joint-control: $(VENV)/.installed build/peers  ## compare all models of th
 
 bench-bridge: $(VENV)/.installed  ## attack the robot bridge, and stop it in every way (20 minutes)
 	$(BIN)/python benchmarks/bridge_safety.py --commands 300000 --tries 100
+
+bench-kills: $(VENV)/.installed  ## kill a process that records, 1,000 times (25 minutes)
+	$(BIN)/python benchmarks/recording_kills.py --kills 1000
 
 bench-fit: $(VENV)/.installed build/peers  ## fit generalized forces warm and from nothing (half an hour)
 	PYTHONPATH=build/peers $(BIN)/python benchmarks/fit_forces.py

@@ -145,3 +145,21 @@ def test_a_plot_is_one_page_with_all_signals(recorded: Path) -> None:
     page = recorded.with_suffix(".html").read_text()
     for words in ("position (rad)", "effort (N m)", "place (m)", "shoulder", "asked for"):
         assert words in page
+
+
+def test_info_and_cut_take_what_others_recorded(tmp_path: Path, capsys) -> None:
+    pytest.importorskip("rosbags")
+    import made_bags
+
+    folder = made_bags.write(tmp_path, "mcap", lambda m: made_bags.states(m) + made_bags.arrays(m))
+    (bag,) = folder.glob("*.mcap")
+    topics = ("--joint-states", "/arm/joint_states")
+    seen = {one.topic: one for one in overview(bag, joint_states=topics[1]).topics}
+    assert set(seen["/arm/joint_states"].joints) == set(made_bags.JOINTS)
+    stamped = [seen[topic].stamped_by for topic in ("/arm/joint_states", "/arm/commands")]
+    assert stamped == ["header", "log"]
+    part = tmp_path / "part.mcap"
+    assert run("cut", bag, *topics, "--from", "0.095", "--to", "0.2", "--out", part) == 0
+    told = capsys.readouterr().out
+    assert "10 on /arm/joint_states" in told
+    assert "11 on /arm/commands" in told  # logged 3 ms earlier, and so by 3 ms before 0.2 s
