@@ -30,6 +30,7 @@ from gfm.core.checks import Array
 from gfm.sim.sawyer import JOINT_NAMES, READY
 from gfm.transport import MemoryHub, MemoryTransport, PendingReply
 from gfm_robot_bridge.config import BridgeConfig
+from gfm_robot_bridge.sawyer_limits import sawyer_limits
 from gfm_robot_bridge.service import BridgeService
 from gfm_robot_bridge.simulated.arm import Arm
 from gfm_robot_bridge.simulated.cell import Cell
@@ -38,7 +39,7 @@ from gfm_robot_bridge.simulated.hidden import HiddenEffect
 from gfm_robot_bridge.simulated.mechanics import Mechanics
 from gfm_robot_bridge.simulated.robot import SimulatedRobot
 from gfm_robot_bridge.simulated.service import SimulatedService
-from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer, sawyer_limits
+from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
 from gfm_wire import Message, RobotClock, ScaleSpeed, StopRobot
 
 LIMITS = sawyer_limits()

@@ -187,6 +187,26 @@ class ScaleSpeed:
     scale: float
 
 
+class PowerAction(StrEnum):
+    """What is done to a robot's drives: only a person says so."""
+
+    ENABLE = "enable"
+    DISABLE = "disable"
+    STOP = "estop"
+    RESET = "reset"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PowerRobot:
+    """Tells the robot bridge to switch the robot's drives, or to clear a fault.
+
+    Attributes:
+        action: estop: as the e-stop button does. reset: clears a stop or an error.
+    """
+
+    action: PowerAction
+
+
 class RobotClock(StrEnum):
     """How a robot's time passes: by itself, or only as exchanges ask for it."""
 

@@ -24,6 +24,7 @@ _KEYS = (
     ("robot/object", "question", "PlaceObject", "Ack or ByHand", "driver to robot bridge"),
     ("robot/stop", "question", "StopRobot", "Ack", "whoever sees that the robot must stop"),
     ("robot/speed", "question", "ScaleSpeed", "Ack", "whoever wants it slower, or at rest"),
+    ("robot/power", "question", "PowerRobot", "Ack", "a person switches the robot's drives"),
     ("robot/release", "question", "ReleaseRobot", "Ack", "the driver lets go of the robot"),
     ("sawyer/exchange", "question", "RobotExchange", "RobotStates", "bridge to simulated robot"),
     ("status/ROLE/NAME", "question", "StatusRequest", "Status", "every service answers"),

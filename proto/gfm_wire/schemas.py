@@ -14,6 +14,8 @@ from gfm_wire.control import (
     EnvironmentRequest,
     NotReady,
     PlaceObject,
+    PowerAction,
+    PowerRobot,
     RecordDone,
     RecordStart,
     RecordStop,
@@ -42,6 +44,7 @@ Message = (
     | NotReady
     | Observation
     | PlaceObject
+    | PowerRobot
     | RecordDone
     | RecordStart
     | RecordStop
@@ -171,6 +174,7 @@ CONTROL = (
     Schema(ReleaseRobot, 1, {}),
     Schema(StopRobot, 1, {"reason": TEXT}),
     Schema(ScaleSpeed, 1, {"scale": Number()}),
+    Schema(PowerRobot, 1, {"action": Choice(PowerAction)}),
     Schema(
         RobotExchange,
         3,

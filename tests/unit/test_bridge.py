@@ -487,7 +487,7 @@ def test_a_disk_that_is_too_slow_ends_the_recording(tmp_path: Path) -> None:
         def close(self, timeout_s: float) -> None:
             pass
 
-    recorder = Recorder(tmp_path, {}, Stuck())
+    recorder = Recorder(tmp_path, dict, Stuck())
     answer = recorder.start(RecordStart(name="one"))
     with pytest.raises(RefusedError, match=r"one\.mcap: the disk is too slow"):
         answer()

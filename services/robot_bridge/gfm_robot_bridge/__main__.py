@@ -5,12 +5,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from gfm.core import Clock
+from gfm.core import Clock, ConfigError
 from gfm.service import Service, make_parser, service_main
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import Transport
 from gfm_robot_bridge.background import AtOnce, Background, InThread
-from gfm_robot_bridge.config import BridgeConfig
+from gfm_robot_bridge.config import BridgeConfig, address
+from gfm_robot_bridge.intera.sawyer import InteraSawyer, SawyerSettings
 from gfm_robot_bridge.mirror import MirrorRobot
 from gfm_robot_bridge.robot import Robot
 from gfm_robot_bridge.service import BridgeService
@@ -28,15 +29,46 @@ def build(
     background: Background | None = None,
 ) -> Service:
     """Returns the service that the settings describe."""
-    robot: Robot
-    if config.robot == "mirror":
-        robot = MirrorRobot(JOINT_NAMES)
-    else:
-        waits_s = _LONGEST_WAIT_S[config.clock]
-        robot = SimulatedSawyer(
-            transport, clock, robot_clock=RobotClock(config.clock), timeout_s=waits_s
-        )
-    return BridgeService(config, robot, transport, clock, background)
+    return BridgeService(config, _robot(config, transport, clock), transport, clock, background)
+
+
+def _robot(config: BridgeConfig, transport: Transport, clock: Clock) -> Robot:
+    match config.robot:
+        case "mirror":
+            return MirrorRobot(JOINT_NAMES)
+        case "sawyer":
+            return _sawyer(config, clock)
+        case "sim":
+            waits_s = _LONGEST_WAIT_S[config.clock]
+            return SimulatedSawyer(
+                transport, clock, robot_clock=RobotClock(config.clock), timeout_s=waits_s
+            )
+
+
+def _sawyer(config: BridgeConfig, clock: Clock) -> Robot:
+    """Returns a Sawyer that has introduced itself; websockets are loaded for it only."""
+    try:
+        from gfm_robot_bridge.intera.websocket_link import WebsocketLink
+    except ModuleNotFoundError as exc:
+        if exc.name != "websockets":
+            raise
+        raise ConfigError(
+            "robot is sawyer, which needs websockets: pip install 'gfm-sim2real[ros]'"
+        ) from exc
+    link = WebsocketLink(*address(config.ros), clock)
+    settings = SawyerSettings(
+        software=config.robot_software,
+        latency_s=config.ros_latency_s,
+        speed_ratio=config.velocity_share,
+        wait_s=config.wait_s,
+    )
+    sawyer = InteraSawyer(link, clock, settings)
+    try:
+        sawyer.meet()
+    except BaseException:
+        sawyer.close()
+        raise
+    return sawyer
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -47,7 +79,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         "both. The simulated robot runs beside it: python -m gfm_robot_bridge.simulated",
     )
     group = parser.add_argument_group("robot")
-    group.add_argument("--robot", choices=("sim", "mirror"), help="(default: sim)")
+    group.add_argument(
+        "--robot",
+        choices=("sim", "mirror", "sawyer"),
+        help="a simulated Sawyer, a stand-in, or a Sawyer behind a rosbridge (default: sim)",
+    )
+    group.add_argument("--ros", metavar="HOST:PORT", help="that rosbridge")
     group.add_argument(
         "--clock",
         choices=tuple(RobotClock),

@@ -20,11 +20,30 @@ _HEADROOM = 0.88
 _STILL = 0.01
 
 
+def address(text: str) -> tuple[str, int]:
+    """Returns host and port of HOST:PORT.
+
+    Raises:
+        ConfigError: it is none.
+    """
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65_536:
+        raise ConfigError(f"ros is {text!r}, expected HOST:PORT of a rosbridge")
+    return host, int(port)
+
+
 class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
     """Settings of the robot bridge.
 
     Attributes:
-        robot: sim: the simulated Sawyer in another process; mirror: a stand-in in this one.
+        robot: sim: the simulated Sawyer in another process; mirror: a stand-in in this one; sawyer:
+            a Sawyer behind a rosbridge.
+        ros: HOST:PORT of that rosbridge.
+        ros_latency_s: From when a command is sent to a Sawyer until it acts: 1.6 ms to its computer
+            and 1 ms to its motors by the manufacturer, and a bridge more. Recordings are stamped by
+            it; what is left of it is found by a diagnosis as a delay.
+        robot_software: Versions of a Sawyer's software that are accepted; of others nobody here
+            knows whether they understand the same.
         clock: wall: in real time, with a watchdog. lockstep: a simulated robot's time passes with
             every command, as fast as the machine can. As the robot's own setting.
         control_hz: Commands per second of robot time; at less than 10 the robot's own watchdog,
@@ -53,7 +72,10 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
         watchdog_periods: Silence after which the robot is made to hold (wall clock only).
     """
 
-    robot: Literal["sim", "mirror"] = "sim"
+    robot: Literal["sim", "mirror", "sawyer"] = "sim"
+    ros: str = ""
+    ros_latency_s: float = 0.004
+    robot_software: tuple[str, ...] = ("5.3.0", "5.3.1", "5.3.2")
     clock: RobotClock = RobotClock.WALL
     control_hz: float = 50.0
     recordings: str = "recordings"
@@ -92,11 +114,23 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             "command_age_s": (0.01, 10.0),
             "lease_s": (0.5, 60.0),
             "watchdog_periods": (2, 100),
+            "ros_latency_s": (0.0, 0.1),
         }
         for name, (least, most) in ranges.items():
             value = getattr(self, name)
             if not least <= value <= most:
                 raise ConfigError(f"{name} is {value}, expected {least} to {most}")
+        self._check_robot()
+
+    def _check_robot(self) -> None:
+        """Refuses settings of a real robot that contradict one another, or are another's."""
+        if self.robot != "sawyer":
+            if self.ros:
+                raise ConfigError(f"ros is {self.ros} and robot {self.robot}, expected sawyer")
+            return
+        if self.clock == RobotClock.LOCKSTEP:
+            raise ConfigError("clock is lockstep and robot sawyer, expected wall: its time passes")
+        address(self.ros)
 
     def bounds(self, limits: Limits, patience_s: float) -> Bounds:
         """Returns within which setpoints of a robot stay; it stops by itself after its patience."""

@@ -16,6 +16,7 @@ from gfm_wire import (
     Ack,
     ByHand,
     PlaceObject,
+    PowerRobot,
     RecordStart,
     RecordStop,
     ReleaseRobot,
@@ -29,6 +30,7 @@ OBJECT = "robot/object"
 RELEASE = "robot/release"
 STOP = "robot/stop"
 SPEED = "robot/speed"
+POWER = "robot/power"
 _QUATERNION_TOLERANCE = 1e-3
 
 
@@ -92,6 +94,7 @@ class Desk:
             (transport.serve(RELEASE), self._answer_release),
             (transport.serve(STOP), self._answer_stop),
             (transport.serve(SPEED), self._answer_speed),
+            (transport.serve(POWER), self._answer_power),
         )
 
     def answer(self) -> bool:
@@ -168,6 +171,18 @@ class Desk:
             self._slowed_by = request.stamp
             self._controls.set_scale(message.scale)
             request.reply(Ack())
+
+    def _answer_power(self, request: Request) -> None:
+        """Switches the drives for anybody: nothing moves by that, and its driver begins again."""
+        if not isinstance(request.message, PowerRobot):
+            self._refuse_kind(request, "PowerRobot")
+            return
+        try:
+            is_done = self._robot.power(request.message.action)
+        except RefusedError as error:
+            self._refuse(request, str(error))
+        else:
+            self._answer_when_known(request, lambda: Ack() if is_done() else None)
 
     def _may_raise(self, sender: Stamp) -> bool:
         slowed = self._slowed_by

@@ -22,12 +22,16 @@ class CommandGate:
         joint_names: That every command must name, in any order.
         lease: Who may drive.
         oldest_ns: Age beyond which a command is refused; None takes any.
+
+    Attributes:
+        closed: Why nobody is listened to for now, in words; empty where somebody is.
     """
 
     def __init__(
         self, joint_names: tuple[str, ...], lease: Lease, oldest_ns: int | None = None
     ) -> None:
         self.lease = lease
+        self.closed = ""
         self._joint_names = joint_names
         self._oldest_ns = oldest_ns
         self._last_number: int | None = None
@@ -42,8 +46,8 @@ class CommandGate:
 
     def refusal(self, command: Command, sender: Stamp, now_ns: int) -> str:
         """Returns why a command is not listened to, in words; empty where it is."""
-        if self._shut:
-            return self._shut
+        if closed := self._shut or self.closed:
+            return closed
         if sorted(command.joint_names) != sorted(self._joint_names):
             names, expected = ", ".join(command.joint_names), ", ".join(self._joint_names)
             return f"command names joints {names}, expected {expected}"

@@ -12,7 +12,7 @@ from gfm.core import Command, CommandKind, Observation, UnreachableError
 from gfm.core.checks import Array
 from gfm_robot_bridge.limits import Limits
 from gfm_robot_bridge.robot import Robot
-from gfm_robot_bridge.simulated_sawyer import sawyer_limits
+from gfm_robot_bridge.sawyer_limits import sawyer_limits
 from gfm_robot_bridge.torque import Dynamics
 
 

@@ -27,6 +27,7 @@ _log = logging.getLogger(__name__)
 Pending = Callable[[], Ack | RecordDone | None]
 #: Between two pictures of the arm.
 _SEEN_NS = 50_000_000
+About = Callable[[], Mapping[str, str]]
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
@@ -52,7 +53,7 @@ class Recorder:
 
     Args:
         folder: Where recordings go.
-        about: What every recording says about itself.
+        about: Asked at its beginning: what a recording says about itself.
         background: That writes.
         content: What recordings hold beside reports and commands.
 
@@ -64,14 +65,14 @@ class Recorder:
     def __init__(
         self,
         folder: Path,
-        about: Mapping[str, str],
+        about: About,
         background: Background,
         content: Content | None = None,
     ) -> None:
         self.finished = 0
         self.failed = 0
         self._folder = folder
-        self._about = dict(about)
+        self._about = about
         self._background = background
         self._content = content or Content()
         self._recording: _Recording | None = None
@@ -96,7 +97,7 @@ class Recorder:
         path = self._folder / f"{request.name}.mcap"
         if path.exists():
             raise RefusedError(f"{path} exists; recordings are never overwritten")
-        about = self._about | dict(request.metadata)
+        about = {**self._about(), **request.metadata}
         recording = _Recording(file=RecordingFile(path, about, partial(_first, self._content)))
         self._recording = recording
         self._do(recording.file, recording.file.begin)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
-from gfm.core import Command, Observation
+from gfm.core import Command, Observation, RefusedError
 from gfm.core.checks import Array
 from gfm_robot_bridge.limits import Limits
 from gfm_robot_bridge.torque import Dynamics
+from gfm_wire import PowerAction
 
 
 class Robot(ABC):
@@ -62,3 +63,36 @@ class Robot(ABC):
             UnreachableError: the robot does not answer.
             RefusedError: it said no.
         """
+
+    def fault(self) -> str:
+        """Returns why it does not move whatever it is told, in words; empty where it does.
+
+        A fault that came and went since the last call is told, once.
+        """
+        return ""
+
+    def power(self, action: PowerAction) -> Callable[[], bool]:
+        """Begins to switch the drives, or to clear a fault; never happens by itself.
+
+        Returns:
+            What to ask whether it is done; it raises RefusedError where it did not come to that.
+
+        Raises:
+            RefusedError: it cannot, or makes no sense now.
+        """
+        raise RefusedError(f"{action}: this robot has nothing to switch")
+
+    def counters(self) -> Mapping[str, int]:
+        """Returns what it counts, by name."""
+        return {}
+
+    def gauges(self) -> Mapping[str, float]:
+        """Returns what else it measures of itself, by name with unit."""
+        return {}
+
+    def about(self) -> Mapping[str, str]:
+        """Returns what recordings and flight records say of it."""
+        return {}
+
+    def close(self) -> None:  # noqa: B027  what is no connection need not be let go of
+        """Lets go of it, after it was told the last time."""

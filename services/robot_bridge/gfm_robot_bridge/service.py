@@ -78,7 +78,7 @@ class BridgeService(Service, Controls):
         self._following = Following(bounds.still, config.behind_rad, config.behind_s)
         folder, background = Path(config.recordings), background or AtOnce()
         content = content_of(config, robot)
-        self._recorder = Recorder(folder, config.about, background, content)
+        self._recorder = Recorder(folder, self._about, background, content)
         periods = math.ceil(config.flight_s * config.control_hz)
         self._flight = FlightRecord(folder / "flight", periods, config.flights_kept, background)
         self._counters: Counter[str] = Counter(dict.fromkeys(_COUNTERS, 0))
@@ -113,14 +113,14 @@ class BridgeService(Service, Controls):
 
     @override
     def status(self) -> Status:
-        counters = dict(self._counters) | dict(self._inbox.counters)
+        counters = {**self._counters, **self._inbox.counters, **self._robot.counters()}
         counters |= {
             "recordings": self._recorder.finished,
             "lost_recordings": self._recorder.failed,
             "flight_records": self._flight.written,
         }
         counters["rejected_messages"] += self._desk.rejected
-        gauges = {"robot_time_s": self._robot.time_ns() * 1e-9}
+        gauges = {"robot_time_s": self._robot.time_ns() * 1e-9, **self._robot.gauges()}
         return make_status(
             "robot_bridge",
             self._config.name,
@@ -140,6 +140,7 @@ class BridgeService(Service, Controls):
             if not self.step():
                 self._clock.sleep_until_ns(self._clock.now_ns() + _POLL_NS)
         self._end_stop()
+        self._robot.close()
         self._recorder.close(_LONGEST_WRITE_S)
 
     def _tick_on_time(self) -> bool:
@@ -181,6 +182,9 @@ class BridgeService(Service, Controls):
         self._counters["watchdog_trips"] += 1
         self._stop(Reason.WATCHDOG, f"no command for {silent_ns * 1e-6:.0f} ms, the robot holds")
         return self._go_on_stopping(newest)
+
+    def _about(self) -> dict[str, str]:
+        return {**self._config.about, **self._robot.about()}
 
     def _old_report(self, newest: Observation) -> str:
         """Returns in words how old the newest report is, where that is too old to drive by."""
@@ -229,7 +233,7 @@ class BridgeService(Service, Controls):
     def _end_stop(self) -> None:
         """Writes down how it came to a stop that has ended."""
         if self._stopping:
-            self._flight.write(self._why, self._clock.utc_ns(), self._config.about)
+            self._flight.write(self._why, self._clock.utc_ns(), self._about())
         self._stopping = Reason.NONE
 
     def _take_command(self, heard: Heard, newest: Observation) -> None:
@@ -268,10 +272,26 @@ class BridgeService(Service, Controls):
         newest = self._line.newest
         if newest is None:
             return True
+        self._heed_fault()
         self._watch_joints(newest, passed_ns * 1e-9)
         if not (reads and self._decide(newest)):
             self._end_period(newest)
         return True
+
+    def _heed_fault(self) -> None:
+        """Listens to nobody while the robot has a fault; what was told before it does not count."""
+        fault = self._robot.fault()
+        closed = f"robot: {fault}" if fault else ""
+        if closed == self._gate.closed:
+            return
+        self._gate.closed = closed
+        self._limiter.forget()
+        self._note = closed or "the robot may be driven"
+        _log.warning("%s", self._note)
+        if fault:
+            self._counters["robot_faults"] += 1
+        if fault and self._gate.in_session:
+            self._stop(Reason.STOPPED, closed)
 
     def _watch_joints(self, newest: Observation, passed_s: float) -> None:
         """Stops the robot where something holds a joint."""
@@ -312,4 +332,5 @@ _COUNTERS = (
     "stalls",
     "stale_reports",
     "robot_failures",
+    "robot_faults",
 )

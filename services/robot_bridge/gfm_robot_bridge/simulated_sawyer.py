@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import final
 
-import numpy as np
 from typing_extensions import override
 
 from gfm.core import Clock, Command, Observation, RefusedError
 from gfm.core.checks import Array
 from gfm.sim.sawyer_numbers import JOINTS
 from gfm.transport import PendingReply, Transport
-from gfm_robot_bridge.limits import Limits
 from gfm_robot_bridge.robot import Robot
 from gfm_robot_bridge.sawyer_dynamics import SawyerDynamics
+from gfm_robot_bridge.sawyer_limits import sawyer_limits
 from gfm_wire import RobotClock, RobotExchange, RobotStates
 
 EXCHANGE = "sawyer/exchange"
@@ -22,19 +21,6 @@ EXCHANGE = "sawyer/exchange"
 COMMAND_LATENCY_NS = 4_000_000
 #: Documented by the robot: after so much silence it stops by itself.
 PATIENCE_S = 0.2
-#: rad/s^2, of the manufacturer's simulator.
-_ACCELERATION = (10.0, 8.0, 10.0, 10.0, 12.0, 12.0, 12.0)
-
-
-def sawyer_limits() -> Limits:
-    """Returns what Sawyer's joints may do, by its published description."""
-    return Limits(
-        lower=np.array([joint.lower for joint in JOINTS]),
-        upper=np.array([joint.upper for joint in JOINTS]),
-        velocity=np.array([joint.velocity for joint in JOINTS]),
-        acceleration=np.array(_ACCELERATION),
-        effort=np.array([joint.effort for joint in JOINTS]),
-    )
 
 
 @final

@@ -8,6 +8,7 @@ GfmError
   ShapeError             an array whose shape is not the promised one
   WireError              a message of the wrong schema, version, type, shape or size
   UnreachableError       no answer within the deadline
+  LostError              a connection that broke, or is not there yet
   RefusedError           the other side answered, and said no
   StaleWeightsError      the policy is older than the configured limit
   ProcessDiedError       a process that should be running has ended
@@ -67,6 +68,13 @@ class UnreachableError(GfmError):
 
     def __init__(self, peer: str, waited_s: float) -> None:
         super().__init__(f"no answer from {peer} within {waited_s:.1f} s")
+
+
+class LostError(GfmError):
+    """A connection that broke, or is not there yet: to whom, and why."""
+
+    def __init__(self, peer: str, why: str) -> None:
+        super().__init__(f"no connection to {peer}: {why}")
 
 
 class RefusedError(GfmError):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from gfm.core import ConfigError, MonotonicClock
 from gfm.launch.flags import add_endpoint
 from gfm.transport import ZenohTransport, ask
-from gfm_wire import Message, ScaleSpeed, StopRobot
+from gfm_wire import Message, PowerAction, PowerRobot, ScaleSpeed, StopRobot
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -19,17 +19,21 @@ if TYPE_CHECKING:
 _DESCRIPTION = """\
 Stops the robot of a running system, or lets it go at a part of the speed that it is commanded.
 After `stop` its driver has to begin again. After `speed 0` the arm stands, until whoever slowed it
-down says `speed 1`, and its driver goes on.
+down says `speed 1`, and its driver goes on. The drives of a real one are switched on and off
+(`enable`, `disable`), cut as by its e-stop button (`estop`), and a stop or an error is cleared
+(`reset`): nothing moves by that.
 """
 _TIMEOUT_S = 3.0
+#: A robot takes up to 5 s until its drives are on.
+_POWER_TIMEOUT_S = 8.0
 
 
 def add_parser(subparsers: Subparsers) -> None:
     """Adds `gfm robot`."""
     parser = subparsers.add_parser(
-        "robot", help="stop a running robot, or slow it down", description=_DESCRIPTION
+        "robot", help="stop a running robot, slow it down, enable it", description=_DESCRIPTION
     )
-    parser.add_argument("what", choices=("stop", "speed"))
+    parser.add_argument("what", choices=("stop", "speed", *PowerAction))
     parser.add_argument("scale", type=float, nargs="?", metavar="SCALE", help="0 to 1, of speed")
     parser.add_argument(
         "--because", default="a person said so", metavar="TEXT", help="what its driver is told"
@@ -45,9 +49,9 @@ def run(arguments: argparse.Namespace) -> int:
     with ZenohTransport.open(
         run=arguments.run_name, name=name, connect=(arguments.connect,), timeout_s=_TIMEOUT_S
     ) as transport:
-        ask(transport, key, message, timeout_s=_TIMEOUT_S, clock=MonotonicClock())
-    done = "stopped" if isinstance(message, StopRobot) else f"speed {arguments.scale:g}"
-    sys.stdout.write(f"{done}\n")
+        waits_s = _POWER_TIMEOUT_S if isinstance(message, PowerRobot) else _TIMEOUT_S
+        ask(transport, key, message, timeout_s=waits_s, clock=MonotonicClock())
+    sys.stdout.write(f"{_done(message)}\n")
     return 0
 
 
@@ -57,10 +61,22 @@ def question(what: str, scale: float | None, because: str) -> tuple[str, Message
     Raises:
         ConfigError: the scale is missing, out of range, or not wanted.
     """
+    if what != "speed" and scale is not None:
+        raise ConfigError(f"{what} has the scale {scale:g}, expected none")
     if what == "stop":
-        if scale is not None:
-            raise ConfigError(f"stop has the scale {scale:g}, expected none")
         return "robot/stop", StopRobot(reason=because)
+    if what != "speed":
+        return "robot/power", PowerRobot(action=PowerAction(what))
     if scale is None or not 0.0 <= scale <= 1.0:
         raise ConfigError(f"speed has the scale {scale}, expected 0 to 1")
     return "robot/speed", ScaleSpeed(scale=scale)
+
+
+def _done(message: Message) -> str:
+    match message:
+        case ScaleSpeed(scale=scale):
+            return f"speed {scale:g}"
+        case PowerRobot(action=action):
+            return f"{action}: done"
+        case _:
+            return "stopped"

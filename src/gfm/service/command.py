@@ -27,7 +27,9 @@ _log = logging.getLogger(__name__)
 Config = TypeVar("Config", bound=ServiceConfig)
 
 
-def make_parser(prog: str, description: str, *, listens: bool = False) -> argparse.ArgumentParser:
+def make_parser(
+    prog: str, description: str, *, listens: bool = False, joins: bool = True
+) -> argparse.ArgumentParser:
     """Returns a parser with the flags that all services share.
 
     A flag that is not given leaves no trace in the parsed arguments, so that the file's value or
@@ -37,10 +39,25 @@ def make_parser(prog: str, description: str, *, listens: bool = False) -> argpar
         prog: The command's name.
         description: What the service does, for a newcomer.
         listens: Whether this service can be the run's router.
+        joins: Whether it joins a run at all.
     """
     parser = argparse.ArgumentParser(
         prog=prog, description=description, argument_default=argparse.SUPPRESS
     )
+    if joins:
+        _add_connection_flags(parser, listens=listens)
+    group = parser.add_argument_group("settings")
+    group.add_argument(
+        "--config", type=Path, metavar="FILE", help="TOML file of settings; flags win over it"
+    )
+    group.add_argument(
+        "--section", metavar="NAME", help="table of that file to read (default: all of it)"
+    )
+    group.add_argument("--log-level", choices=get_args(LogLevel), help="(default: info)")
+    return parser
+
+
+def _add_connection_flags(parser: argparse.ArgumentParser, *, listens: bool) -> None:
     group = parser.add_argument_group("connection")
     group.add_argument("--run", help="name of the run to join (default: default)")
     group.add_argument(
@@ -58,15 +75,6 @@ def make_parser(prog: str, description: str, *, listens: bool = False) -> argpar
         "--wait-s", type=float, metavar="SECONDS", help="how long to wait for the router"
     )
     group.add_argument("--name", help="unique name within the run (default: from host and pid)")
-    group = parser.add_argument_group("settings")
-    group.add_argument(
-        "--config", type=Path, metavar="FILE", help="TOML file of settings; flags win over it"
-    )
-    group.add_argument(
-        "--section", metavar="NAME", help="table of that file to read (default: all of it)"
-    )
-    group.add_argument("--log-level", choices=get_args(LogLevel), help="(default: info)")
-    return parser
 
 
 def parse_config(

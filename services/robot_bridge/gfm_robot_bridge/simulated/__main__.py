@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Sequence
 
@@ -22,6 +23,11 @@ from gfm_wire import RobotClock
 
 def build(config: SimulatedConfig, transport: Transport, clock: Clock) -> Service:
     """Returns the service that the settings describe; what it hides is sealed before it answers."""
+    return SimulatedService(config, build_robot(config), transport, clock)
+
+
+def build_robot(config: SimulatedConfig) -> SimulatedRobot:
+    """Returns the robot that the settings describe, at rest; what it hides is sealed."""
     effects = given(config.hidden) or draw(config.hidden_effect, config.seed, READY)
     sensors = Sensors(period_ns=round(config.period_s * 1e9))
     robot = SimulatedRobot(
@@ -34,7 +40,7 @@ def build(config: SimulatedConfig, transport: Transport, clock: Clock) -> Servic
     )
     if config.sealed_path is not None:
         seal(config.sealed_path, effects, choice=config.choice, seed=config.seed)
-    return SimulatedService(config, robot, transport, clock)
+    return robot
 
 
 def _engine(name: str) -> MakeMechanics:
@@ -59,24 +65,30 @@ def main(argv: Sequence[str] | None = None) -> int:
         "A Sawyer arm in simulation, behind the protocol by which the robot bridge drives it. "
         "It can hide an effect that its nominal model does not declare.",
     )
+    group = add_robot_flags(parser)
+    group.add_argument("--clock", choices=tuple(RobotClock), help="(default: wall)")
+    group.add_argument(
+        "--task", choices=("none", "position", "pose"), help="for which the cell is furnished"
+    )
+    return service_main(parser, SimulatedConfig, build, argv)
+
+
+def add_robot_flags(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Adds and returns the flags that say what a simulated robot is."""
     group = parser.add_argument_group("robot")
     group.add_argument(
         "--engine", choices=("mujoco", "drake"), help="what moves it (default: mujoco)"
     )
-    group.add_argument("--clock", choices=tuple(RobotClock), help="(default: wall)")
     group.add_argument(
         "--hidden-effect",
         metavar="NAME",
         help="random, none (the default), or some of these joined by +: "
         f"{', '.join((*names(), *object_names()))}",
     )
-    group.add_argument(
-        "--task", choices=("none", "position", "pose"), help="for which the cell is furnished"
-    )
     group.add_argument("--seed", type=int, help="of the hidden effect and of the noise")
     group.add_argument("--sealed", metavar="FILE", help="where to write what is hidden")
     group.add_argument("--period-s", type=float, help="between sensor reports (default: 0.01)")
-    return service_main(parser, SimulatedConfig, build, argv)
+    return group
 
 
 if __name__ == "__main__":

@@ -31,6 +31,8 @@ COMMAND_TIMEOUT_NS = 200_000_000
 _BRAKING = 0.7 * np.array([10.0, 8.0, 10.0, 10.0, 12.0, 12.0, 12.0])
 #: rad/s; slower than that it holds, and after so much time in any case, s: a load makes it sink.
 _STILL = 0.01
+#: Its brakes stop the arm as fast as its drives can, rad/s^2.
+_BRAKES = np.full(len(JOINT_NAMES), 1e4)
 _SETTLES_S = 0.2
 _STEP_NS = 500_000
 
@@ -70,6 +72,8 @@ class SimulatedRobot:
     Attributes:
         time_ns: What its clock shows.
         latest: The latest report.
+        patience_ns: Without a command for so long it leaves velocity and torque mode.
+        is_braked: Whether its brakes are on.
     """
 
     def __init__(
@@ -84,6 +88,8 @@ class SimulatedRobot:
         mechanics: MakeMechanics = Arm,
     ) -> None:
         self.time_ns = 0
+        self.patience_ns = COMMAND_TIMEOUT_NS
+        self.is_braked = False
         self._arm = mechanics(position, effects, cell)
         self._tracker = None
         if self._arm.object_pose is not None:
@@ -124,12 +130,28 @@ class SimulatedRobot:
             self._step(until_ns)
 
     def take(self, command: Command) -> None:
-        """Keeps a command until it acts, as one of `advance` does."""
+        """Keeps a command until it acts, as one of `advance` does; with its brakes on, none."""
+        if self.is_braked:
+            return
         due_ns = command.stamp_ns + COMMAND_LATENCY_NS + self._hidden_delay_ns
         heapq.heappush(self._waiting, (due_ns, self._received, command))
         self._received += 1
 
+    def brake(self) -> None:
+        """Stops the arm at once; it takes no command until `release`."""
+        self.is_braked, self._stop = True, None
+        self._waiting.clear()
+        # Whatever the mode was: a position that it goes to is left, too.
+        self._arm.servo.command(CommandKind.VELOCITY, self._arm.velocity, self._arm.position)
+
+    def release(self) -> None:
+        """Lets it take commands; until the first it holds where it is."""
+        self.is_braked = False
+
     def _take_due(self) -> None:
+        if self.is_braked:
+            self._come_to_rest(_BRAKES)
+            return
         while self._waiting and self._waiting[0][0] <= self.time_ns:
             _, _, command = heapq.heappop(self._waiting)
             order = [command.joint_names.index(name) for name in JOINT_NAMES]
@@ -137,10 +159,10 @@ class SimulatedRobot:
             self._in_force = command
             self._commanded_ns = self.time_ns
             self._stop = None
-        if self.time_ns - self._commanded_ns > COMMAND_TIMEOUT_NS:
-            self._stop_by_itself()
+        if self.time_ns - self._commanded_ns > self.patience_ns:
+            self._come_to_rest(_BRAKING)
 
-    def _stop_by_itself(self) -> None:
+    def _come_to_rest(self, braking: Array) -> None:
         """Leaves velocity and torque mode: slows down evenly, then holds where the arm is."""
         arm = self._arm
         if arm.servo.kind is CommandKind.POSITION:
@@ -149,8 +171,8 @@ class SimulatedRobot:
             self._stop = self.time_ns, arm.velocity
         began_ns, speed = self._stop
         passed_s = (self.time_ns - began_ns) * 1e-9
-        left = np.sign(speed) * np.maximum(np.abs(speed) - _BRAKING * passed_s, 0.0)
-        stood_s = passed_s - float((np.abs(speed) / _BRAKING).max())
+        left = np.sign(speed) * np.maximum(np.abs(speed) - braking * passed_s, 0.0)
+        stood_s = passed_s - float((np.abs(speed) / braking).max())
         moves = (np.abs(arm.velocity) > _STILL).any() and stood_s < _SETTLES_S
         if left.any() or moves:
             arm.servo.command(CommandKind.VELOCITY, left, arm.position)

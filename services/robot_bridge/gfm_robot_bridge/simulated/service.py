@@ -7,24 +7,19 @@ from typing import final
 
 from typing_extensions import override
 
-from gfm.core import Clock, ConfigError, Observation, RefusedError, Status
+from gfm.core import Clock, Observation, RefusedError, Status
 from gfm.service import Service, make_status
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import Request, Transport
 from gfm_robot_bridge.lease import Lease
 from gfm_robot_bridge.simulated.config import SimulatedConfig
+from gfm_robot_bridge.simulated.pace import WallPace
 from gfm_robot_bridge.simulated.robot import SimulatedRobot
 from gfm_wire import RobotClock, RobotExchange, RobotStates
 
 EXCHANGE = "sawyer/exchange"
 #: An exchange that asks for more than this is a mistake, and would stop the answers for long.
 _LONGEST_ADVANCE_NS = 10_000_000_000
-#: On the wall clock the robot is simulated in pieces of at least this length.
-_SHORTEST_ADVANCE_NS = 2_000_000
-#: ... and of at most this: in between it answers, and hears that it shall end.
-_LONGEST_STRIDE_NS = 20_000_000
-#: A robot so far behind the wall clock is no longer driven in real time, and seldom catches up.
-_FARTHEST_BEHIND_NS = 2_000_000_000
 _KEPT_REPORTS = 1000
 #: Another bridge is listened to after this silence of the first, as when that was started anew.
 _BRIDGE_SILENCE_NS = 5_000_000_000
@@ -45,7 +40,7 @@ class SimulatedService(Service):
         self._config = config
         self._robot = robot
         self._clock = clock
-        self._started_ns = clock.now_ns()
+        self._pace = WallPace(robot, clock)
         self._server = transport.serve(EXCHANGE)
         self._bridge = Lease("this robot", _BRIDGE_SILENCE_NS)
         self._reports: deque[Observation] = deque(maxlen=_KEPT_REPORTS)
@@ -53,7 +48,10 @@ class SimulatedService(Service):
 
     @override
     def step(self) -> bool:
-        behind = self._config.clock == RobotClock.WALL and self._keep_up()
+        behind = False
+        if self._config.clock == RobotClock.WALL:
+            reports, behind = self._pace.keep_up()
+            self._reports.extend(reports)
         request = self._server.receive()
         if request is not None:
             self._answer(request)
@@ -103,23 +101,6 @@ class SimulatedService(Service):
         if not isinstance(message, RobotExchange):
             return f"got {type(message).__name__}, expected RobotExchange"
         return _exchange_problem(message, self._config.clock)
-
-    def _keep_up(self) -> bool:
-        """Lets the robot's time catch up with the clock a little; returns whether it is behind.
-
-        Raises:
-            ConfigError: it cannot.
-        """
-        behind_ns = self._clock.now_ns() - self._started_ns - self._robot.time_ns
-        if behind_ns > _FARTHEST_BEHIND_NS:
-            raise ConfigError(
-                f"clock is wall, and the robot is {behind_ns * 1e-9:.1f} s behind it: this machine "
-                "is too slow or too busy for that; expected lockstep"
-            )
-        if behind_ns < _SHORTEST_ADVANCE_NS:
-            return False
-        self._reports.extend(self._robot.advance(None, min(behind_ns, _LONGEST_STRIDE_NS)))
-        return behind_ns > _LONGEST_STRIDE_NS
 
 
 def _exchange_problem(message: RobotExchange, clock: RobotClock) -> str:

@@ -1,0 +1,1 @@
+"""A Sawyer as its controller shows it: Intera's topics, over rosbridge."""

@@ -1,0 +1,1 @@
+"""The simulated Sawyer behind Intera's topics and a rosbridge, as a real one would be."""
