@@ -36,6 +36,8 @@ from gfm_wire import (
     ByHand,
     Message,
     PlaceObject,
+    PowerAction,
+    PowerRobot,
     RecordDone,
     RecordStart,
     RecordStop,
@@ -708,6 +710,55 @@ def test_who_begins_while_the_bridge_closes_is_refused(wall: Rig) -> None:
     with pytest.raises(RefusedError, match="the bridge is closed"):
         late.poll()
     assert wall.robot.told[-1].kind is CommandKind.POSITION
+
+
+def test_a_fault_of_the_robot_stops_it_and_nobody_begins_while_it_is_there(wall: Rig) -> None:
+    wall.command("velocity", [0.02, 0.0])
+    wall.robot.broken = "its button is pressed"
+    wall.pass_time(0.5)
+    assert wall.robot.told[-1].kind is CommandKind.POSITION
+    for number in (0, 1):
+        with pytest.raises(RefusedError, match="robot: its button is pressed"):
+            wall.command("velocity", [0.02, 0.0], number=number)
+    assert wall.counter("robot_faults") == 1
+    assert wall.bridge.status().note == "robot: its button is pressed"
+    wall.robot.broken = ""
+    wall.pass_time(0.1)
+    with pytest.raises(RefusedError, match="pressed; a command with number 0 begins again"):
+        wall.command("velocity", [0.02, 0.0], number=2)
+    assert wall.command("velocity", [0.02, 0.0], number=0).applied is not None
+
+
+def test_after_a_fault_the_arm_begins_where_it_is_then(wall: Rig) -> None:
+    wall.command("position", [0.0, 0.0])
+    wall.robot.broken = "it is off"
+    wall.pass_time(0.5)
+    moved = Command(
+        kind=CommandKind.POSITION, joint_names=JOINTS, values=np.array([0.4, -0.4]), stamp_ns=0
+    )
+    wall.robot.begin([moved], 0)  # by hand, while it was off
+    wall.robot.broken = ""
+    wall.pass_time(0.1)
+    answer = wall.command("position", [0.4, -0.4], number=0)
+    assert answer.applied is not None
+    assert answer.applied.values.tolist() == [0.4, -0.4]
+    assert answer.reason == Reason.NONE
+
+
+def test_a_robot_that_has_a_fault_at_first_is_told_nothing(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, clock="wall")
+    rig.robot.broken = "it is off"
+    rig.pass_time(0.5)
+    assert rig.robot.told == []
+    with pytest.raises(RefusedError, match="robot: it is off"):
+        rig.command("velocity", [0.0, 0.0])
+
+
+def test_a_robot_without_drives_to_switch_says_so(wall: Rig) -> None:
+    with pytest.raises(RefusedError, match="enable: this robot has nothing to switch"):
+        wall.ask("robot/power", PowerRobot(action=PowerAction.ENABLE))
+    with pytest.raises(RefusedError, match="got ReleaseRobot, expected PowerRobot"):
+        wall.ask("robot/power", ReleaseRobot())
 
 
 @pytest.mark.parametrize("kind", ["velocity", "position"])

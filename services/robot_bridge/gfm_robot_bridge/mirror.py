@@ -31,6 +31,7 @@ class MirrorRobot(Robot):
         told: Every command that it was told.
         lost: Set to make it unreachable.
         held: Set to keep it from moving.
+        broken: Set to the fault that it has, in words.
         time_lead_ns: By how much its clock is ahead of its reports.
     """
 
@@ -48,6 +49,7 @@ class MirrorRobot(Robot):
         self.told: list[Command] = []
         self.lost = False
         self.held = False
+        self.broken = ""
         self.time_lead_ns = 0
         self._report_ns = report_ns
         self._time_ns = 0
@@ -72,6 +74,10 @@ class MirrorRobot(Robot):
         if self.lost:
             raise UnreachableError("the mirror robot", 0.0)
         return self._reports
+
+    @override
+    def fault(self) -> str:
+        return self.broken
 
     def _obey(self, command: Command) -> None:
         if self.held:
