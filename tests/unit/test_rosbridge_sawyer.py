@@ -283,7 +283,7 @@ class Cell:
         self.bridge = BridgeService(config, robot, transport, self.clock)
         self.driver = MemoryTransport(hub, name="driver", clock=self.clock)
         self.number = 0
-        self.run(3.0)
+        self.run(1.2)
         self.ask("robot/power", PowerRobot(action=PowerAction.ENABLE))
 
     def run(self, seconds: float) -> None:
@@ -329,7 +329,7 @@ def cell(tmp_path: Path) -> Iterator[Cell]:
 
 
 def test_it_is_driven_through_a_line_that_is_late_and_loses(cell: Cell) -> None:
-    answer = cell.drive(0.1, 3.0)
+    answer = cell.drive(0.1, 2.0)
     np.testing.assert_allclose(answer.velocity, 0.1, atol=0.03)
     counters = cell.bridge.status().counters
     assert [counters[name] for name in ("watchdog_trips", "stalls", "stale_reports")] == [0, 0, 0]
@@ -355,8 +355,9 @@ def test_closing_leaves_the_arm_at_rest(tmp_path: Path) -> None:
     cell.bridge.close()
     assert not cell.line.link.is_open
     cell.line.link.open()
-    ops = cell.line.ask({"op": "subscribe", "topic": "/robot/joint_states"}, seconds=0.1)
-    assert np.abs(np.mean([op["msg"]["velocity"] for op in ops], axis=0)).max() < 0.01
+    ops = cell.line.ask({"op": "subscribe", "topic": "/robot/joint_states"}, seconds=1.0)
+    # The robot's time stood still while the bridge was closed.
+    assert np.abs(np.mean([op["msg"]["velocity"] for op in ops[-10:]], axis=0)).max() < 0.01
 
 
 def test_a_command_is_answered_with_what_became_of_it(tmp_path: Path) -> None:
