@@ -153,7 +153,7 @@ class InteraSawyer(Robot):
         if not self._link.is_open:
             raise LostError(self._link.peer, self._link.problem or "it does not answer yet")
         silent_ns = self._clock.now_ns() - self._hearing.heard_ns
-        if silent_ns > (_SILENCE_NS if self._is_known else _INTRODUCTION_NS):
+        if silent_ns > (_INTRODUCTION_NS if self._hearing.missing else _SILENCE_NS):
             self._link.drop(f"nothing was heard for {silent_ns * 1e-9:.1f} s")
             raise LostError(self._link.peer, self._link.problem)
         self._check()
@@ -209,6 +209,7 @@ class InteraSawyer(Robot):
     def _greet(self) -> None:
         """Says what will be told, and asks for what is to be known."""
         self._greeted = True
+        self._hearing.heard_ns = self._clock.now_ns()  # it is silent from now on, not before
         self._told_ns = self._clock.now_ns() - _TELL_AGAIN_NS
         for topic in ADVERTISED:
             kept = topic in (COMMAND_TIMEOUT, SPEED_RATIO)
