@@ -176,6 +176,7 @@ class Cell:
         folder: For recordings.
         stack: That ends everything.
         line: Flags of the line to the robot.
+        bridge: Flags of the bridge, beside those that join it to the rest.
 
     Attributes:
         witness: Sees the arm past the bridge.
@@ -183,8 +184,14 @@ class Cell:
         bridge: The bridge's process.
     """
 
-    def __init__(self, folder: Path, stack: ExitStack, line: Sequence[str] = ()) -> None:
-        self._folder, self._stack = folder, stack
+    def __init__(
+        self,
+        folder: Path,
+        stack: ExitStack,
+        line: Sequence[str] = (),
+        bridge: Sequence[str] = (),
+    ) -> None:
+        self._folder, self._stack, self._flags = folder, stack, bridge
         self._endpoint = free_endpoint()
         self._port = int(free_endpoint().rpartition(":")[2])
         self._transport = stack.enter_context(
@@ -200,12 +207,17 @@ class Cell:
         stack.callback(self.witness.close)
         self.bridge = self.start_bridge()
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether the robot's process does: on a machine that is too busy it ends with a line."""
+        return self._robot.poll() is None
+
     def start_bridge(self) -> subprocess.Popen[bytes]:
         """Starts a bridge, and returns its process when it answers."""
         self.bridge = self._started(
             *("gfm_robot_bridge", "--robot", "sawyer", "--ros", f"127.0.0.1:{self.relay.port}"),
             *("--control-hz", "20", "--recordings", str(self._folder), "--name", "bridge"),
-            *("--run", "cell", "--connect", self._endpoint),
+            *("--run", "cell", "--connect", self._endpoint, *self._flags),
         )
         eventually(self._bridge_answers, "the bridge answers")
         return self.bridge
@@ -240,6 +252,7 @@ class Cell:
     def make_ready(self) -> None:
         """Clears and enables, as a person would."""
         self.witness.press(pressed=False)
+        eventually(lambda: "button is pressed" not in self.status().note, "the bridge sees it")
         with suppress(RefusedError):  # there is nothing to reset
             self.power(PowerAction.RESET)
         self.power(PowerAction.ENABLE)
@@ -284,6 +297,8 @@ class Cell:
         return process
 
     def _bridge_answers(self) -> bool:
+        if not self.goes_on or self.bridge.poll() is not None:
+            raise AssertionError("the robot or the bridge ended; it said why")
         with suppress(GfmError):
             self.status()
             return True

@@ -16,13 +16,26 @@ from gfm.core import CommandKind, RefusedError
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm_wire import PowerAction
 
+#: All of it is in real time: where others keep a machine busy, the arm stands still meanwhile.
+pytestmark = pytest.mark.slow
+
 LINE = ("--clock-ahead-s", "7", "--latency-s", "0.002", "--jitter-s", "0.002")
+
+#: On a busy machine a process may stand still for a while; nothing here is about that.
+PATIENT = """
+watchdog_periods = 10
+command_age_s = 2.0
+report_age_s = 2.0
+"""
 
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory) -> Iterator[Cell]:
+    folder = tmp_path_factory.mktemp("cell")
+    settings = folder / "bridge.toml"
+    settings.write_text(PATIENT)
     with ExitStack() as stack:
-        yield Cell(tmp_path_factory.mktemp("recordings"), stack, LINE)
+        yield Cell(folder, stack, LINE, ("--config", str(settings)))
 
 
 @pytest.fixture
@@ -45,6 +58,7 @@ def test_it_is_driven_in_velocity_mode_and_stops_by_silence(cell):
     np.testing.assert_allclose(answer.velocity, 0.1, atol=0.03)
     assert answer.applied is not None
     assert answer.applied.kind is CommandKind.VELOCITY
+    eventually(lambda: "no command for" in cell.status().note, "the bridge sees it")
     eventually(lambda: cell.witness.speed() < STILL, "the arm is still")
     assert "no command for" in cell.refusal()
     assert cell.command(0.0, begins=True).applied is not None

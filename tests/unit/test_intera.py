@@ -453,6 +453,8 @@ def test_what_was_planned_for_a_lost_connection_is_forgotten(script) -> None:
 
 def test_a_robot_that_became_another_is_refused(script) -> None:
     script.link.drop("the line is cut")
+    with pytest.raises(LostError, match="the line is cut"):
+        script.robot.poll()
     slower = limits_msg(velocity=[0.5] * 7)
     with pytest.raises(LostError, match="joint limits changed; start the bridge anew"):
         script.connect(limits=slower)
@@ -493,6 +495,7 @@ def test_it_is_told_how_the_clocks_differ(script) -> None:
     assert script.robot.about() == {
         "robot_software": "5.3.0",
         "robot_clock_ahead_s": "0.000000",
+        "report_delay_ms": "0.000000",
     }
 
 

@@ -1,39 +1,29 @@
-"""The simulated Sawyer behind a rosbridge: its computer, its line, and the bridge before it."""
+"""The simulated Sawyer behind a rosbridge: its computer and its line."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from gfm.core import (
-    Command,
-    CommandKind,
     ConfigError,
     ManualClock,
     Observation,
     RefusedError,
 )
-from gfm.recording import read_recording
 from gfm.sim.sawyer import JOINT_NAMES, READY
-from gfm.transport import MemoryHub, MemoryTransport, PendingReply
-from gfm_robot_bridge.config import BridgeConfig
-from gfm_robot_bridge.intera.sawyer import InteraSawyer, SawyerSettings
-from gfm_robot_bridge.limits import Reason
+from gfm_robot_bridge.intera.sawyer import SawyerSettings
 from gfm_robot_bridge.rosbridge_sawyer.config import RosbridgeConfig
 from gfm_robot_bridge.rosbridge_sawyer.controller import Controller
 from gfm_robot_bridge.rosbridge_sawyer.memory import MemoryDoor, MemoryLink
 from gfm_robot_bridge.rosbridge_sawyer.service import RosbridgeService
 from gfm_robot_bridge.rosbridge_sawyer.weather import Path as Way
 from gfm_robot_bridge.rosbridge_sawyer.weather import Weather
-from gfm_robot_bridge.service import BridgeService
 from gfm_robot_bridge.simulated.__main__ import build_robot
 from gfm_robot_bridge.simulated.robot import SimulatedRobot
-from gfm_wire import Message, PowerAction, PowerRobot, RecordDone, RecordStart, RecordStop
 
 COUNT = len(JOINT_NAMES)
 ARM = "/robot/limb/right"
@@ -266,107 +256,3 @@ def test_what_cannot_be_done_is_answered_by_a_status(op, words) -> None:
 def test_settings_that_cannot_be_are_refused(settings, words) -> None:
     with pytest.raises(ConfigError, match=words):
         RosbridgeConfig(**settings)
-
-
-class Cell:
-    """Driver, bridge and robot in one thread."""
-
-    def __init__(self, folder: Path, **settings: Any) -> None:
-        self.line = Line(**settings)
-        self.clock = self.line.clock
-        robot = InteraSawyer(self.line.link, self.clock, SETTINGS)
-        config = BridgeConfig(
-            name="bridge", robot="sawyer", ros="memory:1", control_hz=20.0, recordings=str(folder)
-        )
-        hub = MemoryHub()
-        transport = MemoryTransport(hub, name="bridge", clock=self.clock)
-        self.bridge = BridgeService(config, robot, transport, self.clock)
-        self.driver = MemoryTransport(hub, name="driver", clock=self.clock)
-        self.number = 0
-        self.run(1.2)
-        self.ask("robot/power", PowerRobot(action=PowerAction.ENABLE))
-
-    def run(self, seconds: float) -> None:
-        for _ in range(round(seconds / 1e-3)):
-            self.clock.advance_s(1e-3)
-            self.line.link.pass_time()
-            while self.line.service.step():
-                pass
-            while self.bridge.step():
-                pass
-
-    def ask(self, key: str, message: Message) -> Message:
-        return self.answer(self.driver.request(key, message, timeout_s=5.0))
-
-    def answer(self, pending: PendingReply) -> Message:
-        while (answer := pending.poll()) is None:
-            self.run(1e-3)
-        return answer
-
-    def drive(self, speed: float, seconds: float) -> Observation:
-        """Commands a speed at 20 Hz, as a driver that waits for its answer does."""
-        self.number, until_ns = 0, self.clock.now_ns() + round(seconds * 1e9)
-        while True:
-            sent = Command(
-                kind=CommandKind.VELOCITY,
-                joint_names=JOINT_NAMES,
-                values=np.full(COUNT, speed),
-                stamp_ns=self.clock.utc_ns(),
-                number=self.number,
-            )
-            self.number += 1
-            answer = self.ask("robot/command", sent)
-            assert isinstance(answer, Observation)
-            if self.clock.now_ns() >= until_ns:
-                return answer
-
-
-@pytest.fixture
-def cell(tmp_path: Path) -> Iterator[Cell]:
-    made = Cell(tmp_path, latency_s=0.003, jitter_s=0.01, loss=0.05, clock_ahead_s=-30.0)
-    yield made
-    made.bridge.close()
-
-
-def test_it_is_driven_through_a_line_that_is_late_and_loses(cell: Cell) -> None:
-    answer = cell.drive(0.1, 2.0)
-    np.testing.assert_allclose(answer.velocity, 0.1, atol=0.03)
-    counters = cell.bridge.status().counters
-    assert [counters[name] for name in ("watchdog_trips", "stalls", "stale_reports")] == [0, 0, 0]
-    assert counters["robot_failures"] == 1  # until it had introduced itself
-
-
-def test_a_recording_tells_of_the_robot_it_is_of(cell: Cell, tmp_path: Path) -> None:
-    cell.ask("robot/record", RecordStart(name="driven", metadata={}))
-    cell.drive(0.05, 1.0)
-    done = cell.ask("robot/record", RecordStop())
-    assert isinstance(done, RecordDone)
-    recording = read_recording(tmp_path / "driven.mcap")
-    assert recording.metadata["robot"] == "sawyer"
-    assert recording.metadata["robot_software"] == "5.3.0"
-    # Behind by 30 s, and by the least delay of the line.
-    assert -30.02 < float(recording.metadata["robot_clock_ahead_s"]) < -30.0
-    assert recording.joint_names == JOINT_NAMES
-
-
-def test_closing_leaves_the_arm_at_rest(tmp_path: Path) -> None:
-    cell = Cell(tmp_path)
-    cell.drive(0.1, 0.5)
-    cell.bridge.close()
-    assert not cell.line.link.is_open
-    cell.line.link.open()
-    ops = cell.line.ask({"op": "subscribe", "topic": "/robot/joint_states"}, seconds=1.0)
-    # The robot's time stood still while the bridge was closed.
-    assert np.abs(np.mean([op["msg"]["velocity"] for op in ops[-10:]], axis=0)).max() < 0.01
-
-
-def test_a_command_is_answered_with_what_became_of_it(tmp_path: Path) -> None:
-    cell = Cell(tmp_path)
-    cell.drive(0.1, 0.5)
-    cell.run(1.0)
-    assert cell.bridge.status().counters["watchdog_trips"] == 1
-    answer = cell.drive(0.0, 0.0)
-    assert answer.reason == Reason.NONE
-    assert answer.applied is not None
-    assert answer.applied.kind is CommandKind.VELOCITY
-    assert np.abs(answer.velocity).max() < 0.02

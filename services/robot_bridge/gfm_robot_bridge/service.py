@@ -315,7 +315,10 @@ class BridgeService(Service, Controls):
         self._line.drop()
         self._reads = False
         self._counters["robot_failures"] += 1
-        self._stop(Reason.STOPPED, f"robot: {problem}")
+        if self._stopping and not self._gate.in_session:
+            self._note = f"robot: {problem}"  # its driver is told what stopped it at first
+        else:
+            self._stop(Reason.STOPPED, f"robot: {problem}")
         self._limiter.forget()
         self._deadline_ns = self._retry_ns = self._clock.now_ns() + _RETRY_NS
         if self._waiting is not None:

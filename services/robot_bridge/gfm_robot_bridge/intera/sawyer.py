@@ -104,7 +104,7 @@ class InteraSawyer(Robot):
         self._counters: Counter[str] = Counter(late_reports=0, refused_reports=0, connections=0)
         self._hearing = Hearing(self.joint_names, self._counters, clock.now_ns())
         self._is_known = False
-        self._greeted = False
+        self._greeted = self._is_told = False
         self._told_ns = 0
         self._sent_kind: CommandKind | None = None
         self._switching: Switching | None = None
@@ -135,7 +135,7 @@ class InteraSawyer(Robot):
 
     @override
     def begin(self, commands: Sequence[Command], advance_ns: int) -> None:
-        if not self._link.is_open and (self._link.problem or not self._counters["connections"]):
+        if self._is_due:
             self._connect()
         if not self._link.is_open:
             return
@@ -151,10 +151,12 @@ class InteraSawyer(Robot):
         for arrived in self._link.receive():
             self._hearing.take(arrived)
         if not self._link.is_open:
+            self._is_told = bool(self._link.problem)
             raise LostError(self._link.peer, self._link.problem or "it does not answer yet")
         silent_ns = self._clock.now_ns() - self._hearing.heard_ns
         if silent_ns > (_INTRODUCTION_NS if self._hearing.missing else _SILENCE_NS):
             self._link.drop(f"nothing was heard for {silent_ns * 1e-9:.1f} s")
+            self._is_told = True
             raise LostError(self._link.peer, self._link.problem)
         self._check()
         if missing := self._hearing.missing:
@@ -179,6 +181,8 @@ class InteraSawyer(Robot):
 
     @override
     def gauges(self) -> Mapping[str, float]:
+        if not self._hearing.offset.known:
+            return {}
         return {
             "robot_clock_ahead_s": (self.time_ns() - self._clock.utc_ns()) * 1e-9,
             "report_delay_ms": self._hearing.offset.newest_delay_ns * 1e-6,
@@ -186,10 +190,8 @@ class InteraSawyer(Robot):
 
     @override
     def about(self) -> Mapping[str, str]:
-        return {
-            "robot_software": self._hearing.version,
-            "robot_clock_ahead_s": f"{self.gauges()['robot_clock_ahead_s']:.6f}",
-        }
+        measured = {name: f"{value:.6f}" for name, value in self.gauges().items()}
+        return {"robot_software": self._hearing.version, **measured}
 
     @override
     def close(self) -> None:
@@ -200,10 +202,18 @@ class InteraSawyer(Robot):
             raise RefusedError("robot: it is not connected")
         return self._hearing.assembly
 
+    @property
+    def _is_due(self) -> bool:
+        """Whether to connect anew: why a connection broke has to be told before that."""
+        if not self._counters["connections"]:
+            return True
+        return bool(self._link.problem) and (self._is_told or not self._greeted)
+
     def _connect(self) -> None:
         self._counters["connections"] += 1
         self._hearing = Hearing(self.joint_names, self._counters, self._clock.now_ns())
-        self._greeted, self._sent_kind, self._switching = False, None, None
+        self._greeted = self._is_told = False
+        self._sent_kind = self._switching = None
         self._link.open()
 
     def _greet(self) -> None:

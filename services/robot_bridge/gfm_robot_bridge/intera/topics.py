@@ -41,4 +41,4 @@ GET_PARAM = "/rosapi/get_param"
 VERSION_PARAM = "/manifest/robot_software/version/HLR_VERSION_STRING"
 """The parameter that holds the version of the robot's software."""
 
-POSITION_MODE, VELOCITY_MODE, TORQUE_MODE, TRAJECTORY_MODE = 1, 2, 3, 4
+POSITION_MODE, VELOCITY_MODE, TORQUE_MODE = 1, 2, 3

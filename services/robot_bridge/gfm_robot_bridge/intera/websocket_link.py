@@ -146,7 +146,8 @@ class _Session:
     def _run(self) -> None:
         try:
             with self._connected() as connection:
-                self.is_open = not self.problem
+                with self._changed:
+                    self.is_open = not self.problem
                 writer = threading.Thread(
                     target=self._write, args=(connection,), name="rosbridge writer", daemon=True
                 )
