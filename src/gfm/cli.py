@@ -128,7 +128,7 @@ SUBCOMMANDS = (
         name="robot",
         module="gfm.launch.robot_command",
         adder="add_parser",
-        summary="stop a running robot, or slow it down",
+        summary="stop a running robot, slow it down, enable it",
     ),
     Subcommand(
         name="router",

@@ -25,7 +25,7 @@ LINE = ("--clock-ahead-s", "7", "--latency-s", "0.002", "--jitter-s", "0.002")
 PATIENT = """
 watchdog_periods = 10
 command_age_s = 2.0
-report_age_s = 2.0
+report_age_s = 10.0
 """
 
 
@@ -62,12 +62,6 @@ def test_it_is_driven_in_velocity_mode_and_stops_by_silence(cell):
     eventually(lambda: cell.witness.speed() < STILL, "the arm is still")
     assert "no command for" in cell.refusal()
     assert cell.command(0.0, begins=True).applied is not None
-
-
-def test_the_clocks_are_compared(cell):
-    gauges = cell.status().gauges
-    # Ahead by 7 s as seen from here; what is heard was under way for 2 ms at least.
-    assert 6.9 < gauges["robot_clock_ahead_s"] < 7.0
 
 
 def test_the_button_stops_it_and_only_a_person_brings_it_back(cell):

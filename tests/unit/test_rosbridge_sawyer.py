@@ -211,6 +211,15 @@ def test_states_come_at_100_hz_with_other_joints_and_the_robots_stamp() -> None:
     assert positions.std(axis=0) == pytest.approx(np.full(COUNT, 1e-4), rel=0.4)
 
 
+def test_a_robot_that_was_held_up_has_a_clock_that_stood_still() -> None:
+    line = Line()
+    subscribe = {"op": "subscribe", "topic": "/robot/joint_states"}
+    before = line.ask(subscribe, seconds=0.1)[-1]["msg"]["header"]["stamp"]["nsecs"]
+    line.clock.advance_s(0.5)
+    after = line.ask(seconds=0.1)[-1]["msg"]["header"]["stamp"]["nsecs"]
+    assert 0 < after - before <= 110_000_000
+
+
 def test_it_answers_as_rosapi_does() -> None:
     name = "/manifest/robot_software/version/HLR_VERSION_STRING"
     call = {"op": "call_service", "service": "/rosapi/get_param", "id": "7"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import final
 
 from gfm.core import Clock, ConfigError, Observation
@@ -13,6 +14,10 @@ _SHORTEST_ADVANCE_NS = 2_000_000
 _LONGEST_STRIDE_NS = 20_000_000
 #: A robot so far behind the wall clock is no longer driven in real time, and seldom catches up.
 _FARTHEST_BEHIND_NS = 2_000_000_000
+#: One whose clock may slip does so when it is further behind than the robot's own watchdog is long.
+_SLIPS_NS = 200_000_000
+
+_log = logging.getLogger(__name__)
 
 
 @final
@@ -22,11 +27,13 @@ class WallPace:
     Args:
         robot: At its time 0.
         clock: Of this process.
+        slips: Whether a robot that cannot keep up has its clock stand still instead, as is told.
     """
 
-    def __init__(self, robot: SimulatedRobot, clock: Clock) -> None:
+    def __init__(self, robot: SimulatedRobot, clock: Clock, *, slips: bool = False) -> None:
         self._robot = robot
         self._clock = clock
+        self._slips = slips
         self._started_ns = clock.now_ns()
 
     @property
@@ -38,9 +45,13 @@ class WallPace:
         """Lets the robot's time catch up a little; returns its reports and whether it is behind.
 
         Raises:
-            ConfigError: it cannot.
+            ConfigError: it cannot, and its clock does not slip.
         """
         behind_ns = self.wall_ns - self._robot.time_ns
+        if self._slips and behind_ns > _SLIPS_NS:
+            _log.warning("its clock stood still for %.0f ms: it is too slow", behind_ns * 1e-6)
+            self._started_ns += behind_ns
+            return (), False
         if behind_ns > _FARTHEST_BEHIND_NS:
             raise ConfigError(
                 f"clock is wall, and the robot is {behind_ns * 1e-9:.1f} s behind it: this machine "
