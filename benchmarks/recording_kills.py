@@ -64,7 +64,7 @@ def record_forever(folder: Path, names: str, rng: np.random.Generator, told: int
     """
     config = BridgeConfig(name="kills", recordings=str(folder))
     content = content_of(config, MirrorRobot(JOINT_NAMES))
-    recorder = Recorder(folder, config.about, InThread(), content)
+    recorder = Recorder(folder, lambda: config.about, InThread(), content)
     next_s = time.monotonic()
     stamps_ns = count(0, _REPORT_NS)
     for number in range(10_000):

@@ -94,7 +94,7 @@ def seen_object(folder: Path) -> Path:
     """Records one report of an arm, with an object."""
     config = BridgeConfig(recordings=str(folder), object_spread_m=0.002, object_spread_rad=0.02)
     content = content_of(config, MirrorRobot(JOINT_NAMES))
-    recorder = Recorder(folder, config.about, AtOnce(), content)
+    recorder = Recorder(folder, lambda: config.about, AtOnce(), content)
     recorder.start(RecordStart(name="object"))
     zeros = np.zeros(7)
     report = Observation(

@@ -6,6 +6,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import pytest
 
@@ -162,13 +163,11 @@ def test_setpoints_do_not_pile_up_before_a_peer_that_takes_nothing() -> None:
             near.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             with near:
                 near.sendall(_handshake(near.recv(4096)))
-                release.wait(5.0)
+                release.wait()
                 near.settimeout(0.5)
-                try:
+                with suppress(OSError):  # nothing more comes, or the line was given up
                     while data := near.recv(1 << 16):
                         taken.append(data)
-                except TimeoutError:
-                    pass
 
         peer = threading.Thread(target=serve)
         peer.start()
