@@ -104,7 +104,7 @@ class InteraSawyer(Robot):
         self._counters: Counter[str] = Counter(late_reports=0, refused_reports=0, connections=0)
         self._hearing = Hearing(self.joint_names, self._counters, clock.now_ns())
         self._is_known = False
-        self._greeted = self._is_told = False
+        self._greeted = self._loss_told = False
         self._told_ns = 0
         self._sent_kind: CommandKind | None = None
         self._switching: Switching | None = None
@@ -116,7 +116,7 @@ class InteraSawyer(Robot):
             UnreachableError: the robot stayed away.
             ConfigError: it is not as expected.
         """
-        until_ns = self._clock.now_ns() + round(self._settings.wait_s * 1e9)
+        until_ns, why = self._clock.now_ns() + round(self._settings.wait_s * 1e9), ""
         while not self._is_known:
             self.begin((), 0)
             try:
@@ -124,8 +124,10 @@ class InteraSawyer(Robot):
             except LostError as error:
                 if self._hearing.refused is not None:
                     raise self._hearing.refused from error
+                # That it is tried again says nothing of why it has to be.
+                why = str(error) if self._link.problem or self._link.is_open else why
                 if self._clock.now_ns() >= until_ns:
-                    raise UnreachableError(f"a Sawyer ({error})", self._settings.wait_s) from error
+                    raise UnreachableError(f"a Sawyer ({why})", self._settings.wait_s) from error
             self._clock.sleep_until_ns(self._clock.now_ns() + _POLL_NS)
         _log.info("%s: software %s", self._link.peer, self._hearing.version)
 
@@ -151,12 +153,12 @@ class InteraSawyer(Robot):
         for arrived in self._link.receive():
             self._hearing.take(arrived)
         if not self._link.is_open:
-            self._is_told = bool(self._link.problem)
+            self._loss_told = bool(self._link.problem)
             raise LostError(self._link.peer, self._link.problem or "it does not answer yet")
         silent_ns = self._clock.now_ns() - self._hearing.heard_ns
         if silent_ns > (_INTRODUCTION_NS if self._hearing.missing else _SILENCE_NS):
             self._link.drop(f"nothing was heard for {silent_ns * 1e-9:.1f} s")
-            self._is_told = True
+            self._loss_told = True
             raise LostError(self._link.peer, self._link.problem)
         self._check()
         if missing := self._hearing.missing:
@@ -207,12 +209,12 @@ class InteraSawyer(Robot):
         """Whether to connect anew: why a connection broke has to be told before that."""
         if not self._counters["connections"]:
             return True
-        return bool(self._link.problem) and (self._is_told or not self._greeted)
+        return bool(self._link.problem) and (self._loss_told or not self._greeted)
 
     def _connect(self) -> None:
         self._counters["connections"] += 1
         self._hearing = Hearing(self.joint_names, self._counters, self._clock.now_ns())
-        self._greeted = self._is_told = False
+        self._greeted = self._loss_told = False
         self._sent_kind = self._switching = None
         self._link.open()
 
