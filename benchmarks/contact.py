@@ -15,11 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
+from gfm.api.models import load_nominal
+from gfm.api.recordings import read_recordings
 from gfm.diagnosis.data.segmentation import all_segments, prepared
 from gfm.diagnosis.residuals.initial_states import with_state_basis
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import EffectInstance, find_effect
-from gfm.experiments.inputs import load_nominal, read_recordings
 
 
 def payload(mass: float) -> Sequence[EffectInstance]:

@@ -27,13 +27,14 @@ from effects_10_seeds import commit
 from scipy.signal import butter, filtfilt
 
 import gfm
+from gfm.api.models import load_specs
+from gfm.api.recordings import read_recordings
 from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.segmentation import WHOLE, make_problem
 from gfm.diagnosis.evidence.plots import torque_left
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import EffectInstance, find_effect
-from gfm.experiments.inputs import load_specs, read_recordings
 from gfm.service.effects_file import read_effects
 
 ROOT = Path(__file__).parents[1]

@@ -10,12 +10,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from gfm.api.models import load_specs
+from gfm.api.recordings import read_recordings
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.segmentation import make_problem
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import EffectInstance, find_effect
-from gfm.experiments.inputs import load_specs, read_recordings
 
 Specs = Mapping[CommandKind, mujoco.MjSpec]
 

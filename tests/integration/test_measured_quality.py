@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gfm.api.models import load_specs
+from gfm.api.refusals import check_usable
 from gfm.core import RecordingError, Trajectory
 from gfm.diagnosis.data.quality.examine import findings_of
 from gfm.diagnosis.data.quality.lateness import delays
-from gfm.experiments.inputs import load_specs
-from gfm.experiments.refusals import check_usable
 from gfm.sim.plant import make_plant
 
 pytestmark = pytest.mark.slow

@@ -10,12 +10,12 @@ from pathlib import Path
 import mujoco
 import pytest
 
+from gfm.api.provenance import sha256
 from gfm.cli import main
 from gfm.diagnosis.output.correction import model_pair
 from gfm.envs.registry import as_trained, nominal_cell
 from gfm.experiments.attempt_files import Kept
 from gfm.experiments.attempts import Attempt
-from gfm.experiments.inputs import sha256
 from gfm.policies import shipped_policy
 from gfm.recording.weights_file import read_weights, write_weights
 from gfm.report.files import model_texts, write_texts

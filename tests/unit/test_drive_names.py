@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from gfm.api.models import command_kind
 from gfm.core import CommandKind
 from gfm.diagnosis.output.correction import corrected_model
 from gfm.diagnosis.output.result import NamedEffect, ParameterEstimate
 from gfm.effects import EffectInstance, find_effect
 from gfm.excitation.limits import robot_limits
-from gfm.experiments.inputs import command_kind
 from gfm.service.model_files import read_model
 from gfm.sim.drive_names import name_after_joints, name_as_found
 from gfm.sim.layout import make_layout

@@ -9,16 +9,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from gfm.api.models import command_kind, load_specs
+from gfm.api.provenance import provenance
+from gfm.api.recordings import check_together, cut_in_two, read_recordings, split
 from gfm.core import BadInputError, CommandKind, ConfigError, RecordingError, Trajectory
-from gfm.experiments.inputs import (
-    check_together,
-    command_kind,
-    cut_in_two,
-    load_specs,
-    provenance,
-    read_recordings,
-    split,
-)
 from gfm.recording.writer import write_recording
 
 MODELS = Path(__file__).parents[2] / "models"

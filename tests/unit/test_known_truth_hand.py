@@ -19,7 +19,7 @@ from known_truth.robots import PENDULUM, PLANAR, SPATIAL
 from known_truth.run import STEP_S, Course, Run
 from known_truth.simulation import simulate, simulate_beside
 
-from gfm.experiments.inputs import read_recordings
+from gfm.api.recordings import read_recordings
 
 
 def servo(robot, *effects, seconds=0.3, **more):

@@ -20,9 +20,10 @@ from known_truth.score import Score, relative_error, score
 from known_truth.simulation import simulate
 from known_truth.sizes import DRAWS
 
+from gfm.api.models import load_specs
+from gfm.api.recordings import check_together, read_recordings
 from gfm.core import CommandKind
 from gfm.effects import effect_library
-from gfm.experiments.inputs import check_together, load_specs, read_recordings
 
 
 def effect(name: str, *joints: str, **parameters: float) -> dict[str, object]:

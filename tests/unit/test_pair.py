@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from gfm.api.models import load_nominal
 from gfm.core import BadInputError, CommandKind, ConfigError, Trajectory, UnknownNameError
 from gfm.diagnosis.output.correction import corrected_model, model_pair
 from gfm.diagnosis.output.result import NamedEffect, ParameterEstimate
 from gfm.effects import EffectInstance, find_effect
 from gfm.envs.registry import EnvironmentSettings
-from gfm.experiments.inputs import load_nominal
 from gfm.experiments.run import nominal_arm
 from gfm.recording.writer import write_recording
 from gfm.report.files import model_texts, write_texts

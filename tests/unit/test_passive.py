@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from gfm.api.recordings import without_strangers
 from gfm.core import CommandKind, Trajectory
 from gfm.core.trajectory import UNCOMMANDED
 from gfm.diagnosis.data.segmentation import make_problem
 from gfm.diagnosis.diagnose import diagnose
-from gfm.experiments.inputs import without_strangers
 from gfm.sim.passive import passive_joints, with_idle_drives
 
 #: kg, m, N s/m; the pendulum is a point mass on a light rod.

@@ -9,14 +9,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from gfm.cli import main
-from gfm.core import CommandKind, RecordingError, Trajectory
-from gfm.experiments.refusals import (
+from gfm.api.refusals import (
     check_held_out,
     check_one_robot,
     check_some_motion,
     check_usable,
 )
+from gfm.cli import main
+from gfm.core import CommandKind, RecordingError, Trajectory
 from gfm.recording.writer import write_recording
 
 EPOCH_NS = 1_700_000_000_000_000_000

@@ -14,21 +14,14 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
+from gfm.api.folders import check_folder
+from gfm.api.models import load_nominal
+from gfm.api.provenance import command_line, provenance, sha256
+from gfm.api.recordings import check_together, read_recordings, split, without_strangers
+from gfm.api.refusals import check_usable
 from gfm.core import ConfigError
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.output.result import Diagnosis
-from gfm.experiments.folders import check_folder
-from gfm.experiments.inputs import (
-    check_together,
-    command_line,
-    load_nominal,
-    provenance,
-    read_recordings,
-    sha256,
-    split,
-    without_strangers,
-)
-from gfm.experiments.refusals import check_usable
 from gfm.recording.schemas import COMMAND, JOINT_STATES
 from gfm.report import print_diagnosis, write_diagnosis
 from gfm.report.files import forget_effects

@@ -12,6 +12,8 @@ from pathlib import Path
 
 from rich.console import Console
 
+from gfm.api.folders import check_folder
+from gfm.api.provenance import command_line, provenance, sha256
 from gfm.core import BadInputError, Clock, ConfigError, GfmError, MonotonicClock
 from gfm.envs.arm import CONTROL_PERIOD_S
 from gfm.envs.matching import Matching
@@ -21,8 +23,6 @@ from gfm.experiments.attempt_files import RESULT, Kept
 from gfm.experiments.attempts import Attempt, AttemptRunner, planned
 from gfm.experiments.drive import Driver
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for, policy_path
-from gfm.experiments.folders import check_folder
-from gfm.experiments.inputs import command_line, provenance, sha256
 from gfm.experiments.person import Keyboard, Person
 from gfm.launch import (
     Supervisor,

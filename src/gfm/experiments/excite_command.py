@@ -17,6 +17,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from gfm.api.folders import check_folder
+from gfm.api.models import load_specs
+from gfm.api.provenance import command_line, provenance
 from gfm.core import BadInputError, Clock, CommandKind, ConfigError, MonotonicClock, Observation
 from gfm.effects import find_effect
 from gfm.excitation.blind_spots import ANY
@@ -26,8 +29,6 @@ from gfm.excitation.plan import Plan, Request, make_plan
 from gfm.excitation.programme import FAMILIES, Family
 from gfm.excitation.safety import SafetyCheck
 from gfm.experiments.drive import Driven, drive
-from gfm.experiments.folders import check_folder
-from gfm.experiments.inputs import command_line, load_specs, provenance
 from gfm.report import PlanReport, write_plan
 from gfm.report.words import joints_title
 from gfm.transport import Transport, ZenohTransport

@@ -12,6 +12,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from gfm.api.folders import check_new_folder
+from gfm.api.models import NominalModel, load_nominal
+from gfm.api.provenance import command_line, provenance
+from gfm.api.recordings import check_together, read_recordings
+from gfm.api.refusals import check_usable
 from gfm.core import Clock, ConfigError, MonotonicClock
 from gfm.diagnosis.data.segmentation import measure_noise
 from gfm.experiments.diagnose_command import check_different
@@ -24,18 +29,8 @@ from gfm.experiments.fit import (
     ForceFit,
     force_model,
 )
-from gfm.experiments.folders import check_new_folder
-from gfm.experiments.inputs import (
-    NominalModel,
-    check_together,
-    command_line,
-    load_nominal,
-    provenance,
-    read_recordings,
-)
 from gfm.experiments.joint_control import JointControlTest, ModelErrors, make_test
 from gfm.experiments.progress import Phase, RunProgress
-from gfm.experiments.refusals import check_usable
 from gfm.launch import Supervisor, SystemSpec, free_endpoint, replay_process
 from gfm.report import ModelKind
 from gfm.report.files import write_texts

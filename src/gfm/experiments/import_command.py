@@ -106,7 +106,7 @@ def _robot(path: Path) -> Robot:
     """Returns what a guess needs of a model."""
     import mujoco
 
-    from gfm.experiments.inputs import load_nominal
+    from gfm.api.models import load_nominal
     from gfm.recording.guess import Robot
     from gfm.sim.drive_names import driven_joints
 

@@ -16,6 +16,9 @@ from typing import final
 from rich.console import Console
 from rich.text import Text
 
+from gfm.api.models import NominalModel, load_nominal
+from gfm.api.provenance import command_line, provenance
+from gfm.api.recordings import read_recordings
 from gfm.core import (
     BadInputError,
     Clock,
@@ -34,13 +37,6 @@ from gfm.experiments.drive import Driven, drive, sawyer_ranges
 from gfm.experiments.drive_policy import DriveRequest
 from gfm.experiments.findings import Findings, system_facts
 from gfm.experiments.fit import FitInputs, FittedForces, ForceFit
-from gfm.experiments.inputs import (
-    NominalModel,
-    command_line,
-    load_nominal,
-    provenance,
-    read_recordings,
-)
 from gfm.experiments.joint_control import JointControlTest, ModelErrors, make_test
 from gfm.experiments.policy_flags import PLACED
 from gfm.experiments.progress import Phase, RunProgress

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from gfm.api.folders import check_new_folder
 from gfm.core import ConfigError
-from gfm.experiments.folders import check_new_folder
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,9 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from gfm.api.folders import check_folder
+from gfm.api.models import load_nominal
+from gfm.api.provenance import command_line, provenance
 from gfm.core import Clock, CommandKind, ConfigError
 from gfm.diagnosis.output.correction import model_pair
 from gfm.effects import EffectInstance
@@ -27,8 +30,6 @@ from gfm.experiments.attempt_files import Kept
 from gfm.experiments.diagnose_command import DiagnoseRequest, diagnose_files
 from gfm.experiments.drive_policy import DriveRequest, drive_policy
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_path
-from gfm.experiments.folders import check_folder
-from gfm.experiments.inputs import command_line, load_nominal, provenance
 from gfm.experiments.policy_flags import ADAPTED, CORRECTED, PLACED, RANDOMISED
 from gfm.experiments.train import TrainRequest, train
 from gfm.experiments.transfer_films import film, pair_to_show

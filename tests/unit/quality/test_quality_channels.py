@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gfm.api.objections import dead_positions
+from gfm.api.objections.channels import stuck_effort, stuck_position
 from gfm.diagnosis.data.quality import channels, echoes
-from gfm.experiments.objections import dead_positions
-from gfm.experiments.objections.channels import stuck_effort, stuck_position
 
 T = 0.01 * np.arange(1000)
 WAVE = 0.5 * np.sin(3.0 * T)

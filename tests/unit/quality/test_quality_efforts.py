@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gfm.api.objections.efforts import wrong_effort
 from gfm.diagnosis.data.quality.limits import doubtful_efforts, views_of
-from gfm.experiments.objections.efforts import wrong_effort
 
 FRICTION = 0.5
 

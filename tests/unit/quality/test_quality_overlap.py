@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gfm.experiments.objections.overlap import same_measurements, shared_share, shared_stamps
+from gfm.api.objections.overlap import same_measurements, shared_share, shared_stamps
 
 T = 0.01 * np.arange(600)
 

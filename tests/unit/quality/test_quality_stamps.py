@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gfm.api.objections.units import absurd_rate
 from gfm.diagnosis.data.quality import channels
-from gfm.experiments.objections.units import absurd_rate
 
 PERIOD_S = 0.01
 

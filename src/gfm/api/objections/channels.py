@@ -9,11 +9,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gfm.api.objections.objection import Objection
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.core.noise import noise_std
 from gfm.core.rounding import resolution
-from gfm.experiments.objections.objection import Objection
 
 #: A command that moves by so much while the joint does not: more than any dry friction holds
 #: against a servo that works, rad.

@@ -1,147 +1,23 @@
-"""What commands read: models and recordings that belong together, and where they came from."""
+"""Recordings that are given: of one robot, beside the models that they are for; and splits."""
 
 from __future__ import annotations
 
-import hashlib
-import platform
-import shlex
-import sys
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from importlib.metadata import version
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-import gfm
-from gfm.core import CommandKind, ConfigError, RecordingError, Trajectory
-from gfm.effects import EffectInstance
+from gfm.core import CommandKind, RecordingError, Trajectory
 from gfm.recording import read_recording
 from gfm.recording.schemas import COMMAND, JOINT_STATES
-from gfm.service.model_files import ModelFile, effects_path, read_model, shared_effects
-from gfm.sim.drive_names import driven_joints
 from gfm.sim.still import unrecorded
 
 #: Share of a single recording that effects are looked for in; the rest is held out.
 TRAINING_SHARE = 0.7
 #: Commands so long before the cut are kept with the second part: a robot may act on them late, s.
 _COMMAND_MEMORY_S = 1.0
-_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
-_FIXED = int(mujoco.mjtGain.mjGAIN_FIXED)
-_NO_BIAS, _AFFINE = int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)
-_SERVO_DYNAMICS = (
-    int(mujoco.mjtDyn.mjDYN_NONE),
-    int(mujoco.mjtDyn.mjDYN_FILTER),
-    int(mujoco.mjtDyn.mjDYN_FILTEREXACT),
-)
-
-
-@dataclass(frozen=True, kw_only=True)
-class NominalModel:
-    """One robot's models, and what stands beside them.
-
-    Attributes:
-        specs: By the kind of command that their actuators take.
-        paths: Where they are; empty for those that are in no file.
-        effects: What the specs cannot say; the same for all of them.
-        files: Everything that was read.
-        about: What was found beside MJCF files, in lines.
-    """
-
-    specs: Mapping[CommandKind, mujoco.MjSpec]
-    paths: Mapping[CommandKind, Path]
-    effects: tuple[EffectInstance, ...]
-    files: tuple[Path, ...]
-    about: tuple[str, ...]
-
-
-def load_nominal(paths: Sequence[Path]) -> NominalModel:
-    """Returns the models in MJCF files, with the effects in the files beside them.
-
-    Raises:
-        BadInputError: a file is missing or damaged, its actuators take no one kind of command, or
-            its robot floats.
-        ConfigError: two files are of the same kind, or of different robots.
-    """
-    files: dict[CommandKind, ModelFile] = {}
-    for path in paths:
-        file = read_model(path)
-        model = file.spec.copy().compile()
-        _check_base(model, path)
-        kind = command_kind(model, str(path))
-        if kind in files:
-            raise ConfigError(
-                f"{files[kind].path} and {path}: both have {kind} actuators; "
-                "expected one model per kind of command"
-            )
-        files[kind] = file
-    beside = [effects_path(file.path) for file in files.values() if file.effects]
-    return NominalModel(
-        specs={kind: file.spec for kind, file in files.items()},
-        paths={kind: file.path for kind, file in files.items()},
-        effects=shared_effects(files.values()),
-        files=(*paths, *beside),
-        about=tuple(line for file in files.values() for line in file.about),
-    )
-
-
-def load_specs(paths: Sequence[Path]) -> dict[CommandKind, mujoco.MjSpec]:
-    """Returns the MJCF of `load_nominal` alone, for what asks for no more than shape and limits."""
-    return dict(load_nominal(paths).specs)
-
-
-def _check_base(model: mujoco.MjModel, path: Path) -> None:
-    """Refuses a robot that floats: recordings of its joints do not tell where its base is."""
-    for name in driven_joints(model):
-        root = model.body_rootid[model.jnt_bodyid[model.joint(name).id]]
-        free = model.body_jntadr[root] >= 0 and model.jnt_type[model.body_jntadr[root]] == _FREE
-        if free:
-            raise ConfigError(
-                f"model {path}: {model.body(root).name}, which carries {name}, floats freely; "
-                "expected a fixed base (take its free joint out where the robot stood or hung)"
-            )
-
-
-def command_kind(model: mujoco.MjModel, where: str) -> CommandKind:
-    """Returns the kind of command that the drives of a model's joints take.
-
-    Other actuators (a gripper's, that pulls at a tendon) stay as they are without a command.
-
-    Raises:
-        ConfigError: there are none, or they take different kinds.
-    """
-    kinds = {n: _actuator_kind(model, model.actuator(n).id) for n in driven_joints(model)}
-    if not kinds:
-        raise ConfigError(
-            f"model {where}: no actuator drives a joint; expected one per commanded joint"
-        )
-    strange = [name for name, kind in kinds.items() if kind is None]
-    if strange:
-        raise ConfigError(
-            f"model {where}: actuator {', '.join(strange)} is no position servo, velocity servo or "
-            "motor"
-        )
-    first = next(iter(kinds.values()))
-    if first is None or set(kinds.values()) != {first}:
-        listed = ", ".join(f"{name} ({kind})" for name, kind in kinds.items())
-        raise ConfigError(f"model {where}: actuators {listed}; expected one kind of command")
-    return first
-
-
-def _actuator_kind(model: mujoco.MjModel, index: int) -> CommandKind | None:
-    """Returns what an actuator takes; None where that is neither of the three."""
-    gain, bias = float(model.actuator_gainprm[index, 0]), model.actuator_biasprm[index, :3]
-    fixed = model.actuator_gaintype[index] == _FIXED
-    if not fixed or model.actuator_dyntype[index] not in _SERVO_DYNAMICS:
-        return None
-    if model.actuator_biastype[index] == _NO_BIAS:
-        return CommandKind.EFFORT
-    if model.actuator_biastype[index] != _AFFINE:
-        return None
-    if bias[1] != 0.0:
-        return CommandKind.POSITION if np.isclose(gain, -bias[1]) else None
-    return CommandKind.VELOCITY if bias[2] != 0.0 and np.isclose(gain, -bias[2]) else None
 
 
 def read_recordings(
@@ -283,39 +159,3 @@ def _part(
         command=recording.command[commands],
         requested=None if recording.requested is None else recording.requested[commands],
     )
-
-
-def provenance(
-    files: Mapping[str, Sequence[Path]], seed: int, words: Sequence[str]
-) -> dict[str, object]:
-    """Returns what a result should say about where it came from.
-
-    Args:
-        files: What was read, by role.
-        seed: Of everything random.
-        words: The command line.
-    """
-    return {
-        "files": [
-            {"role": role, "path": str(path), "sha256": sha256(path)}
-            for role, paths in files.items()
-            for path in paths
-        ],
-        "versions": {
-            "gfm": gfm.__version__,
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("mujoco", "numpy", "scipy")},
-        },
-        "seed": seed,
-        "command": shlex.join(words),
-    }
-
-
-def command_line() -> list[str]:
-    """Returns the words with which this process was started."""
-    return [Path(sys.argv[0]).name, *sys.argv[1:]]
-
-
-def sha256(path: Path) -> str:
-    """Returns the hash of a file's content."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -8,8 +8,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from gfm.api.objections import Objection, dead_positions, objection_to, same_measurements
 from gfm.core import CommandKind, RecordingError, Trajectory
-from gfm.experiments.objections import Objection, dead_positions, objection_to, same_measurements
 from gfm.sim.passive import with_idle_drives
 from gfm.sim.plant import make_plant
 

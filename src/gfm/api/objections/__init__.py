@@ -4,9 +4,9 @@ Short checks, one a property, each with its threshold explained beside it. What 
 doubt is a finding of the diagnosis (`gfm.diagnosis.data.quality`).
 """
 
-from gfm.experiments.objections.channels import dead_positions
-from gfm.experiments.objections.examine import objection_to
-from gfm.experiments.objections.objection import Objection
-from gfm.experiments.objections.overlap import same_measurements
+from gfm.api.objections.channels import dead_positions
+from gfm.api.objections.examine import objection_to
+from gfm.api.objections.objection import Objection
+from gfm.api.objections.overlap import same_measurements
 
 __all__ = ["Objection", "dead_positions", "objection_to", "same_measurements"]
