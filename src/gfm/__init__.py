@@ -1,3 +1,49 @@
-"""Closes the gap between a MuJoCo model and the robot it stands for."""
+"""Closes the gap between a MuJoCo model and the robot it stands for.
+
+What a program may ask for is offered here, and loaded when it is asked for: docs/python.md.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from gfm.api.answer import Diagnosis
+    from gfm.api.diagnosis import diagnose
+    from gfm.api.excitation import Excitation, excite
+    from gfm.api.rollout import RolloutError, rollout_error
+    from gfm.api.sources import load
+
+__all__ = [
+    "Diagnosis",
+    "Excitation",
+    "RolloutError",
+    "__version__",
+    "diagnose",
+    "excite",
+    "load",
+    "rollout_error",
+]
+
+_LIVES_IN = {
+    "Diagnosis": "gfm.api.answer",
+    "Excitation": "gfm.api.excitation",
+    "RolloutError": "gfm.api.rollout",
+    "diagnose": "gfm.api.diagnosis",
+    "excite": "gfm.api.excitation",
+    "load": "gfm.api.sources",
+    "rollout_error": "gfm.api.rollout",
+}
+
+# Type checkers read the imports above; a name that is not there is a mistake to them, too.
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> object:
+        if name not in _LIVES_IN:
+            raise AttributeError(f"module 'gfm' has no attribute {name!r}")
+        globals()[name] = getattr(import_module(_LIVES_IN[name]), name)
+        return globals()[name]
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__all__})

@@ -192,7 +192,7 @@ def test_a_second_diagnosis_replaces_the_first_one(tmp_path):
     ("argv", "message"),
     [
         (["{0}", "{0}", "--model", "{model}"], "{0}: given twice"),
-        (["{0}", "--model", "{model}", "--minutes", "0"], "--minutes is 0, expected more than 0"),
+        (["{0}", "--model", "{model}", "--minutes", "0"], "minutes is 0, expected more than 0"),
         (["{0}", "{copy}", "--model", "{model}"], "{0} and {copy} are the same"),
         (["{0}", "--holdout", "{copy}", "--model", "{model}"], "{0} and {copy} are the same"),
         (["{0}", "--since", "{0}", "--model", "{model}"], "{0}: given twice"),

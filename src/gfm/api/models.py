@@ -5,13 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
 
 from gfm.core import CommandKind, ConfigError
 from gfm.effects import EffectInstance
-from gfm.service.model_files import ModelFile, effects_path, read_model, shared_effects
+from gfm.service.model_files import (
+    ModelFile,
+    effects_path,
+    model_of,
+    read_model,
+    shared_effects,
+)
 from gfm.sim.drive_names import driven_joints
 
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
@@ -30,7 +37,7 @@ class NominalModel:
 
     Attributes:
         specs: By the kind of command that their actuators take.
-        paths: Where they are; empty for those that are in no file.
+        paths: Where they are; without those that are in no file.
         effects: What the specs cannot say; the same for all of them.
         files: Everything that was read.
         about: What was found beside MJCF files, in lines.
@@ -43,49 +50,72 @@ class NominalModel:
     about: tuple[str, ...]
 
 
-def load_nominal(paths: Sequence[Path]) -> NominalModel:
-    """Returns the models in MJCF files, with the effects in the files beside them.
+#: What a user may name as a robot's model: one, or one for each kind of command.
+Given: TypeAlias = str | Path | mujoco.MjSpec
+Model: TypeAlias = Given | Sequence[Given] | NominalModel
+
+
+def load_nominal(given: Model) -> NominalModel:
+    """Returns what was named as the model of a robot, with the effects in files beside MJCF.
+
+    Args:
+        given: Paths of MJCF, or specs, which stay as they are.
 
     Raises:
         BadInputError: a file is missing or damaged, its actuators take no one kind of command, or
             its robot floats.
-        ConfigError: two files are of the same kind, or of different robots.
+        ConfigError: two models are of the same kind, or of different robots.
     """
+    if isinstance(given, NominalModel):
+        return given
     files: dict[CommandKind, ModelFile] = {}
-    for path in paths:
-        file = read_model(path)
+    for one in given if isinstance(given, list | tuple) else [given]:
+        file = _taken(one)
         model = file.spec.copy().compile()
-        _check_base(model, path)
-        kind = command_kind(model, str(path))
+        _check_base(model, file.where)
+        kind = command_kind(model, file.where)
         if kind in files:
             raise ConfigError(
-                f"{files[kind].path} and {path}: both have {kind} actuators; "
+                f"{files[kind].where} and {file.where}: both have {kind} actuators; "
                 "expected one model per kind of command"
             )
         files[kind] = file
-    beside = [effects_path(file.path) for file in files.values() if file.effects]
+    read = {kind: file.path for kind, file in files.items() if file.path is not None}
+    beside = [effects_path(file.path) for file in files.values() if file.path and file.effects]
     return NominalModel(
         specs={kind: file.spec for kind, file in files.items()},
-        paths={kind: file.path for kind, file in files.items()},
+        paths=read,
         effects=shared_effects(files.values()),
-        files=(*paths, *beside),
+        files=(*read.values(), *beside),
         about=tuple(line for file in files.values() for line in file.about),
     )
 
 
-def load_specs(paths: Sequence[Path]) -> dict[CommandKind, mujoco.MjSpec]:
+def _taken(given: object) -> ModelFile:
+    match given:
+        case str() | Path():
+            return read_model(Path(given))
+        case mujoco.MjSpec():
+            return model_of(given)
+    raise ConfigError(
+        f"model is a {type(given).__name__}, expected the path of MJCF, or an MjSpec "
+        "(mujoco.MjSpec.from_file): a model that can still be changed"
+    )
+
+
+def load_specs(given: Model) -> dict[CommandKind, mujoco.MjSpec]:
     """Returns the MJCF of `load_nominal` alone, for what asks for no more than shape and limits."""
-    return dict(load_nominal(paths).specs)
+    return dict(load_nominal(given).specs)
 
 
-def _check_base(model: mujoco.MjModel, path: Path) -> None:
+def _check_base(model: mujoco.MjModel, where: str) -> None:
     """Refuses a robot that floats: recordings of its joints do not tell where its base is."""
     for name in driven_joints(model):
         root = model.body_rootid[model.jnt_bodyid[model.joint(name).id]]
         free = model.body_jntadr[root] >= 0 and model.jnt_type[model.body_jntadr[root]] == _FREE
         if free:
             raise ConfigError(
-                f"model {path}: {model.body(root).name}, which carries {name}, floats freely; "
+                f"model {where}: {model.body(root).name}, which carries {name}, floats freely; "
                 "expected a fixed base (take its free joint out where the robot stood or hung)"
             )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
@@ -13,6 +14,9 @@ from gfm.core import CommandKind, RecordingError, Trajectory
 from gfm.recording import read_recording
 from gfm.recording.schemas import COMMAND, JOINT_STATES
 from gfm.sim.still import unrecorded
+
+#: Recordings, and where each came from.
+Files: TypeAlias = Sequence[tuple[Path, Trajectory]]
 
 #: Share of a single recording that effects are looked for in; the rest is held out.
 TRAINING_SHARE = 0.7
@@ -33,13 +37,21 @@ def read_recordings(
     Raises:
         RecordingError: a file cannot be trusted, or has other joints than the first.
     """
-    read = [read_recording(path, joint_states=joint_states, command=command) for path in paths]
-    return [_ordered(t, read[0], path) for t, path in zip(read, paths, strict=True)]
+    read = [
+        (path, read_recording(path, joint_states=joint_states, command=command)) for path in paths
+    ]
+    return [recording for _, recording in in_one_order(read)]
 
 
-def _ordered(trajectory: Trajectory, first: Trajectory, path: Path) -> Trajectory:
-    _check_joints(trajectory, first, path)
-    return trajectory.with_joints(first.joint_names)
+def in_one_order(recordings: Files) -> list[tuple[Path, Trajectory]]:
+    """Returns recordings with their joints in the order of the first one's.
+
+    Raises:
+        RecordingError: one of them has other joints than the first.
+    """
+    for path, recording in recordings:
+        _check_joints(recording, recordings[0][1], path)
+    return [(path, one.with_joints(recordings[0][1].joint_names)) for path, one in recordings]
 
 
 def _check_joints(trajectory: Trajectory, first: Trajectory, path: Path) -> None:
@@ -57,9 +69,7 @@ def _check_joints(trajectory: Trajectory, first: Trajectory, path: Path) -> None
         raise RecordingError(str(path), found, expected)
 
 
-def check_together(
-    specs: Mapping[CommandKind, mujoco.MjSpec], recordings: Sequence[tuple[Path, Trajectory]]
-) -> None:
+def check_together(specs: Mapping[CommandKind, mujoco.MjSpec], recordings: Files) -> None:
     """Raises RecordingError for the first recording that no model is made for."""
     for path, recording in recordings:
         kind = recording.command_kind

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from gfm.api.objections import Objection, dead_positions, objection_to, same_measurements
-from gfm.core import CommandKind, RecordingError, Trajectory
+from gfm.api.recordings import Files
+from gfm.core import CommandKind, RecordingError
 from gfm.sim.passive import with_idle_drives
 from gfm.sim.plant import make_plant
-
-Files = Sequence[tuple[Path, Trajectory]]
 
 
 def check_usable(

@@ -186,20 +186,22 @@ def add_diagnose_parser(subparsers: Subparsers) -> None:
 
 def run_diagnose(arguments: argparse.Namespace) -> int:
     """Diagnoses recordings."""
-    from gfm.experiments.diagnose_command import DiagnoseRequest, diagnose_files
+    from gfm.api.diagnosis import DiagnoseRequest
+    from gfm.api.provenance import command_line
+    from gfm.experiments.diagnose_command import diagnose_files
 
     request = DiagnoseRequest(
-        recordings=tuple(arguments.recordings),
-        holdout=tuple(arguments.holdout),
-        models=tuple(arguments.models),
-        out=arguments.out,
+        model=arguments.models,
+        recordings=arguments.recordings,
+        holdout=arguments.holdout,
         joint_states=arguments.joint_states,
         command=arguments.command,
         seed=arguments.seed,
         gfm=tuple(arguments.gfm),
         minutes=arguments.minutes,
         keep_suspects=arguments.keep_suspects,
-        since=tuple(map(tuple, arguments.since)),
+        since=arguments.since,
+        words=command_line(),
     )
-    diagnose_files(request, Console(), Console(file=sys.stderr))
+    diagnose_files(request, arguments.out, Console(), Console(file=sys.stderr))
     return 0

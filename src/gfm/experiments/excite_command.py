@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -17,26 +15,19 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from gfm.api.excitation import excite as propose
 from gfm.api.folders import check_folder
-from gfm.api.models import load_specs
-from gfm.api.provenance import command_line, provenance
-from gfm.core import BadInputError, Clock, CommandKind, ConfigError, MonotonicClock, Observation
-from gfm.effects import find_effect
-from gfm.excitation.blind_spots import ANY
-from gfm.excitation.limits import RobotLimits, Wishes, robot_limits
+from gfm.api.provenance import command_line
+from gfm.core import Clock, CommandKind, ConfigError, MonotonicClock, Observation
+from gfm.excitation.limits import RobotLimits, Wishes
 from gfm.excitation.motion import Purpose
-from gfm.excitation.plan import Plan, Request, make_plan
+from gfm.excitation.plan import Plan
 from gfm.excitation.programme import FAMILIES, Family
 from gfm.excitation.safety import SafetyCheck
 from gfm.experiments.drive import Driven, drive
 from gfm.report import PlanReport, write_plan
 from gfm.report.words import joints_title
 from gfm.transport import Transport, ZenohTransport
-
-#: Below this confidence, a named effect is an open question.
-_SURE = 0.9
-#: After these verdicts, only suspects are open that alone would explain so much.
-_DECIDED, _CLOSE = ("no_gap", "explained"), 0.9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,27 +74,22 @@ def excite(request: ExciteRequest, answer: Console, progress: Console) -> None:
         UnreachableError: no bridge, or no robot behind it.
         RefusedError: the bridge said no.
     """
-    models = {kind: spec.compile() for kind, spec in load_specs(request.models).items()}
-    model = next(iter(models.values()))
-    effects = [*request.effects, *_open_questions(request.report)]
-    wanted = Request(
-        effects=tuple(dict.fromkeys(find_effect(name).name for name in effects)),
-        kinds=request.kinds or tuple(models),
+    progress.print(Text("  planning", style="dim"))
+    excitation = propose(
+        list(request.models),
+        effects=request.effects,
+        report=request.report,
+        kinds=request.kinds,
         seconds=request.seconds,
         period_s=request.period_s,
         seed=request.seed,
+        clearance_m=request.clearance_m,
+        wishes=request.wishes,
+        words=command_line(),
     )
-    progress.print(Text("  planning", style="dim"))
-    limits = robot_limits(models, request.wishes)
-    plan = make_plan(model, limits, wanted, clearance_m=request.clearance_m)
-    files = {"model": request.models, "report": (request.report,) if request.report else ()}
-    report = PlanReport(
-        plan=plan,
-        robot=request.models[0].stem,
-        provenance=provenance(files, request.seed, command_line()),
-    )
+    model, report = excitation.model, excitation.report
     if request.endpoint is None:
-        paths = write_plan(request.out, report)
+        paths = excitation.save(request.out)
     else:
         with _connected(request.endpoint, request.run_name) as transport:
             paths, report = drive_plan(
@@ -166,49 +152,6 @@ def check_way(
             f"on the straight way from where the robot is to where motions begin, {fault.words}; "
             "bring it closer to that pose first, or name another keyframe with --pose"
         )
-
-
-def _open_questions(path: Path | None) -> list[str]:
-    """Returns the effects that a diagnosis could not decide."""
-    if path is None:
-        return []
-    document = _diagnosis(path)
-    try:
-        decided = document["verdict"] in _DECIDED
-        suspects = [
-            one["effect"]
-            for one in document["suspects"]
-            if one["decided_by"] and (not decided or one["gain"] >= _CLOSE)
-        ]
-        unsure = [one["effect"] for one in document["effects"] if _is_unsure(one)]
-        unseen = [one["effect"] for one in document.get("blind_spots", ())]
-    except (KeyError, TypeError, AttributeError) as exc:
-        raise BadInputError(
-            f"report {path}: {exc!r}; expected verdict, effects and suspects as "
-            "`gfm diagnose` writes them"
-        ) from exc
-    # Of a joint that stood still, everything is open: all motions.
-    return [] if ANY in unseen else [*suspects, *unsure, *unseen]
-
-
-def _diagnosis(path: Path) -> Mapping[str, Any]:
-    """Returns a diagnosis's document, also out of a run's."""
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as exc:
-        raise BadInputError(f"report {path}: no such file") from exc
-    except (ValueError, OSError) as exc:
-        raise BadInputError(f"report {path}: {exc}; expected JSON") from exc
-    found = document.get("diagnosis", document) if isinstance(document, dict) else None
-    schema = found.get("schema") if isinstance(found, dict) else None
-    if not isinstance(found, dict) or schema != "gfm.diagnosis/1":
-        raise BadInputError(f"report {path}: schema {schema!r}, expected 'gfm.diagnosis/1'")
-    return found
-
-
-def _is_unsure(effect: Mapping[str, Any]) -> bool:
-    withheld = any(one["ci95"] is None for one in effect["parameters"].values())
-    return withheld or (effect["confidence"] or 0.0) < _SURE
 
 
 def print_plan(console: Console, report: PlanReport, models: Sequence[Path]) -> None:

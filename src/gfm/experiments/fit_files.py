@@ -17,9 +17,9 @@ from gfm.api.models import NominalModel, load_nominal
 from gfm.api.provenance import command_line, provenance
 from gfm.api.recordings import check_together, read_recordings
 from gfm.api.refusals import check_usable
+from gfm.api.sources import check_different
 from gfm.core import Clock, ConfigError, MonotonicClock
 from gfm.diagnosis.data.segmentation import measure_noise
-from gfm.experiments.diagnose_command import check_different
 from gfm.experiments.fit import (
     FORCES,
     WARM,

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from gfm.core import BadInputError, ConfigError, Trajectory
 
 if TYPE_CHECKING:
-    from gfm.recording.guess import Robot
     from gfm.recording.mapping import Mapping
 
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -93,34 +92,14 @@ def _mapping(arguments: argparse.Namespace) -> Mapping:
 
 def _offered(arguments: argparse.Namespace) -> Mapping:
     """Guesses a mapping, and prints it."""
-    from gfm.recording.guess import Asked, guessed_mapping
+    from gfm.api.sources import mapping_for
+    from gfm.recording.guess import Asked
     from gfm.recording.mapping import mapping_of
 
     asked = Asked(use=tuple(arguments.use), unit=arguments.unit)
-    text = guessed_mapping(arguments.files[0], _robot(arguments.model), asked)
+    text = mapping_for(arguments.files[0], arguments.model, asked)
     sys.stdout.write(text)
     return mapping_of(text, "the guessed mapping")
-
-
-def _robot(path: Path) -> Robot:
-    """Returns what a guess needs of a model."""
-    import mujoco
-
-    from gfm.api.models import load_nominal
-    from gfm.recording.guess import Robot
-    from gfm.sim.drive_names import driven_joints
-
-    ((kind, spec),) = load_nominal([path]).specs.items()
-    model = spec.copy().compile()
-    joints = driven_joints(model)
-    limited = [name for name in joints if model.joint(name).limited[0]]
-    slide = mujoco.mjtJoint.mjJNT_SLIDE
-    return Robot(
-        joints=joints,
-        command_kind=kind,
-        ranges={n: (float(r[0]), float(r[1])) for n in limited for r in [model.joint(n).range]},
-        slides=frozenset(name for name in joints if model.joint(name).type[0] == slide),
-    )
 
 
 def _write(out: Path, trajectories: Sequence[Trajectory]) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from gfm.api.diagnosis import DiagnoseRequest
 from gfm.api.folders import check_folder
 from gfm.api.models import load_nominal
 from gfm.api.provenance import command_line, provenance
@@ -27,7 +28,7 @@ from gfm.envs.matching_task import TASKS
 from gfm.envs.registry import as_trained, nominal_cell
 from gfm.experiments.adapt import AdaptRequest, adapt_policy
 from gfm.experiments.attempt_files import Kept
-from gfm.experiments.diagnose_command import DiagnoseRequest, diagnose_files
+from gfm.experiments.diagnose_command import diagnose_files
 from gfm.experiments.drive_policy import DriveRequest, drive_policy
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_path
 from gfm.experiments.policy_flags import ADAPTED, CORRECTED, PLACED, RANDOMISED
@@ -158,13 +159,14 @@ class _Campaign:
             learned, held_out = self._recordings()
             diagnose_files(
                 DiagnoseRequest(
+                    model=self._nominal(),
                     recordings=learned,
                     holdout=held_out,
-                    models=(self._nominal(),),
-                    out=out,
                     minutes=self.request.minutes,
                     seed=self.request.drive.seed,
+                    words=command_line(),
                 ),
+                out,
                 self.console,
                 self.console,
             )

@@ -1,6 +1,6 @@
 """What a person reads: one offline HTML page, `report.json`, and tables for a terminal."""
 
-from gfm.report.document import diagnosis_html, diagnosis_json
+from gfm.report.document import diagnosis_html, diagnosis_json, diagnosis_snippet
 from gfm.report.files import write_diagnosis, write_models, write_run
 from gfm.report.plan_document import PlanReport, plan_html, plan_json, write_plan
 from gfm.report.run import (
@@ -34,6 +34,7 @@ __all__ = [
     "TrainingCurve",
     "diagnosis_html",
     "diagnosis_json",
+    "diagnosis_snippet",
     "plan_html",
     "plan_json",
     "print_diagnosis",

@@ -28,7 +28,7 @@ from gfm.report.figures import (
     series_count,
 )
 from gfm.report.learned_document import learned_json
-from gfm.report.page import render_page
+from gfm.report.page import render, render_page
 
 
 def jsonable(value: object) -> object:
@@ -109,6 +109,12 @@ def diagnosis_html(diagnosis: Diagnosis) -> str:
         error_picture=error_picture(diagnosis),
         evidence=evidence(diagnosis, limit),
     )
+
+
+def diagnosis_snippet(diagnosis: Diagnosis) -> str:
+    """Returns verdict, effects, errors and notes as HTML for a notebook: no script, no style."""
+    verdict = words.VERDICTS[diagnosis.verdict]
+    return render("snippet.html.j2", diagnosis=diagnosis, verdict=verdict)
 
 
 def error_picture(diagnosis: Diagnosis) -> Picture | None:

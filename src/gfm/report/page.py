@@ -21,7 +21,12 @@ from gfm.report import chain_document, findings, learned_document, words
 
 def render_page(template: str, **values: object) -> str:
     """Returns the page: `template` of this package, filled with `values`."""
-    return _environment().get_template(template).render(plotly_js=_packed_plotly(), **values)
+    return render(template, plotly_js=_packed_plotly(), **values)
+
+
+def render(template: str, **values: object) -> str:
+    """Returns `template` of this package, filled with `values`, without anything that draws."""
+    return _environment().get_template(template).render(**values)
 
 
 @cache

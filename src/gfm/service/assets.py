@@ -104,7 +104,7 @@ def _drawn_assets(
 
 def _refused(file: ModelFile, exc: ValueError) -> BadInputError:
     reason = " ".join(str(exc).split())
-    return BadInputError(f"model {file.path}: {reason}; expected a robot's model")
+    return BadInputError(f"model {file.where}: {reason}; expected a robot's model")
 
 
 def _compiled(file: ModelFile, complete: Complete | None) -> mujoco.MjModel:

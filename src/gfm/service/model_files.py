@@ -7,7 +7,7 @@ finds the second and puts its effects in as well.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -27,22 +27,27 @@ class ModelFile:
     """A model that was read.
 
     Attributes:
-        path: Of the MJCF file.
+        path: Of the MJCF file; None of one that is in none.
         spec: What it says.
         effects: What the file beside it says; empty where there is none.
         called: What the file calls drives that have another name than their joints, by joint.
     """
 
-    path: Path
+    path: Path | None
     spec: mujoco.MjSpec
     effects: tuple[EffectInstance, ...]
     called: Mapping[str, str]
 
     @property
+    def where(self) -> str:
+        """What messages call it."""
+        return str(self.path) if self.path else f"MjSpec {self.spec.modelname!r}"
+
+    @property
     def about(self) -> tuple[str, ...]:
         """What there is to know of the model, in lines: what stands beside it, what it calls."""
         lines = []
-        if self.effects:
+        if self.effects and self.path:
             named = ", ".join(
                 f"{e.effect.name} on {', '.join(e.joints) or 'all'}" for e in self.effects
             )
@@ -56,7 +61,7 @@ class ModelFile:
                 for joint, name in self.called.items()
             )
             lines.append(f"actuators go by the joints that they drive: {drives}")
-        return tuple(f"model {self.path}: {line}" for line in lines)
+        return tuple(f"model {self.where}: {line}" for line in lines)
 
 
 def effects_path(model: Path) -> Path:
@@ -70,13 +75,26 @@ def read_model(path: Path) -> ModelFile:
     Raises:
         BadInputError: a file is missing or damaged, or the two do not belong together.
     """
-    spec = _read_spec(path)
-    write_out_damping(spec)
-    called = name_after_joints(spec)
+    file = _made_ready(_read_spec(path), path)
     beside = effects_path(path)
     effects = read_effects(beside) if beside.is_file() else ()
-    _check_joints(spec, effects, beside, path)
-    return ModelFile(path=path, spec=spec, effects=effects, called=called)
+    _check_joints(file.spec, effects, beside, path)
+    return replace(file, effects=effects)
+
+
+def model_of(spec: mujoco.MjSpec) -> ModelFile:
+    """Returns a model that is in no file, as if it had been read; `spec` stays as it is.
+
+    Raises:
+        BadInputError: MuJoCo does not compile it.
+    """
+    _check_compiles(spec, f"MjSpec {spec.modelname!r}")
+    return _made_ready(spec.copy(), None)
+
+
+def _made_ready(spec: mujoco.MjSpec, path: Path | None) -> ModelFile:
+    write_out_damping(spec)
+    return ModelFile(path=path, spec=spec, effects=(), called=name_after_joints(spec))
 
 
 def _read_spec(path: Path) -> mujoco.MjSpec:
@@ -84,11 +102,22 @@ def _read_spec(path: Path) -> mujoco.MjSpec:
         raise BadInputError(f"model {path}: no such file, expected MJCF")
     try:
         spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as exc:
+        raise _unloadable(str(path), exc) from exc
+    _check_compiles(spec, str(path))
+    return spec
+
+
+def _check_compiles(spec: mujoco.MjSpec, where: str) -> None:
+    try:
         spec.copy().compile()
     except ValueError as exc:
-        reason = " ".join(str(exc).split())
-        raise BadInputError(f"model {path}: {reason}; expected MJCF that MuJoCo loads") from exc
-    return spec
+        raise _unloadable(where, exc) from exc
+
+
+def _unloadable(where: str, exc: ValueError) -> BadInputError:
+    reason = " ".join(str(exc).split())
+    return BadInputError(f"model {where}: {reason}; expected MJCF that MuJoCo loads")
 
 
 def _check_joints(
@@ -134,7 +163,7 @@ def shared_effects(files: Iterable[ModelFile]) -> tuple[EffectInstance, ...]:
     for other in read[1:]:
         if other.effects != read[0].effects:
             raise ConfigError(
-                f"models {read[0].path} and {other.path}: beside the first stand "
+                f"models {read[0].where} and {other.where}: beside the first stand "
                 f"{_listed(read[0])}, beside the second {_listed(other)}; expected one robot"
             )
     return read[0].effects if read else ()
