@@ -11,16 +11,19 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from gfm.api.answer import Diagnosis
     from gfm.api.diagnosis import diagnose
+    from gfm.api.doctor.examine import Examination, doctor
     from gfm.api.excitation import Excitation, excite
     from gfm.api.rollout import RolloutError, rollout_error
     from gfm.api.sources import load
 
 __all__ = [
     "Diagnosis",
+    "Examination",
     "Excitation",
     "RolloutError",
     "__version__",
     "diagnose",
+    "doctor",
     "excite",
     "load",
     "rollout_error",
@@ -28,9 +31,11 @@ __all__ = [
 
 _LIVES_IN = {
     "Diagnosis": "gfm.api.answer",
+    "Examination": "gfm.api.doctor.examine",
     "Excitation": "gfm.api.excitation",
     "RolloutError": "gfm.api.rollout",
     "diagnose": "gfm.api.diagnosis",
+    "doctor": "gfm.api.doctor.examine",
     "excite": "gfm.api.excitation",
     "load": "gfm.api.sources",
     "rollout_error": "gfm.api.rollout",

@@ -83,6 +83,12 @@ SUBCOMMANDS = (
         summary="turn files of other tools into recordings",
     ),
     Subcommand(
+        name="doctor",
+        module="gfm.experiments.doctor_command",
+        adder="add_parser",
+        summary="check a model and recordings before anything runs",
+    ),
+    Subcommand(
         name="train",
         module="gfm.experiments.train_command",
         adder="add_parser",

@@ -229,14 +229,15 @@ def _effort(
     models: Mapping[CommandKind, mujoco.MjModel], names: tuple[str, ...], notes: list[str]
 ) -> Array:
     """Returns the largest torque of every drive, N m; infinite where no model limits it."""
-    effort = np.array([min(_drive_limit(m, name) for m in models.values()) for name in names])
+    effort = np.array([min(drive_limit(m, name) for m in models.values()) for name in names])
     unknown = [name for name, limit in zip(names, effort, strict=True) if np.isinf(limit)]
     if unknown:
         notes.append(f"no torque limit in the model, so none was kept to: {', '.join(unknown)}")
     return effort
 
 
-def _drive_limit(model: mujoco.MjModel, name: str) -> float:
+def drive_limit(model: mujoco.MjModel, name: str) -> float:
+    """Returns the largest torque of a joint's drive, N m; infinite where the model has no limit."""
     joint, actuator = model.joint(name).id, model.actuator(name).id
     gear = abs(float(model.actuator_gear[actuator, 0]))
     limits = [np.inf]

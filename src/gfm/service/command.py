@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import TypeVar, get_args
 
 import msgspec
 from msgspec.structs import replace
@@ -132,13 +132,16 @@ def start_logging(level: LogLevel) -> None:
     )
 
 
-def exit_status(run: Callable[[], Any]) -> int:
-    """Runs a command; an error raised on purpose becomes one line on stderr and a status."""
+def exit_status(run: Callable[[], int | None]) -> int:
+    """Runs a command; an error raised on purpose becomes one line on stderr and a status.
+
+    Args:
+        run: Returns a status of its own, or None for 0.
+    """
     try:
-        run()
+        return run() or 0
     except GfmError as error:
         sys.stderr.write(f"error: {error}\n")
         return 2 if isinstance(error, BadInputError) else 1
     except KeyboardInterrupt:
         return 130
-    return 0

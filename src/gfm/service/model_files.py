@@ -99,7 +99,7 @@ def _made_ready(spec: mujoco.MjSpec, path: Path | None) -> ModelFile:
 
 def _read_spec(path: Path) -> mujoco.MjSpec:
     if not path.is_file():
-        raise BadInputError(f"model {path}: no such file, expected MJCF")
+        raise BadInputError(f"model {path}: no such file; expected MJCF")
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as exc:
