@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from gfm.api.diagnosis import diagnose
     from gfm.api.doctor.examine import Examination, doctor
     from gfm.api.excitation import Excitation, excite
+    from gfm.api.models import load_nominal
     from gfm.api.rollout import RolloutError, rollout_error
     from gfm.api.sources import load
 
@@ -26,6 +27,7 @@ __all__ = [
     "doctor",
     "excite",
     "load",
+    "load_nominal",
     "rollout_error",
 ]
 
@@ -38,6 +40,7 @@ _LIVES_IN = {
     "doctor": "gfm.api.doctor.examine",
     "excite": "gfm.api.excitation",
     "load": "gfm.api.sources",
+    "load_nominal": "gfm.api.models",
     "rollout_error": "gfm.api.rollout",
 }
 

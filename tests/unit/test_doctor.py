@@ -257,7 +257,8 @@ def test_a_file_that_cannot_be_read_does_not_hide_the_others(runs, tmp_path):
 
 def test_recordings_are_looked_at_even_where_the_model_does_not_load(runs):
     found = gfm.doctor("none.xml", runs)
-    assert told(found, "model", Level.REFUSE) == "model none.xml: no such file -> expected MJCF"
+    words = told(found, "model", Level.REFUSE)
+    assert words == "model none.xml: no such file -> expected MJCF or URDF"
     assert "rates" in names(found, Level.OK)
 
 

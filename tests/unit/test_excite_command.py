@@ -221,7 +221,7 @@ def test_without_a_model_or_a_folder_the_line_says_what_is_missing(tmp_path, cap
     assert one_line(capsys) == "error: expected --model and --out (or --list)"
     absent = tmp_path / "absent.xml"
     assert main(["excite", "--model", str(absent), "--out", str(tmp_path / "out")]) == 2
-    assert one_line(capsys) == f"error: model {absent}: no such file; expected MJCF"
+    assert one_line(capsys) == f"error: model {absent}: no such file; expected MJCF or URDF"
     (tmp_path / "file").touch()
     assert main(["excite", "--model", str(PENDULUM), "--out", str(tmp_path / "file")]) == 2
     assert "is a file; expected a folder" in one_line(capsys)

@@ -15,7 +15,7 @@ import plotly.graph_objects as go
 from rich.console import Console
 
 from gfm.api.folders import check_folder
-from gfm.api.models import NominalModel, load_nominal
+from gfm.api.models import NominalModel, load_nominal, made_texts
 from gfm.core import ConfigError, UnknownNameError
 from gfm.diagnosis.output import result
 from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, Suspect, Verdict
@@ -23,7 +23,7 @@ from gfm.effects import EffectInstance
 from gfm.report import diagnosis_snippet, print_diagnosis, words, write_diagnosis
 from gfm.report.document import error_picture, evidence
 from gfm.report.figures import SERIES_POINTS
-from gfm.report.files import forget_effects
+from gfm.report.files import forget_effects, write_texts
 
 #: Characters of a line where a diagnosis is printed into a string.
 _COLUMNS = 100
@@ -131,7 +131,8 @@ class Diagnosis:
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Writes report.json, report.html, corrected.xml and what else there is; returns the paths.
 
-        The files are written beside `folder` first, then moved there: none is ever half there.
+        A nominal model that is in no file as it was used becomes nominal.xml beside them. All are
+        written beside `folder` first, then moved there: none is ever half there.
 
         Raises:
             BadInputError: a file is in the way of the folder.
@@ -141,7 +142,8 @@ class Diagnosis:
         out.absolute().parent.mkdir(parents=True, exist_ok=True)
         part = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.absolute().parent))
         try:
-            written = write_diagnosis(part, self.answer)
+            made = write_texts(part, made_texts(self.nominal))
+            written = (*write_diagnosis(part, self.answer), *made)
             out.mkdir(exist_ok=True)
             for path in written:
                 forget_effects(out / path.name)

@@ -93,7 +93,8 @@ def diagnose(
     """Returns what a model lacks to explain recordings of the robot that it stands for.
 
     Args:
-        model: Path of MJCF, or an `MjSpec`; a list of them for several kinds of command.
+        model: Path of MJCF or URDF, or an `MjSpec`, or what `gfm.load_nominal` made of it; a
+            list of them for several kinds of command.
         recordings: What effects are looked for in: paths, folders, or what `gfm.load` returned.
         holdout: What errors are measured on; by default the last recording, or the end of a
             lone one.

@@ -11,7 +11,7 @@ import mujoco
 
 from gfm.api.answer import Diagnosis
 from gfm.api.folders import check_folder
-from gfm.api.models import Model, load_nominal
+from gfm.api.models import Model, NominalModel, load_nominal, made_texts
 from gfm.api.open_questions import open_questions, read_report
 from gfm.api.provenance import provenance
 from gfm.core import CommandKind
@@ -19,6 +19,7 @@ from gfm.effects import find_effect
 from gfm.excitation.limits import Wishes, robot_limits
 from gfm.excitation.plan import Plan, Request, make_plan
 from gfm.report import PlanReport, diagnosis_json, write_plan
+from gfm.report.files import write_texts
 
 #: A diagnosis whose open questions are to be decided.
 Asked: TypeAlias = str | Path | Diagnosis
@@ -32,10 +33,12 @@ class Excitation:
     Attributes:
         report: The plan, and where it came from.
         model: By which they are possible.
+        nominal: The same with what it was made from.
     """
 
     report: PlanReport
     model: mujoco.MjModel
+    nominal: NominalModel
 
     @property
     def plan(self) -> Plan:
@@ -49,7 +52,8 @@ class Excitation:
             BadInputError: a file is in the way of the folder.
         """
         check_folder(Path(folder))
-        return write_plan(Path(folder), self.report)
+        paths = write_plan(Path(folder), self.report)
+        return (*paths, *write_texts(Path(folder), made_texts(self.nominal)))
 
 
 def excite(
@@ -68,7 +72,8 @@ def excite(
     """Returns motions that make effects nameable, within the robot's limits, touching nothing.
 
     Args:
-        model: Path of MJCF, or an `MjSpec`; a list of them for several kinds of command.
+        model: Path of MJCF or URDF, or an `MjSpec`, or what `gfm.load_nominal` made of it; a
+            list of them for several kinds of command.
         effects: To be shown, by name; by default all.
         report: A diagnosis, or its report.json, whose open questions are to be decided.
         kinds: Of commands; by default those of the models.
@@ -98,7 +103,7 @@ def excite(
     files = {"model": nominal.files, "report": given}
     robot = next((path.stem for path in nominal.paths.values()), "robot")
     told = PlanReport(plan=plan, robot=robot, provenance=provenance(files, seed, words))
-    return Excitation(report=told, model=first)
+    return Excitation(report=told, model=first, nominal=nominal)
 
 
 def _open(asked: Asked | None) -> list[str]:

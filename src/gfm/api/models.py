@@ -11,7 +11,10 @@ import mujoco
 import numpy as np
 
 from gfm.core import CommandKind, ConfigError
+from gfm.diagnosis.output.correction import model_pair
 from gfm.effects import EffectInstance
+from gfm.report.files import model_texts, write_texts
+from gfm.service.actuators import FORMS, ActuatorRule
 from gfm.service.model_files import (
     ModelFile,
     effects_path,
@@ -40,7 +43,8 @@ class NominalModel:
         paths: Where they are; without those that are in no file.
         effects: What the specs cannot say; the same for all of them.
         files: Everything that was read.
-        about: What was found beside MJCF files, in lines.
+        about: What was found beside MJCF files, and done to what was given, in lines.
+        made: Kinds whose model is in no file as it is used.
     """
 
     specs: Mapping[CommandKind, mujoco.MjSpec]
@@ -48,6 +52,7 @@ class NominalModel:
     effects: tuple[EffectInstance, ...]
     files: tuple[Path, ...]
     about: tuple[str, ...]
+    made: tuple[CommandKind, ...] = ()
 
 
 #: What a user may name as a robot's model: one, or one for each kind of command.
@@ -55,11 +60,13 @@ Given: TypeAlias = str | Path | mujoco.MjSpec
 Model: TypeAlias = Given | Sequence[Given] | NominalModel
 
 
-def load_nominal(given: Model) -> NominalModel:
+def load_nominal(given: Model, actuators: str | None = None) -> NominalModel:
     """Returns what was named as the model of a robot, with the effects in files beside MJCF.
 
     Args:
-        given: Paths of MJCF, or specs, which stay as they are.
+        given: Paths of MJCF or URDF, "robot_descriptions:NAME", or specs, which stay as they are.
+        actuators: What joints without an actuator get: "position:kp=50,kv=1", "velocity:kv=5" or
+            "torque"; kp in N m/rad, kv in N m s/rad.
 
     Raises:
         BadInputError: a file is missing or damaged, its actuators take no one kind of command, or
@@ -68,9 +75,10 @@ def load_nominal(given: Model) -> NominalModel:
     """
     if isinstance(given, NominalModel):
         return given
+    rule = ActuatorRule.read(actuators) if actuators else None
     files: dict[CommandKind, ModelFile] = {}
     for one in given if isinstance(given, list | tuple) else [given]:
-        file = _taken(one)
+        file = _taken(one, rule)
         model = file.spec.copy().compile()
         _check_base(model, file.where)
         kind = command_kind(model, file.where)
@@ -88,17 +96,44 @@ def load_nominal(given: Model) -> NominalModel:
         effects=shared_effects(files.values()),
         files=(*read.values(), *beside),
         about=tuple(line for file in files.values() for line in file.about),
+        made=tuple(kind for kind, file in files.items() if file.made or file.path is None),
     )
 
 
-def _taken(given: object) -> ModelFile:
+def made_texts(nominal: NominalModel) -> dict[str, str]:
+    """Returns the models that are in no file as they are used, as files by name.
+
+    In the words of MuJoCo, as corrected models are: the two can be laid side by side.
+    """
+    several = len(nominal.specs) > 1
+    pairs = {kind: model_pair(nominal.specs[kind], nominal.effects) for kind in nominal.made}
+    return {
+        name: text
+        for kind, pair in pairs.items()
+        for name, text in model_texts(_stem(kind, several=several), pair).items()
+    }
+
+
+def model_paths(nominal: NominalModel, folder: Path) -> dict[CommandKind, Path]:
+    """Returns where every kind's model is as it is used; writes those to `folder` that are not."""
+    write_texts(folder, made_texts(nominal))
+    several = len(nominal.specs) > 1
+    made = {kind: folder / f"{_stem(kind, several=several)}.xml" for kind in nominal.made}
+    return {**nominal.paths, **made}
+
+
+def _stem(kind: CommandKind, *, several: bool) -> str:
+    return f"nominal_{kind}" if several else "nominal"
+
+
+def _taken(given: object, actuators: ActuatorRule | None) -> ModelFile:
     match given:
         case str() | Path():
-            return read_model(Path(given))
+            return read_model(given, actuators)
         case mujoco.MjSpec():
-            return model_of(given)
+            return model_of(given, actuators)
     raise ConfigError(
-        f"model is a {type(given).__name__}, expected the path of MJCF, or an MjSpec "
+        f"model is a {type(given).__name__}, expected the path of MJCF or URDF, or an MjSpec "
         "(mujoco.MjSpec.from_file): a model that can still be changed"
     )
 
@@ -131,7 +166,8 @@ def command_kind(model: mujoco.MjModel, where: str) -> CommandKind:
     kinds = {n: _actuator_kind(model, model.actuator(n).id) for n in driven_joints(model)}
     if not kinds:
         raise ConfigError(
-            f"model {where}: no actuator drives a joint; expected one per commanded joint"
+            f"model {where}: no actuator drives a joint; expected one per commanded joint "
+            f"(--actuators {FORMS} adds them)"
         )
     strange = [name for name, kind in kinds.items() if kind is None]
     if strange:

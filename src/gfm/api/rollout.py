@@ -47,7 +47,8 @@ def rollout_error(
     keeps them on track), of the robot in the air.
 
     Args:
-        model: Path of MJCF, or an `MjSpec`; a list of them for several kinds of command.
+        model: Path of MJCF or URDF, or an `MjSpec`, or what `gfm.load_nominal` made of it; a
+            list of them for several kinds of command.
         recordings: Paths, folders, or what `gfm.load` returned.
         as_measured: Whether rollouts begin as measured. Else they begin as fits best, for a
             measured speed is an estimate.

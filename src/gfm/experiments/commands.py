@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
+from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators
+
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
@@ -27,7 +29,8 @@ _PAIR = "MODEL.effects.json beside it is read as part of it"
 _DIAGNOSE_END = """\
 Recordings are MCAP files with sensor_msgs/msg/JointState on both topics (`gfm import` makes them
 from tables, ROS bags and LeRobot datasets). The model has one actuator per joint, of the kind of
-the commands: position servo, velocity servo or motor. What MJCF cannot say stands in a file beside
+the commands: position servo, velocity servo or motor; --actuators adds them, and nominal.xml among
+the results is the model that this made. What MJCF cannot say stands in a file beside
 it: corrected models are written to corrected.xml and, where need be, corrected.effects.json, and
 whoever is given the first reads both. For several models corrected_KIND.xml is written, too. With
 --since the report begins with what changed, and ranges.toml says what training should draw from.
@@ -124,9 +127,10 @@ def add_diagnose_parser(subparsers: Subparsers) -> None:
         action="append",
         required=True,
         type=Path,
-        metavar="MODEL.xml",
-        help=f"MJCF of the robot; once per kind of command in the recordings; {_PAIR}",
+        metavar=MODEL,
+        help=f"{GIVEN}; once per kind of command in the recordings; {_PAIR}",
     )
+    add_actuators(parser)
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="for report and corrected model"
     )
@@ -187,11 +191,12 @@ def add_diagnose_parser(subparsers: Subparsers) -> None:
 def run_diagnose(arguments: argparse.Namespace) -> int:
     """Diagnoses recordings."""
     from gfm.api.diagnosis import DiagnoseRequest
+    from gfm.api.models import load_nominal
     from gfm.api.provenance import command_line
     from gfm.experiments.diagnose_command import diagnose_files
 
     request = DiagnoseRequest(
-        model=arguments.models,
+        model=load_nominal(arguments.models, arguments.actuators),
         recordings=arguments.recordings,
         holdout=arguments.holdout,
         joint_states=arguments.joint_states,

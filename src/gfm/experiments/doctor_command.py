@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
+from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators
+
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
@@ -30,7 +32,7 @@ def add_parser(subparsers: Subparsers) -> None:
         description=_DESCRIPTION,
         epilog=_EPILOG,
     )
-    parser.add_argument("model", type=Path, metavar="MODEL.xml", help="MJCF of the robot")
+    parser.add_argument("model", type=Path, metavar=MODEL, help=GIVEN)
     parser.add_argument(
         "recordings", nargs="+", type=Path, metavar="RECORDING", help="MCAP file, or a folder"
     )
@@ -40,9 +42,10 @@ def add_parser(subparsers: Subparsers) -> None:
         action="append",
         default=[],
         type=Path,
-        metavar="MODEL.xml",
+        metavar=MODEL,
         help="one more, for another kind of command",
     )
+    add_actuators(parser)
     parser.add_argument(
         "--holdout",
         nargs="+",
@@ -75,6 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = doctor(
         [arguments.model, *arguments.more],
         arguments.recordings,
+        actuators=arguments.actuators,
         holdout=arguments.holdout,
         joint_states=arguments.joint_states,
         command=arguments.command,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from gfm.core import CommandKind, ConfigError
+from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -41,9 +42,10 @@ def add_parser(subparsers: Subparsers) -> None:
         action="append",
         default=[],
         type=Path,
-        metavar="MODEL.xml",
-        help="MJCF of the robot and its surroundings; once per kind of command",
+        metavar=MODEL,
+        help=f"{GIVEN}, with its surroundings; once per kind of command",
     )
+    add_actuators(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="for the plan")
     parser.add_argument(
         "--list", action="store_true", help="say which motion shows which effect, and end"
@@ -192,6 +194,7 @@ def run(arguments: argparse.Namespace) -> int:
         ),
         endpoint=arguments.connect,
         run_name=arguments.run_name,
+        actuators=arguments.actuators,
     )
     excite(request, Console(), Console(file=sys.stderr))
     return 0

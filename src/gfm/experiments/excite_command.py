@@ -17,6 +17,7 @@ from rich.text import Text
 
 from gfm.api.excitation import excite as propose
 from gfm.api.folders import check_folder
+from gfm.api.models import load_nominal, made_texts
 from gfm.api.provenance import command_line
 from gfm.core import Clock, CommandKind, ConfigError, MonotonicClock, Observation
 from gfm.excitation.limits import RobotLimits, Wishes
@@ -26,6 +27,7 @@ from gfm.excitation.programme import FAMILIES, Family
 from gfm.excitation.safety import SafetyCheck
 from gfm.experiments.drive import Driven, drive
 from gfm.report import PlanReport, write_plan
+from gfm.report.files import write_texts
 from gfm.report.words import joints_title
 from gfm.transport import Transport, ZenohTransport
 
@@ -35,7 +37,7 @@ class ExciteRequest:
     """What is asked for.
 
     Attributes:
-        models: One MJCF file per kind of command.
+        models: One model per kind of command.
         out: Folder to write to.
         effects: To be shown.
         report: Of a diagnosis whose open questions are to be decided, or None.
@@ -47,6 +49,7 @@ class ExciteRequest:
         wishes: Limits beyond those in the models.
         endpoint: Of the robot bridge's run; None to plan only.
         run_name: Of the bridge's run.
+        actuators: What joints without an actuator get.
     """
 
     models: tuple[Path, ...]
@@ -61,6 +64,7 @@ class ExciteRequest:
     wishes: Wishes
     endpoint: str | None = None
     run_name: str = "default"
+    actuators: str | None = None
 
     def __post_init__(self) -> None:
         check_folder(self.out)
@@ -76,7 +80,7 @@ def excite(request: ExciteRequest, answer: Console, progress: Console) -> None:
     """
     progress.print(Text("  planning", style="dim"))
     excitation = propose(
-        list(request.models),
+        load_nominal(request.models, request.actuators),
         effects=request.effects,
         report=request.report,
         kinds=request.kinds,
@@ -95,7 +99,8 @@ def excite(request: ExciteRequest, answer: Console, progress: Console) -> None:
             paths, report = drive_plan(
                 transport, MonotonicClock(), report, request, model=model, progress=progress
             )
-    print_plan(answer, report, request.models)
+        write_texts(request.out, made_texts(excitation.nominal))
+    print_plan(answer, report, request.models, request.actuators)
     for path in paths[:2]:
         answer.print(Text(str(path)), soft_wrap=True)
 
@@ -154,7 +159,12 @@ def check_way(
         )
 
 
-def print_plan(console: Console, report: PlanReport, models: Sequence[Path]) -> None:
+def print_plan(
+    console: Console,
+    report: PlanReport,
+    models: Sequence[Path],
+    actuators: str | None = None,
+) -> None:
     """Prints which motion shows what, what to know, and how to go on."""
     plan = report.plan
     table = Table(box=box.SIMPLE, title=f"{len(plan.motions)} motions, {plan.duration_s:.0f} s")
@@ -170,10 +180,14 @@ def print_plan(console: Console, report: PlanReport, models: Sequence[Path]) -> 
         words = f"not shown, even so: {spot.effect} ({joints_title(spot.joints)}): {spot.why}"
         console.print(Text(words), soft_wrap=True)
     if report.recordings:
-        console.print(Text(f"next: {diagnose_words(plan, report, models)}"), soft_wrap=True)
+        console.print(
+            Text(f"next: {diagnose_words(plan, report, models, actuators)}"), soft_wrap=True
+        )
 
 
-def diagnose_words(plan: Plan, report: PlanReport, models: Sequence[Path]) -> str:
+def diagnose_words(
+    plan: Plan, report: PlanReport, models: Sequence[Path], actuators: str | None = None
+) -> str:
     """Returns the command line that diagnoses what was recorded."""
     paths = {
         purpose: [
@@ -184,6 +198,7 @@ def diagnose_words(plan: Plan, report: PlanReport, models: Sequence[Path]) -> st
         for purpose in Purpose
     }
     given = [word for model in models for word in ("--model", str(model))]
+    given += ["--actuators", actuators] if actuators else []
     held_out = ["--holdout", *paths[Purpose.HELDOUT]]
     return shlex.join(["gfm", "diagnose", *paths[Purpose.TRAINING], *held_out, *given, "--out"]) + (
         " DIR"

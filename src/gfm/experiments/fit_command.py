@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators
+
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
@@ -28,9 +30,10 @@ def add_parser(subparsers: Subparsers) -> None:
         action="append",
         required=True,
         type=Path,
-        metavar="MODEL.xml",
-        help="MJCF, once per kind of command, with the effects beside it",
+        metavar=MODEL,
+        help=f"{GIVEN}; once per kind of command, with the effects beside it",
     )
+    add_actuators(parser)
     parser.add_argument(
         "--holdout",
         nargs="+",
@@ -72,6 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
             recordings=tuple(arguments.recordings),
             holdout=tuple(arguments.holdout),
             models=tuple(arguments.models),
+            actuators=arguments.actuators,
             out=arguments.out,
             learning_s=60.0 * arguments.minutes,
             began=COLD if arguments.from_nothing else WARM,

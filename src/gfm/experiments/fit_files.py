@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gfm.api.folders import check_new_folder
-from gfm.api.models import NominalModel, load_nominal
+from gfm.api.models import NominalModel, load_nominal, model_paths
 from gfm.api.provenance import command_line, provenance
 from gfm.api.recordings import check_together, read_recordings
 from gfm.api.refusals import check_usable
@@ -48,13 +48,14 @@ class FitRequest:
     Attributes:
         recordings: What the simulation should follow.
         holdout: What errors are measured on; empty for the last one of the recordings.
-        models: One MJCF file per kind of command.
+        models: One model per kind of command.
         out: A new folder for everything.
         learning_s: Reinforcement learning, s; 0 for the first policy alone.
         began: What with.
         period_s: Between two decisions about forces.
         actors: Processes.
         seed: Of everything random.
+        actuators: What joints without an actuator get.
     """
 
     recordings: tuple[Path, ...]
@@ -66,6 +67,7 @@ class FitRequest:
     period_s: float = 0.02
     actors: int = 1
     seed: int = 0
+    actuators: str | None = None
 
     def __post_init__(self) -> None:
         for name, (least, most) in _RANGES.items():
@@ -108,7 +110,7 @@ def fit_files(request: FitRequest, clock: Clock | None = None) -> None:
     training, held_out = request.recordings, request.holdout
     if not held_out:
         training, held_out = training[:-1], training[-1:]
-    robot = load_nominal(request.models)
+    robot = load_nominal(request.models, request.actuators)
     test, nominal = _test(robot, training, held_out)
     phases = [Phase(name=_BEGIN, expected_s=30.0), Phase(name=_COMPARE, expected_s=10.0)]
     if request.learning_s > 0.0:
@@ -118,7 +120,7 @@ def fit_files(request: FitRequest, clock: Clock | None = None) -> None:
         with progress.phase(_COMPARE):
             points = [_point(test, fitted, i) for i in range(len(fitted.snapshots))]
             hybrid = _errors(test, fitted)
-    files = {"model": request.models, "recording": training, "held-out recording": held_out}
+    files = {"model": robot.files, "recording": training, "held-out recording": held_out}
     report = {
         "schema": SCHEMA,
         "unit": "rad",
@@ -158,7 +160,7 @@ def _fit(
     clock: Clock,
 ) -> FittedForces:
     inputs = FitInputs(
-        models=robot.paths,
+        models=model_paths(robot, request.out),
         recordings=tuple(training),
         folder=request.out,
         seed=request.seed,

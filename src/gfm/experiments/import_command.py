@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gfm.core import BadInputError, ConfigError, Trajectory
+from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators
 
 if TYPE_CHECKING:
     from gfm.recording.mapping import Mapping
@@ -35,8 +36,9 @@ def add_parser(subparsers: Subparsers) -> None:
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--mapping", type=Path, metavar="TOML", help="which column is which signal")
     which.add_argument(
-        "--model", type=Path, metavar="MODEL.xml", help="guess the mapping from this model's joints"
+        "--model", type=Path, metavar=MODEL, help=f"guess the mapping from its joints: {GIVEN}"
     )
+    add_actuators(parser)
     parser.add_argument("--yes", action="store_true", help="import with the guessed mapping")
     parser.add_argument(
         "--use",
@@ -75,16 +77,19 @@ def _mapping(arguments: argparse.Namespace) -> Mapping:
     """Returns the mapping that was given, or guesses and prints one."""
     from gfm.recording.mapping import load_mapping
 
-    flags = {"--yes": arguments.yes, "--use": arguments.use, "--unit": arguments.unit}
+    flags = {
+        "--yes": arguments.yes,
+        "--use": arguments.use,
+        "--unit": arguments.unit,
+        "--actuators": arguments.actuators,
+    }
     given = [flag for flag, value in flags.items() if value]
     if given and arguments.model is None:
-        raise ConfigError(
-            f"{', '.join(given)}; expected --model MODEL.xml, to guess a mapping from"
-        )
+        raise ConfigError(f"{', '.join(given)}; expected --model MODEL, to guess a mapping from")
     if arguments.mapping is not None:
         return load_mapping(arguments.mapping)
     if arguments.model is None:
-        expected = "one, or --model MODEL.xml, which guesses it"
+        expected = "one, or --model MODEL, which guesses it"
         saves = "`gfm recording salvage` saves a recording that was cut off"
         raise ConfigError(f"no --mapping given; expected {expected} ({saves})")
     return _offered(arguments)
@@ -92,12 +97,14 @@ def _mapping(arguments: argparse.Namespace) -> Mapping:
 
 def _offered(arguments: argparse.Namespace) -> Mapping:
     """Guesses a mapping, and prints it."""
+    from gfm.api.models import load_nominal
     from gfm.api.sources import mapping_for
     from gfm.recording.guess import Asked
     from gfm.recording.mapping import mapping_of
 
     asked = Asked(use=tuple(arguments.use), unit=arguments.unit)
-    text = mapping_for(arguments.files[0], arguments.model, asked)
+    model = load_nominal(arguments.model, arguments.actuators)
+    text = mapping_for(arguments.files[0], model, asked)
     sys.stdout.write(text)
     return mapping_of(text, "the guessed mapping")
 

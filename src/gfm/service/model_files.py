@@ -1,4 +1,4 @@
-"""A robot's model in files: MJCF, and beside it the effects that MJCF cannot express.
+"""A robot's model in files: MJCF or URDF, and beside it the effects that MJCF cannot express.
 
 `corrected.xml` and `corrected.effects.json` are one model: whoever reads the first by its name
 finds the second and puts its effects in as well.
@@ -6,7 +6,7 @@ finds the second and puts its effects in as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +14,9 @@ import mujoco
 
 from gfm.core import BadInputError, CommandKind, ConfigError
 from gfm.effects import EffectInstance
+from gfm.service.actuators import ActuatorRule, with_actuators
 from gfm.service.effects_file import read_effects
+from gfm.service.named_model import check_compiles, named_model
 from gfm.sim.drive import write_out_damping
 from gfm.sim.drive_names import name_after_joints
 
@@ -31,12 +33,14 @@ class ModelFile:
         spec: What it says.
         effects: What the file beside it says; empty where there is none.
         called: What the file calls drives that have another name than their joints, by joint.
+        made: What was done to what the file says, in lines; none for MJCF that is whole.
     """
 
     path: Path | None
     spec: mujoco.MjSpec
     effects: tuple[EffectInstance, ...]
     called: Mapping[str, str]
+    made: tuple[str, ...] = ()
 
     @property
     def where(self) -> str:
@@ -46,7 +50,7 @@ class ModelFile:
     @property
     def about(self) -> tuple[str, ...]:
         """What there is to know of the model, in lines: what stands beside it, what it calls."""
-        lines = []
+        lines = list(self.made)
         if self.effects and self.path:
             named = ", ".join(
                 f"{e.effect.name} on {', '.join(e.joints) or 'all'}" for e in self.effects
@@ -69,55 +73,46 @@ def effects_path(model: Path) -> Path:
     return model.with_suffix(EFFECTS_SUFFIX)
 
 
-def read_model(path: Path) -> ModelFile:
+def read_model(name: Path | str, actuators: ActuatorRule | None = None) -> ModelFile:
     """Returns a model with what stands beside it.
+
+    Args:
+        name: Path of MJCF or URDF, or "robot_descriptions:NAME".
+        actuators: What joints without an actuator get; None to leave them without.
 
     Raises:
         BadInputError: a file is missing or damaged, or the two do not belong together.
     """
-    file = _made_ready(_read_spec(path), path)
-    beside = effects_path(path)
+    found = named_model(name)
+    file = _made_ready(found.spec, found.path, found.made, actuators)
+    beside = effects_path(found.path)
     effects = read_effects(beside) if beside.is_file() else ()
-    _check_joints(file.spec, effects, beside, path)
+    _check_joints(file.spec, effects, beside, found.path)
     return replace(file, effects=effects)
 
 
-def model_of(spec: mujoco.MjSpec) -> ModelFile:
+def model_of(spec: mujoco.MjSpec, actuators: ActuatorRule | None = None) -> ModelFile:
     """Returns a model that is in no file, as if it had been read; `spec` stays as it is.
 
     Raises:
         BadInputError: MuJoCo does not compile it.
     """
-    _check_compiles(spec, f"MjSpec {spec.modelname!r}")
-    return _made_ready(spec.copy(), None)
+    check_compiles(spec, f"MjSpec {spec.modelname!r}")
+    return _made_ready(spec.copy(), None, (), actuators)
 
 
-def _made_ready(spec: mujoco.MjSpec, path: Path | None) -> ModelFile:
+def _made_ready(
+    spec: mujoco.MjSpec, path: Path | None, made: Sequence[str], actuators: ActuatorRule | None
+) -> ModelFile:
+    added = with_actuators(spec, actuators) if actuators else []
     write_out_damping(spec)
-    return ModelFile(path=path, spec=spec, effects=(), called=name_after_joints(spec))
-
-
-def _read_spec(path: Path) -> mujoco.MjSpec:
-    if not path.is_file():
-        raise BadInputError(f"model {path}: no such file; expected MJCF")
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except ValueError as exc:
-        raise _unloadable(str(path), exc) from exc
-    _check_compiles(spec, str(path))
-    return spec
-
-
-def _check_compiles(spec: mujoco.MjSpec, where: str) -> None:
-    try:
-        spec.copy().compile()
-    except ValueError as exc:
-        raise _unloadable(where, exc) from exc
-
-
-def _unloadable(where: str, exc: ValueError) -> BadInputError:
-    reason = " ".join(str(exc).split())
-    return BadInputError(f"model {where}: {reason}; expected MJCF that MuJoCo loads")
+    return ModelFile(
+        path=path,
+        spec=spec,
+        effects=(),
+        called=name_after_joints(spec),
+        made=(*made, *added),
+    )
 
 
 def _check_joints(

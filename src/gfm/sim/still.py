@@ -60,6 +60,18 @@ def with_still_joints(spec: mujoco.MjSpec, names: Iterable[str]) -> mujoco.MjSpe
     return still
 
 
+def moved_by_actuators(spec: mujoco.MjSpec) -> set[str]:
+    """Returns the joints that an actuator moves: directly, by a tendon, or as another one moves.
+
+    A joint that an equality makes follow another one (of URDF: a mimic joint) counts, whatever
+    moves the other: an actuator of its own would work against that.
+    """
+    equalities = zip(spec.equalities, _in_equalities(spec), strict=True)
+    joint = mujoco.mjtEq.mjEQ_JOINT
+    followers = {str(one.name1) for one, two in equalities if one.type == joint and len(two) == 2}
+    return _driven(spec) | followers
+
+
 def _with_motors(joints: Sequence[str]) -> set[str]:
     return {side for name in joints for side in (name, name + MOTOR_SIDE)}
 

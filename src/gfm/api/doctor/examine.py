@@ -72,6 +72,7 @@ def doctor(
     model: Model,
     recordings: Sources,
     *,
+    actuators: str | None = None,
     holdout: Sources = (),
     joint_states: str = JOINT_STATES,
     command: str = COMMAND,
@@ -81,14 +82,16 @@ def doctor(
     Nothing is raised about what is given: whatever a diagnosis would refuse is a line.
 
     Args:
-        model: Path of MJCF, or an `MjSpec`; a list of them for several kinds of command.
+        model: Path of MJCF or URDF, or an `MjSpec`, or what `gfm.load_nominal` made of it; a
+            list of them for several kinds of command.
         recordings: Paths, folders, or what `gfm.load` returned.
+        actuators: What joints without an actuator get, as of `gfm.load_nominal`.
         holdout: What errors would be measured on.
         joint_states: Topic of the measurements in files.
         command: Topic of the commands in files.
     """
     checks: list[Check] = []
-    nominal = _model(model, checks)
+    nominal = _model(model, actuators, checks)
     topics = joint_states, command
     training, held = (_files(one, topics, checks) for one in (recordings, holdout))
     if training or held:
@@ -99,9 +102,9 @@ def doctor(
     return Examination(checks=tuple(checks))
 
 
-def _model(model: Model, checks: list[Check]) -> NominalModel | None:
+def _model(model: Model, actuators: str | None, checks: list[Check]) -> NominalModel | None:
     try:
-        nominal = load_nominal(model)
+        nominal = load_nominal(model, actuators)
     except BadInputError as exc:
         checks.append(refusal(MODEL, exc))
         return None

@@ -1,0 +1,19 @@
+"""Flags about models that several commands share."""
+
+from __future__ import annotations
+
+import argparse
+
+#: In the place of a model's file, for messages and help.
+MODEL = "MODEL"
+#: What a model may be, for help.
+GIVEN = "MJCF or URDF of the robot, or robot_descriptions:NAME"
+
+
+def add_actuators(parser: argparse._ActionsContainer) -> None:
+    """Adds --actuators."""
+    parser.add_argument(
+        "--actuators",
+        metavar="RULE",
+        help="what joints without an actuator get: position:kp=50,kv=1, velocity:kv=5 or torque",
+    )
