@@ -202,6 +202,15 @@ def test_commands_that_the_model_would_clip_are_told(runs):
     assert "its actuator takes -0.4 to 0.4: the model clips the rest" in words
 
 
+def test_parts_that_touch_in_recorded_poses_are_told(runs):
+    ball = '<worldbody><geom name="ball" size="0.05" pos="0 0 -0.15"/><body>'
+    found = gfm.doctor(spec(ARM.replace("<worldbody><body>", ball)), runs)
+    words = told(found, "contacts", Level.WARN)
+    assert "and world touch in " in words
+    assert "exclude the pair in MJCF" in words
+    assert told(gfm.doctor(spec(), runs), "contacts", Level.OK).startswith("nothing touches in 100")
+
+
 @pytest.mark.parametrize(("every", "level"), [(2, Level.OK), (5, Level.WARN), (20, Level.REFUSE)])
 def test_few_measurements_a_second_are_told(runs, every, level):
     given = [

@@ -122,6 +122,19 @@ def test_a_mesh_of_the_package_is_found(tmp_path):
     assert found.spec.compile().nmesh == 1
 
 
+def test_links_of_a_urdf_that_touch_at_rest_do_not_collide(tmp_path):
+    path = urdf(tmp_path, damping=0.1)
+    ball = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
+    text = path.read_text().replace('<link name="base"/>', f'<link name="base">{ball}</link>')
+    path.write_text(text.replace(f'<mesh filename="{MESH}"/>', '<sphere radius="0.05"/>'))
+    found = named_model(path)
+    assert found.made[1] == "touch at rest, and so do not collide: upper and world"
+    model = found.spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 0
+
+
 def test_a_mass_that_comes_from_a_missing_mesh_is_refused(tmp_path):
     path = urdf(tmp_path, inertial="")
     with pytest.raises(BadInputError, match=r"mass of upper comes from the mesh .*upper\.obj, whi"):

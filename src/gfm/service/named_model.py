@@ -51,12 +51,30 @@ def named_model(name: Path | str) -> NamedModel:
     """
     path = _robot(str(name).removeprefix(ROBOTS)) if str(name).startswith(ROBOTS) else Path(name)
     spec = _parsed(path)
+    urdf = _URDF in path.read_text(encoding="utf-8", errors="replace")
     made = [f"{name} is {path}"] if str(name).startswith(ROBOTS) else []
-    if _URDF in path.read_text(encoding="utf-8", errors="replace"):
-        made.append("URDF, as MuJoCo reads it")
+    made += ["URDF, as MuJoCo reads it"] if urdf else []
     made += without_missing(spec, path)
     check_compiles(spec, str(path))
+    made += _apart_at_rest(spec) if urdf else []
     return NamedModel(path=path, spec=spec, made=tuple(made))
+
+
+def _apart_at_rest(spec: mujoco.MjSpec) -> list[str]:
+    """Lets links not collide that touch at rest; returns which, in a line.
+
+    Shapes of neighbours overlap where a joint holds them together, and URDF cannot say that this is
+    no contact: the robot would push itself apart in every pose.
+    """
+    model = spec.copy().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    bodies = model.geom_bodyid[data.contact.geom[: data.ncon]]
+    pairs = sorted({tuple(sorted(model.body(i).name for i in pair)) for pair in bodies.tolist()})
+    for first, second in pairs:
+        spec.add_exclude(bodyname1=first, bodyname2=second)
+    told = ", ".join(f"{first} and {second}" for first, second in pairs)
+    return [f"touch at rest, and so do not collide: {told}"] if pairs else []
 
 
 def check_compiles(spec: mujoco.MjSpec, where: str) -> None:

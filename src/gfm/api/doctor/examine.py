@@ -110,7 +110,8 @@ def _model(model: Model, actuators: str | None, checks: list[Check]) -> NominalM
         return None
     for kind, spec in nominal.specs.items():
         told = f"{len(list(spec.actuators))} actuators, {kind} commands"
-        checks.append(well(MODEL, "; ".join([f"loads; {told}", *nominal.about])))
+        checks.append(well(MODEL, f"loads; {told}"))
+    checks += [well(MODEL, line.partition(": ")[2]) for line in nominal.about]
     return nominal
 
 
@@ -174,5 +175,6 @@ def _with_model(nominal: NominalModel, training: Files, held: Files) -> Iterator
     yield from signals.quality(known, plants)
     yield from motion.ranges(known, plants)
     yield from motion.control_ranges(known, plants)
+    yield from motion.contacts(known, plants)
     if learned_from:
         yield from motion.seen(learned_from, plants, tuple(nominal.paths.values()))

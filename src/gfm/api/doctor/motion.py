@@ -5,6 +5,7 @@ Shape letters: J joints.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,14 @@ from gfm.excitation.rules import RULES, saturation_rule
 from gfm.report.checks import Check
 from gfm.sim.plant import Plant
 
-RANGES, CONTROL, SEEN = "joint ranges", "control ranges", "what can be found"
+RANGES, CONTROL, CONTACTS, SEEN = (
+    "joint ranges",
+    "control ranges",
+    "contacts",
+    "what can be found",
+)
+#: Poses of each recording in which contacts are looked for, and pairs of bodies that are told.
+_LOOKS, _PAIRS = 50, 4
 
 
 def ranges(files: Files, plants: Mapping[CommandKind, Plant]) -> Iterator[Check]:
@@ -46,6 +54,36 @@ def ranges(files: Files, plants: Mapping[CommandKind, Plant]) -> Iterator[Check]
     elif not beyond:
         used = f"{100 * min(shares):.0f} to {100 * max(shares):.0f} % of them"
         yield well(RANGES, f"recorded positions are inside and cover {used}")
+
+
+def contacts(files: Files, plants: Mapping[CommandKind, Plant]) -> Iterator[Check]:
+    """Tells which parts touch in recorded poses: a robot is judged by its motion in the air."""
+    poses, touching = 0, Counter[str]()
+    for _, run in files:
+        plant = plants[run.command_kind]
+        rows = np.linspace(0, len(run.position) - 1, _LOOKS).astype(int)
+        data = mujoco.MjData(plant.model)
+        poses += len(rows)
+        for position in run.position[rows]:
+            data.qpos[plant.qpos] = position
+            mujoco.mj_fwdPosition(plant.model, data)
+            touching.update(_pairs(plant.model, data))
+    for pair, count in touching.most_common(_PAIRS):
+        advice = (
+            "nothing, if they do; if not, exclude the pair in MJCF (contact, exclude), or leave "
+            "their geometry out: contacts hide what else is wrong, and take long to simulate"
+        )
+        share = 100.0 * count / poses
+        yield doubt(CONTACTS, f"{pair} touch in {share:.0f} % of the recorded poses", advice)
+    if not touching:
+        yield well(CONTACTS, f"nothing touches in {poses} recorded poses")
+
+
+def _pairs(model: mujoco.MjModel, data: mujoco.MjData) -> set[str]:
+    """Returns the bodies that touch, as "a and b"."""
+    bodies = model.geom_bodyid[data.contact.geom[: data.ncon]].tolist()
+    named = (sorted(model.body(i).name for i in pair) for pair in bodies)
+    return {f"{first} and {second}" for first, second in named}
 
 
 def _reach(files: Files) -> tuple[np.ndarray, np.ndarray]:
