@@ -47,10 +47,8 @@ def how_long(nominal: NominalModel, recordings: Sequence[Trajectory]) -> Check:
     heads = [cut_in_two(run, share)[0] if share < 1.0 else run for run in runs]
     segments, looking_s = _timed(lambda: all_segments(specs, heads, given=nominal.effects))
     if not all(spec.option.disableflags & _NO_CONTACT for spec in segments.specs.values()):
-        advice = "mend the contacts above, if they are not there"
-        return doubt(
-            DURATION, "long: the robot is never in the air, contacts are simulated", advice
-        )
+        found = "long: the robot is never in the air, contacts are simulated"
+        return doubt(DURATION, found, "mend the contacts above, if they are not there")
     problem = prepared(segments)
     problem.position_errors(())  # starts the threads
     _, predicting_s = _timed(lambda: problem.position_errors(()))
