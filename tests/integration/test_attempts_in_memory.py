@@ -13,11 +13,12 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from gfm.cli import main
-from gfm.core import BadInputError, ConfigError, ManualClock, RefusedError
+from gfm.core import BadInputError, CommandKind, ConfigError, ManualClock, RefusedError
 from gfm.core.checks import Array32
 from gfm.envs.matching import Matching
 from gfm.envs.matching_task import POSE_MATCHING, POSITION_MATCHING
@@ -36,7 +37,9 @@ from gfm.sim.sawyer import JOINT_NAMES, READY
 from gfm.transport import MemoryHub, MemoryTransport, ZenohTransport
 from gfm_robot_bridge.__main__ import build as build_bridge
 from gfm_robot_bridge.config import BridgeConfig
+from gfm_robot_bridge.limits import Reason
 from gfm_robot_bridge.simulated.__main__ import build as build_robot
+from gfm_robot_bridge.simulated.cell import Cell, cell_model
 from gfm_robot_bridge.simulated.config import SimulatedConfig
 from gfm_robot_bridge.simulated.tracker import Tracker
 from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
@@ -59,12 +62,13 @@ class Rig:
         self.time = ManualClock()
         self.robot_answers = True
         self.hub = MemoryHub()
-        self._bridge = build_bridge(
+        self.bridge = build_bridge(
             BridgeConfig(
                 name="bridge",
                 recordings=str(folder),
                 control_hz=control_hz,
                 clock=RobotClock(clock),
+                task=task,
             ),
             MemoryTransport(self.hub, name="bridge", clock=self.time),
             self.time,
@@ -81,7 +85,7 @@ class Rig:
 
     def _idle(self) -> None:
         self.time.advance_s(5e-4)
-        self._bridge.step()
+        self.bridge.step()
         if self.robot_answers:
             self._robot.step()
 
@@ -141,6 +145,27 @@ def test_the_policy_does_so_where_another_engine_moves_the_robot(tmp_path: Path)
     made = attempts(Rig(tmp_path, engine="drake").driver).make(0, 0, "first")
     assert made is not None
     assert made.outcome == "reached"
+
+
+def test_the_bridge_keeps_the_tool_out_of_the_basket(tmp_path: Path) -> None:
+    rig, model = Rig(tmp_path), cell_model(Cell.POSITION)
+    data, plate = mujoco.MjData(model), model.geom("plate").id
+    basket = [model.geom(f"basket_{name}").id for name in ("floor", "wall_1", "wall_3")]
+    aside, down = 0.2 * np.eye(7)[0], 0.1 * np.eye(7)[1]  # past the object, then on
+    lowest, reasons = 1.0, Reason.NONE
+    for speed in [aside] * 30 + [down] * 60:
+        rig.driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed)
+        reasons |= Reason(rig.driver.newest.reason)
+        data.qpos[:7] = rig.driver.newest.position
+        mujoco.mj_kinematics(model, data)
+        lowest = min(
+            lowest,
+            *(mujoco.mj_geomDistance(model, data, plate, part, 1.0, None) for part in basket),
+        )
+    assert 0.008 < lowest < 0.015
+    assert reasons == Reason.COLLISION
+    assert rig.bridge.status().counters["collision_limits"] > 0
+    assert rig.bridge.status().gauges["geometry_guarded"] == 1.0
 
 
 def test_a_policy_that_stands_still_reaches_nothing(tmp_path: Path) -> None:

@@ -137,6 +137,15 @@ def test_a_command_is_answered_by_what_it_did(rig: Rig) -> None:
     assert newest.stamp_ns == answer.stamp_ns
 
 
+def test_a_robot_without_a_model_has_no_geometry_and_that_is_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    status = Rig(tmp_path).bridge.status()
+    assert status.gauges["geometry_guarded"] == 0.0
+    assert status.counters["workspace_limits"] == status.counters["collision_limits"] == 0
+    assert "no model of this robot: nothing keeps it from running into something" in caplog.text
+
+
 def test_joints_may_be_named_in_any_order(rig: Rig) -> None:
     rig.command("velocity", [0.02, 0.01], names=("b", "a"))
     assert rig.robot.told[-1].values.tolist() == [0.01, 0.02]

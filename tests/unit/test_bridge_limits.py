@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gfm.core import Command, CommandKind, Observation
@@ -19,13 +19,15 @@ from gfm_robot_bridge.sawyer_dynamics import SawyerDynamics
 from gfm_robot_bridge.torque import limited_torque
 
 PERIOD_S = 0.02
+#: Positions that are followed by speeds: the joint is half a period ahead of its setpoint, rad.
+_OVERSHOT = 3e-4
 BOUNDS = Bounds(
     lower=np.array([-1.0, -2.0]),
     upper=np.array([1.0, 2.0]),
     velocity=np.array([0.5, 1.0]),
     acceleration=np.array([5.0, 5.0]),
     braking=np.array([7.0, 7.0]),
-    effort=np.array([5.0, 3.0]),
+    effort=np.array([5.0, 5.0]),  # as much as a joint of 1 kg m^2 needs to stop
     still=np.array([0.01, 0.02]),
     power_w=2.0,
     patience_s=0.22,
@@ -77,6 +79,7 @@ SETPOINTS = st.floats(allow_nan=False, allow_infinity=False, width=64)
 SOME = st.floats(-3.0, 3.0)
 
 
+@settings(deadline=None)
 @given(
     st.lists(
         st.tuples(
@@ -95,8 +98,8 @@ def test_no_sequence_of_commands_leads_out_of_the_limits(
     for kind, values, times in sent:
         for _ in range(times):
             plant.send(kind, np.array(values))
-            assert (plant.position >= BOUNDS.lower - 1e-4).all()
-            assert (plant.position <= BOUNDS.upper + 1e-4).all()
+            assert (plant.position >= BOUNDS.lower - _OVERSHOT).all()
+            assert (plant.position <= BOUNDS.upper + _OVERSHOT).all()
     assert (plant.fastest <= BOUNDS.velocity + 1e-9).all()
     assert (plant.hardest <= BOUNDS.braking + 1e-6).all()
 

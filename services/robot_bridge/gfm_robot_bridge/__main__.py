@@ -14,6 +14,7 @@ from gfm_robot_bridge.config import BridgeConfig, address
 from gfm_robot_bridge.intera.sawyer import InteraSawyer, SawyerSettings
 from gfm_robot_bridge.mirror import MirrorRobot
 from gfm_robot_bridge.robot import Robot
+from gfm_robot_bridge.sawyer_guard import sawyer_guard
 from gfm_robot_bridge.service import BridgeService
 from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
 from gfm_wire import RobotClock
@@ -29,7 +30,9 @@ def build(
     background: Background | None = None,
 ) -> Service:
     """Returns the service that the settings describe."""
-    return BridgeService(config, _robot(config, transport, clock), transport, clock, background)
+    robot = _robot(config, transport, clock)
+    guard = None if config.robot == "mirror" else sawyer_guard(config, robot)
+    return BridgeService(config, robot, transport, clock, background, guard)
 
 
 def _robot(config: BridgeConfig, transport: Transport, clock: Clock) -> Robot:
@@ -89,6 +92,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--clock",
         choices=tuple(RobotClock),
         help="whether robot time passes by itself, or only with commands (default: wall)",
+    )
+    group.add_argument(
+        "--task",
+        choices=("none", "position", "pose"),
+        help="for which task it has a tool and a basket, as the robot's own (default: none)",
     )
     group.add_argument("--control-hz", type=float, help="commands per second (default: 50)")
     group.add_argument("--recordings", metavar="DIR", help="where to write recordings")

@@ -55,6 +55,12 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             at one another: in the worst of 200 poses the simulated arm's speed servos, told to ramp
             as badly as possible, give a joint twice the acceleration of its own ramp.
         braking_share: The same for a stop, in which all joints only become slower.
+        task: For which the robot has a tool in its hand and a basket in front of it; as the
+            simulated robot's own setting.
+        workspace_m: Lower corner x, y, z and upper corner x, y, z, in the robot's base frame: no
+            part of the arm leaves that box. Empty for no box.
+        clearance_m: Distance that the arm keeps from basket, ground and itself, and from the sides
+            of the workspace.
         power_w: That torques may put into the arm; 80 W is what ISO 10218-1 allows near people.
         report_age_s: The robot is stopped where its newest report is older: as long as the robot
             itself waits for a command.
@@ -83,6 +89,9 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
     velocity_share: float = 0.5
     acceleration_share: float = 0.5
     braking_share: float = 0.7
+    task: Literal["none", "position", "pose"] = "none"
+    workspace_m: tuple[float, ...] = (-0.6, -0.9, -0.2, 1.15, 0.9, 1.2)
+    clearance_m: float = 0.01
     power_w: float = 80.0
     report_age_s: float = 0.2
     behind_rad: float = 0.1
@@ -103,6 +112,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             "velocity_share": (0.01, 1.0),
             "acceleration_share": (0.01, 1.0),
             "braking_share": (0.1, 1.0),
+            "clearance_m": (0.005, 0.05),
             "power_w": (1.0, 1000.0),
             "report_age_s": (0.02, 10.0),
             "behind_rad": (0.01, 10.0),
@@ -120,6 +130,12 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             value = getattr(self, name)
             if not least <= value <= most:
                 raise ConfigError(f"{name} is {value}, expected {least} to {most}")
+        box = self.workspace_m
+        if box and not (len(box) == 6 and all(box[i] < box[i + 3] for i in range(3))):
+            raise ConfigError(
+                f"workspace_m is {list(box)}, expected a lower corner x, y, z and an upper one "
+                "beyond it, or nothing"
+            )
         self._check_robot()
 
     def _check_robot(self) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from gfm.core import Command, CommandKind, Observation
 from gfm.core.checks import Array
 from gfm_robot_bridge.following import Told
+from gfm_robot_bridge.guard import Guard
 from gfm_robot_bridge.limits import Bounds, Reason, limited_position, limited_speed
 from gfm_robot_bridge.plan import SPACING_S, Plan, positions, speeds
 from gfm_robot_bridge.torque import Dynamics, limited_torque
@@ -32,15 +33,23 @@ class Limiter:
         bounds: To keep to.
         dynamics: By which torques are limited; None where the robot has none.
         period_s: Between two commands.
+        guard: Of what the arm must not touch; None where no model tells.
 
     Attributes:
         scale: Part of the commanded speed at which to go, 0 to 1.
     """
 
-    def __init__(self, bounds: Bounds, dynamics: Dynamics | None, period_s: float) -> None:
+    def __init__(
+        self,
+        bounds: Bounds,
+        dynamics: Dynamics | None,
+        period_s: float,
+        guard: Guard | None = None,
+    ) -> None:
         self.scale = 1.0
         self._bounds = bounds
         self._dynamics = dynamics
+        self._guard = guard
         self._period_s = period_s
         self._kind: CommandKind | None = None
         self._last = np.zeros_like(bounds.lower)
@@ -78,12 +87,11 @@ class Limiter:
             seen: The newest report.
         """
         if self.scale == 0.0:
-            holds = self.stopped(seen) or self._plan(CommandKind.POSITION, self._last[None])
-            return replace(holds, reason=Reason.SCALED)
+            return replace(self._at_standstill(seen), reason=Reason.SCALED)
         if command.kind is CommandKind.POSITION and not self._enters_position(seen):
             return replace(self._brake(seen), reason=Reason.MODE)
-        self._braking = False
-        plan = self._towards(command, seen)
+        scaled = self.scale if command.kind is CommandKind.VELOCITY else 1.0
+        plan = self._guarded(command.kind, scaled * command.values, seen)
         return plan if self.scale == 1.0 else replace(plan, reason=plan.reason | Reason.SCALED)
 
     def stopped(self, seen: Observation) -> Plan | None:
@@ -100,14 +108,74 @@ class Limiter:
         self._kind = None
         self._braking = False
 
-    def _towards(self, command: Command, seen: Observation) -> Plan:
-        match command.kind:
+    def _guarded(self, kind: CommandKind, values: Array, seen: Observation) -> Plan:
+        """Returns a plan that the guard lets through: as wanted, or corrected, or a stop.
+
+        The stop is safe: it was looked at before what is in force now was told.
+        """
+        plan = self._towards(kind, values, seen)
+        if self._guard is None:
+            return self._taken(plan)
+        self._guard.look(seen)
+        too_near = self._guard.reason(plan)
+        if not too_near:
+            return self._taken(plan)
+        reason = plan.reason | too_near
+        speed = self._guard.corrected(self._speed_of(plan, seen))
+        nearly = self._towards(kind, self._values_of(kind, speed, seen), seen)
+        if not self._guard.reason(nearly):
+            return replace(self._taken(nearly), reason=reason)
+        return replace(self._at_standstill(seen), reason=reason)
+
+    def _towards(self, kind: CommandKind, values: Array, seen: Observation) -> Plan:
+        match kind:
             case CommandKind.POSITION:
-                return self._to_position(command.values)
+                return self._to_position(values)
             case CommandKind.VELOCITY:
-                return self._to_speed(self.scale * command.values, seen)
+                return self._to_speed(values, seen)
             case CommandKind.EFFORT:
-                return self._to_torque(command.values, seen)
+                return self._to_torque(values, seen)
+
+    def _taken(self, plan: Plan) -> Plan:
+        """Takes note of a plan that is told."""
+        last = plan.values[-1]
+        if plan.kind is CommandKind.POSITION:
+            self._speed = (last - self._last) / self._period_s
+        self._kind, self._last, self._braking = plan.kind, last, False
+        return plan
+
+    def _speed_of(self, plan: Plan, seen: Observation) -> Array:
+        """Returns the speed that a plan leads to, rad/s, shape (J,)."""
+        last = plan.values[-1]
+        match plan.kind:
+            case CommandKind.POSITION:
+                return np.asarray((last - self._last) / self._period_s)
+            case CommandKind.VELOCITY:
+                return np.asarray(last)
+            case CommandKind.EFFORT:
+                caused = self._known.accelerations(seen.position, seen.velocity, last)
+                return np.asarray(seen.velocity + caused * self._bounds.patience_s)
+
+    def _values_of(self, kind: CommandKind, speed: Array, seen: Observation) -> Array:
+        """Returns the command of a kind that leads to a speed."""
+        match kind:
+            case CommandKind.POSITION:
+                return np.asarray(self._last + speed * self._period_s)
+            case CommandKind.VELOCITY:
+                return speed
+            case CommandKind.EFFORT:
+                needed = (speed - seen.velocity) / self._bounds.patience_s
+                return self._known.torques(seen.position, seen.velocity, needed)
+
+    def _at_standstill(self, seen: Observation) -> Plan:
+        """Returns the next part of a stop, or of holding after it."""
+        return self.stopped(seen) or self._plan(CommandKind.POSITION, self._last[None])
+
+    @property
+    def _known(self) -> Dynamics:
+        if self._dynamics is None:
+            raise AssertionError("refusal() comes first")
+        return self._dynamics
 
     @property
     def _scaled(self) -> Bounds:
@@ -145,31 +213,25 @@ class Limiter:
         return self._plan(CommandKind.VELOCITY, values)
 
     def _to_position(self, wanted: Array) -> Plan:
-        after, self._speed, reason = limited_position(
+        after, reason = limited_position(
             wanted, self._last, self._speed, self._scaled, period_s=self._period_s
         )
         values, spacing_s = positions(self._last, after, self._period_s)
-        self._last = after
         return Plan(kind=CommandKind.POSITION, values=values, spacing_s=spacing_s, reason=reason)
 
     def _to_speed(self, wanted: Array, seen: Observation) -> Plan:
-        if self._kind is not CommandKind.VELOCITY:
-            self._kind, self._last = CommandKind.VELOCITY, seen.velocity.copy()
+        last = self._last if self._kind is CommandKind.VELOCITY else seen.velocity
         period_s, bounds = self._period_s, self._bounds
         after_s = bounds.patience_s + _SERVO_LAG_S
         after, reason = limited_speed(
-            wanted, self._last, seen.position, bounds, period_s=period_s, after_s=after_s
+            wanted, last, seen.position, bounds, period_s=period_s, after_s=after_s
         )
-        values = speeds(self._last, after, bounds.acceleration, period_s)
-        self._last = after
+        values = speeds(last, after, bounds.acceleration, period_s)
         return self._plan(CommandKind.VELOCITY, values, reason)
 
     def _to_torque(self, wanted: Array, seen: Observation) -> Plan:
-        if self._dynamics is None:
-            raise AssertionError("refusal() comes first")
-        self._kind = CommandKind.EFFORT
         torque, reason = limited_torque(
-            wanted, seen.position, seen.velocity, self._dynamics, self._scaled
+            wanted, seen.position, seen.velocity, self._known, self._scaled
         )
         return self._plan(CommandKind.EFFORT, torque[None], reason)
 

@@ -38,6 +38,10 @@ class Reason(IntFlag):
     """The robot is stopped: somebody said so, its driver let go, or something failed."""
     SCALED = 256
     """Somebody has the robot go at a part of its speed, or not at all."""
+    WORKSPACE = 512
+    """It would have led out of the workspace."""
+    COLLISION = 1024
+    """It would have led too near to what stands around the arm, or to the arm itself."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,8 +130,8 @@ def limited_speed(
 
 def limited_position(
     wanted: Array, last: Array, speed: Array, bounds: Bounds, *, period_s: float
-) -> tuple[Array, Array, Reason]:
-    """Returns the position at the end of a period, rad, the speed until then, rad/s, and why.
+) -> tuple[Array, Reason]:
+    """Returns the position at the end of a period, rad, shape (J,), and why it is not as wanted.
 
     The way to the wanted position becomes a speed, and that is limited. A position that is far away
     is approached so that the arm comes to rest there; one that moves evenly is followed.
@@ -148,7 +152,7 @@ def limited_position(
     after, reason = limited_speed(towards, speed, last, bounds, period_s=period_s, after_s=period_s)
     reason |= clipped(asked, bounds.velocity, Reason.VELOCITY)[1]
     reason |= Reason.ACCELERATION if (towards != asked).any() else Reason.NONE
-    return (last + after * period_s if reason else inside), after, outside | reason
+    return (last + after * period_s if reason else inside), outside | reason
 
 
 def clipped(values: Array, limit: Array, reason: Reason) -> tuple[Array, Reason]:

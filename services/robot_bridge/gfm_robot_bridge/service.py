@@ -21,6 +21,7 @@ from gfm_robot_bridge.desk import Controls, Desk
 from gfm_robot_bridge.flight import FlightRecord
 from gfm_robot_bridge.following import Following
 from gfm_robot_bridge.gate import CommandGate
+from gfm_robot_bridge.guard import Guard
 from gfm_robot_bridge.inbox import Heard, Inbox
 from gfm_robot_bridge.lease import Lease
 from gfm_robot_bridge.limiter import Limiter
@@ -56,6 +57,7 @@ class BridgeService(Service, Controls):
         transport: The connection to whoever commands.
         clock: Of this process.
         background: That writes recordings; by default they are written at once.
+        guard: Of what the arm must not touch; None where no model tells.
     """
 
     def __init__(
@@ -65,13 +67,17 @@ class BridgeService(Service, Controls):
         transport: Transport,
         clock: Clock,
         background: Background | None = None,
+        guard: Guard | None = None,
     ) -> None:
         self._config = config
         self._robot = robot
         self._transport = transport
         self._clock = clock
         bounds = config.bounds(robot.limits, robot.patience_s)
-        self._limiter = Limiter(bounds, robot.dynamics, config.period_ns * 1e-9)
+        self._limiter = Limiter(bounds, robot.dynamics, config.period_ns * 1e-9, guard)
+        self._guard = guard
+        if guard is None:
+            _log.warning("no model of this robot: nothing keeps it from running into something")
         oldest_ns = round(config.command_age_s * 1e9) if config.clock == RobotClock.WALL else None
         lease = Lease("the robot", round(config.lease_s * 1e9))
         self._gate = CommandGate(robot.joint_names, lease, oldest_ns)
@@ -120,7 +126,11 @@ class BridgeService(Service, Controls):
             "flight_records": self._flight.written,
         }
         counters["rejected_messages"] += self._desk.rejected
-        gauges = {"robot_time_s": self._robot.time_ns() * 1e-9, **self._robot.gauges()}
+        gauges = {
+            "robot_time_s": self._robot.time_ns() * 1e-9,
+            "geometry_guarded": float(self._guard is not None),
+            **self._robot.gauges(),
+        }
         return make_status(
             "robot_bridge",
             self._config.name,
@@ -247,6 +257,8 @@ class BridgeService(Service, Controls):
         if self._config.clock == RobotClock.WALL:
             self._timing.ages.add(self._clock.utc_ns() - command.stamp_ns)
         self._counters["clipped_commands"] += bool(plan.reason)
+        self._counters["workspace_limits"] += Reason.WORKSPACE in plan.reason
+        self._counters["collision_limits"] += Reason.COLLISION in plan.reason
         self._note = f"commanded in {command.kind} mode"
         self._waiting = heard.request
         self._tell(
@@ -294,8 +306,12 @@ class BridgeService(Service, Controls):
             self._stop(Reason.STOPPED, closed)
 
     def _watch_joints(self, newest: Observation, passed_s: float) -> None:
-        """Stops the robot where something holds a joint."""
+        """Stops the robot where something holds a joint, or it is where it was not to go."""
         if self._stopping or passed_s <= 0.0:
+            return
+        if self._guard is not None and (lost := self._guard.problem(newest)):
+            self._counters["lost_clearances"] += 1
+            self._stop(Reason.STOPPED, lost)
             return
         if problem := self._following.problem(self._limiter.told, newest, passed_s):
             self._counters["stalls"] += 1
@@ -330,9 +346,12 @@ class BridgeService(Service, Controls):
 _COUNTERS = (
     "ticks",
     "clipped_commands",
+    "workspace_limits",
+    "collision_limits",
     "overruns",
     "watchdog_trips",
     "stalls",
+    "lost_clearances",
     "stale_reports",
     "robot_failures",
     "robot_faults",

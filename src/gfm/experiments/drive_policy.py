@@ -256,18 +256,17 @@ def _clock(request: DriveRequest) -> str:
 def _system(request: DriveRequest) -> SystemSpec:
     folder = request.out.absolute()
     config = request.robot_config
-    clock = ("--clock", _clock(request))
+    both = ("--clock", _clock(request), "--task", request.task.removesuffix("_matching"))
     robot = (
         *(("--config", str(config.absolute())) if config else ()),
-        *clock,
-        *("--task", request.task.removesuffix("_matching")),
+        *both,
         *("--hidden-effect", request.hidden_effect),
         *("--seed", str(request.seed), "--sealed", str(folder / "sealed.json")),
     )
     bridge = (
         *("--recordings", str(folder / "recordings")),
         *("--control-hz", f"{1.0 / CONTROL_PERIOD_S:g}"),
-        *clock,
+        *both,
     )
     return SystemSpec(
         run="drive",  # a router of its own: nobody else is there
