@@ -46,7 +46,7 @@ bench-joint-control: $(VENV)/.installed build/peers  ## compare all models of th
 	PYTHONPATH=build/peers $(BIN)/python benchmarks/joint_control.py
 
 bench-bridge: $(VENV)/.installed  ## attack the robot bridge, and stop it in every way (20 minutes)
-	$(BIN)/python benchmarks/bridge_safety.py --commands 300000 --tries 100
+	$(BIN)/python benchmarks/bridge_safety.py --commands 60000 --tries 100
 
 bench-kills: $(VENV)/.installed  ## kill a process that records, 1,000 times (25 minutes)
 	$(BIN)/python benchmarks/recording_kills.py --kills 1000

@@ -1,221 +1,41 @@
 """What the robot bridge lets through, judged in the simulated robot's own physics.
 
     python benchmarks/bridge_safety.py --commands 1000000 --tries 100 --out results.md
+    python benchmarks/bridge_safety.py --commands 3000 --hidden payload_1kg payload_3kg late
 
 Bridge, simulated Sawyer and a hostile driver in one process, on the wall clock's path with a clock
 that is moved by hand. The arm is watched at every step of its integrator: positions against the
-joints' ranges, speeds against the allowed share of their limits, accelerations against theirs.
-Then it is stopped from 5 % and from 50 % of its speed limits, in every mode and in every way.
+joints' ranges, speeds against the allowed share of their limits, accelerations against theirs,
+distances to the sides of the workspace, to basket and ground, and to itself. Then it is stopped
+from 5 % and from 50 % of its speed limits, in every mode and in every way.
+
+The bridge believes in a plate in the arm's hand and a basket in front of it, and distances are
+those of that cell; the arm that moves has neither: nothing holds it where it comes too near.
 """
 
 from __future__ import annotations
 
 import argparse
 import logging
-import math
 import subprocess
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import final
 
 import numpy as np
-from typing_extensions import override
+from bridge_geometry import TARGETS, Geometry
+from bridge_rig import LIMITS, Rig, Setting
 
-from gfm.core import Clock, Command, CommandKind, ManualClock, Observation
+from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.sim.sawyer import JOINT_NAMES, READY
-from gfm.transport import MemoryHub, MemoryTransport, PendingReply
-from gfm_robot_bridge.config import BridgeConfig
-from gfm_robot_bridge.sawyer_limits import sawyer_limits
-from gfm_robot_bridge.service import BridgeService
-from gfm_robot_bridge.simulated.arm import Arm
-from gfm_robot_bridge.simulated.cell import Cell
-from gfm_robot_bridge.simulated.config import SimulatedConfig
-from gfm_robot_bridge.simulated.hidden import HiddenEffect
-from gfm_robot_bridge.simulated.mechanics import Mechanics
-from gfm_robot_bridge.simulated.robot import SimulatedRobot
-from gfm_robot_bridge.simulated.service import SimulatedService
-from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
-from gfm_wire import Message, RobotClock, ScaleSpeed, StopRobot
+from gfm.sim.sawyer import READY
+from gfm_robot_bridge.simulated.hidden import GivenEffect, given
+from gfm_wire import ScaleSpeed, StopRobot
 
-LIMITS = sawyer_limits()
-_SHARE = 0.5
-_STILL = 0.01
-_STEP_S = 2e-3
 _STANDS_S = 0.15
-
-
-@final
-class WatchedArm(Mechanics):
-    """The simulated arm, and the worst that it did.
-
-    Attributes:
-        worst: By name and by the mode that the servo was in: speed and acceleration over the
-            robot's limits, and how far beyond the end of a range, rad (negative: before it).
-        slowed: Highest deceleration by its limit since it was last set to 0.
-        time_s: Of the arm.
-        moved_s: When it moved last, at more than 1 % of a limit.
-    """
-
-    def __init__(self, arm: Arm) -> None:
-        self._arm = arm
-        self.servo = arm.servo
-        self.worst: dict[tuple[str, str], float] = {}
-        self.slowed = self.time_s = self.moved_s = 0.0
-
-    @property
-    @override
-    def position(self) -> Array:
-        return self._arm.position
-
-    @property
-    @override
-    def velocity(self) -> Array:
-        return self._arm.velocity
-
-    @property
-    @override
-    def object_pose(self) -> Array | None:
-        return self._arm.object_pose
-
-    @override
-    def put_object(self, pose: Array) -> None:
-        self._arm.put_object(pose)
-
-    @override
-    def drive(self) -> Array:
-        return self._arm.drive()
-
-    @override
-    def step(self, h: float) -> None:
-        before = self._arm.velocity
-        self._arm.step(h)
-        if h <= 0.0:
-            return
-        q, v = self._arm.position, self._arm.velocity
-        a = (v - before) / h
-        self.time_s += h
-        if (np.abs(v) >= _STILL * LIMITS.velocity).any():
-            self.moved_s = self.time_s
-        past = np.maximum(LIMITS.lower - q, q - LIMITS.upper).max()
-        self._note("speed", np.abs(v / LIMITS.velocity).max())
-        self._note("acceleration", np.abs(a / LIMITS.acceleration).max())
-        self._note("past_end_rad", past)
-        slowing = np.where(a * v < 0.0, np.abs(a) / LIMITS.acceleration, 0.0)
-        self.slowed = max(self.slowed, float(slowing.max()))
-
-    def _note(self, name: str, value: float) -> None:
-        key = (name, str(self.servo.kind))
-        self.worst[key] = max(self.worst.get(key, -np.inf), float(value))
-
-
-@final
-class Waits(Clock):
-    """The clock of a bridge that may wait for its robot, which goes on meanwhile."""
-
-    def __init__(self, rig: Rig) -> None:
-        self._rig = rig
-
-    @override
-    def now_ns(self) -> int:
-        return self._rig.clock.now_ns()
-
-    @override
-    def utc_ns(self) -> int:
-        return self._rig.clock.utc_ns()
-
-    @override
-    def sleep_until_ns(self, deadline_ns: int) -> None:
-        self._rig.clock.sleep_until_ns(deadline_ns)
-        self._rig.robot.step()
-
-
-@final
-class Rig:
-    """Driver, bridge and robot in one thread; the clock moves when told to."""
-
-    def __init__(self, folder: Path, control_hz: float, seed: int, share: float = _SHARE) -> None:
-        self.clock, hub = ManualClock(10**9), MemoryHub()
-        self.watched: list[WatchedArm] = []
-        config = BridgeConfig(
-            name="bridge",
-            clock=RobotClock.WALL,
-            control_hz=control_hz,
-            recordings=str(folder),
-            velocity_share=share,
-        )
-        self.config = config
-        transport = MemoryTransport(hub, name="bridge", clock=self.clock)
-        sawyer = SimulatedSawyer(transport, self.clock, robot_clock=RobotClock.WALL)
-        self.bridge = BridgeService(config, sawyer, transport, Waits(self))
-        robot = SimulatedRobot(READY, seed=seed, mechanics=self._watch)
-        self.robot = SimulatedService(
-            SimulatedConfig(name="robot", clock=RobotClock.WALL),
-            robot,
-            MemoryTransport(hub, name="robot", clock=self.clock),
-            self.clock,
-        )
-        self._driver = MemoryTransport(hub, name="driver", clock=self.clock)
-        self.observations = self._driver.subscribe("robot/observation")
-        self.bridge_lives = True
-        self.number = 0
-        self.pass_time(2.0 / control_hz)
-
-    def ask(self, key: str, message: Message) -> None:
-        """Sends something else."""
-        self._driver.request(key, message, timeout_s=1.0)
-
-    @property
-    def arm(self) -> WatchedArm:
-        """The arm."""
-        return self.watched[0]
-
-    def _watch(self, position: Array, effects: tuple[HiddenEffect, ...], cell: Cell) -> Mechanics:
-        self.watched.append(WatchedArm(Arm(position, effects, cell)))
-        return self.watched[0]
-
-    def pass_time(self, seconds: float) -> None:
-        """Lets time pass for all, in steps of at most two milliseconds."""
-        steps = math.ceil(seconds / _STEP_S - 1e-9)
-        for _ in range(steps):
-            self.clock.advance_s(seconds / steps)
-            self._work()
-
-    def _work(self) -> None:
-        for _ in range(8):
-            worked = self.robot.step()
-            if self.bridge_lives:
-                worked |= self.bridge.step()
-            if not worked:
-                return
-
-    def close_bridge(self) -> None:
-        """Closes the bridge, which is stepped no more after that."""
-        self.bridge.close()
-        self.bridge_lives = False
-
-    def send(
-        self, kind: CommandKind, values: Array, *, number: int | None = None, age_s: float = 0.0
-    ) -> PendingReply:
-        """Sends one command."""
-        command = Command(
-            kind=kind,
-            joint_names=JOINT_NAMES,
-            values=values,
-            stamp_ns=self.clock.utc_ns() - round(age_s * 1e9),
-            number=self.number if number is None else number,
-        )
-        self.number += number is None
-        return self._driver.request("robot/command", command, timeout_s=1.0)
-
-    def newest(self) -> Observation | None:
-        """Returns the newest observation that the driver sees."""
-        seen = self.observations.latest()
-        return seen if isinstance(seen, Observation) else None
 
 
 # Hostile commands
@@ -258,11 +78,16 @@ WAYS = (
     "nan",
     "stale",
     "reordered",
+    *TARGETS,
 )
 
 
-def hostility(rng: np.random.Generator, way: str, kind: CommandKind | None) -> Hostility:
+def hostility(
+    rng: np.random.Generator, way: str, kind: CommandKind | None, geometry: Geometry | None
+) -> Hostility:
     """Returns one way to be hostile; of a kind of command, or of all mixed."""
+    if way in TARGETS and geometry is not None:
+        return aimed(rng, way, kind, geometry)
     sign, frequency = rng.choice([-1.0, 1.0], 7), 10.0 ** rng.uniform(-0.5, 1.4)
     phase, size = rng.uniform(0.0, 2 * np.pi, 7), 10.0 ** rng.uniform(-1.5, 1.0)
 
@@ -289,6 +114,25 @@ def hostility(rng: np.random.Generator, way: str, kind: CommandKind | None) -> H
     return found
 
 
+def aimed(
+    rng: np.random.Generator, target: str, kind: CommandKind | None, geometry: Geometry
+) -> Hostility:
+    """Returns commands that lead a link straight to a target, slowly or too fast."""
+    choice, speed_m_s = rng.random(4), 10.0 ** rng.uniform(-2.0, 0.7)
+
+    def values(time_s: float, position: Array) -> Array:
+        chosen = kind or list(CommandKind)[int(rng.integers(3))]
+        speed = speed_m_s * geometry.speed_towards(target, position, choice)
+        sizes = {
+            CommandKind.POSITION: position + 0.2 * speed * min(time_s + 0.1, 1.0),
+            CommandKind.VELOCITY: speed,
+            CommandKind.EFFORT: 20.0 * speed,
+        }
+        return np.asarray(sizes[chosen])
+
+    return Hostility(kind=kind, values=values, burst=int(rng.choice([1, 1, 1, 5])))
+
+
 def attack(rig: Rig, commands: int, rng: np.random.Generator) -> Counter[str]:
     """Sends hostile commands; returns how many of each way."""
     sent: Counter[str] = Counter()
@@ -296,7 +140,7 @@ def attack(rig: Rig, commands: int, rng: np.random.Generator) -> Counter[str]:
     kinds: list[CommandKind | None] = [*CommandKind, None]
     while sum(sent.values()) < commands:
         way = str(rng.choice(WAYS))
-        one = hostility(rng, way, kinds[int(rng.integers(len(kinds)))])
+        one = hostility(rng, way, kinds[int(rng.integers(len(kinds)))], rig.geometry)
         rig.number = 0
         for step in range(int(rng.uniform(0.2, 3.0) / period_s)):
             for _ in range(one.burst):
@@ -326,7 +170,10 @@ def stop_once(folder: Path, kind: CommandKind, share: float, cause: str, seed: i
     """Drives all joints at a share of their speed limits, and has that stopped."""
     rng = np.random.default_rng([seed, 17])
     # A little more than half is allowed, so that from half of the limit can be stopped at all.
-    rig = Rig(folder, float(rng.choice([20.0, 50.0, 100.0, 200.0])), seed, share=0.6)
+    # Nor does it know any geometry, which would keep some from getting that fast.
+    control_hz = float(rng.choice([20.0, 50.0, 100.0, 200.0]))
+    setting = Setting(control_hz=control_hz, share=0.6, guarded=False, judged=False)
+    rig = Rig(folder, setting, seed)
     drive = _driving(rig, kind, share, rng)
     for _ in range(round(rng.uniform(0.5, 0.7) * rig.config.control_hz)):
         drive()
@@ -383,23 +230,52 @@ def _stop(rig: Rig, cause: str) -> bool:
 # Results
 
 
+def _payload(mass: float) -> GivenEffect:
+    where = {"com_x": 0.0, "com_y": 0.0, "com_z": 0.1}
+    return GivenEffect(effect="payload", parameters={"mass": mass} | where)
+
+
+#: Which share of the commands comes at which rate.
+RATES = ((0.1, 20.0), (0.2, 50.0), (0.3, 100.0), (0.4, 200.0))
+#: What robots may hide.
+HIDDEN = {
+    "payload_1kg": _payload(1.0),
+    "payload_3kg": _payload(3.0),
+    "gain": GivenEffect(effect="actuator_gain", joints=("right_j1",), parameters={"scale": 1.2}),
+    "late": GivenEffect(effect="command_delay", parameters={"delay": 0.03}),
+}
+
+
 def commit() -> str:
     """Returns what this ran on."""
     words = ("git", "rev-parse", "--short", "HEAD")
     return subprocess.run(words, check=True, capture_output=True, text=True).stdout.strip()
 
 
-def attack_lines(folder: Path, commands: int, control_hz: float, seed: int) -> list[str]:
-    """Attacks at one rate; returns rows of a table."""
-    rig = Rig(folder, control_hz, seed)
+def attack_lines(folder: Path, commands: int, setting: Setting, name: str, seed: int) -> list[str]:
+    """Attacks in one setting; returns rows of a table."""
+    rig = Rig(folder, setting, seed)
     began_s = time.monotonic()
-    sent = attack(rig, commands, np.random.default_rng([seed, int(control_hz)]))
+    sent = attack(rig, commands, np.random.default_rng([seed, int(setting.control_hz)]))
     took_s, worst = time.monotonic() - began_s, rig.arm.worst
-    print(f"{control_hz:g} Hz: {dict(sent)}, {took_s:.0f} s", flush=True)
+    counters = rig.bridge.status().counters
+    spent = " and ".join(f"{1e3 * float(np.quantile(rig.spent_s, p)):.2f}" for p in (0.5, 0.99))
+    print(
+        f"{name}, {setting.control_hz:g} Hz: {dict(sent)}, {counters['workspace_limits']} "
+        f"limited by the workspace, {counters['collision_limits']} by collisions, "
+        f"{counters['stalls']} stalls, {counters['lost_clearances']} lost clearances, "
+        f"{took_s:.0f} s; a period takes the bridge {spent} ms (p50, "
+        "p99)",
+        flush=True,
+    )
     return [
-        f"| {control_hz:g} | {sum(sent.values()):,} | {kind} | {worst['speed', kind]:.3f} | "
-        f"{worst['acceleration', kind]:.3f} | {worst['past_end_rad', kind]:.3f} |"
+        f"| {name} | {setting.control_hz:g} | {sum(sent.values()):,} | {kind} | "
+        f"{worst['speed', kind]:.3f} | {worst['acceleration', kind]:.3f} | "
+        f"{worst['past_end_rad', kind]:.3f} | "
+        + " | ".join(f"{-1e3 * worst[target, kind]:.1f}" for target in TARGETS)
+        + " |"
         for kind in map(str, CommandKind)
+        if ("speed", kind) in worst
     ]
 
 
@@ -417,11 +293,33 @@ def stop_lines(folder: Path, tries: int, seed: int) -> list[str]:
     return lines
 
 
+def settings(arguments: argparse.Namespace) -> Iterator[tuple[int, Setting, str]]:
+    """Yields how many commands are sent in which setting, and what the robot hides."""
+    guarded = not arguments.without_geometry
+    for name in arguments.hidden or ():
+        setting = Setting(control_hz=50.0, guarded=guarded, effects=given((HIDDEN[name],)))
+        yield arguments.commands, setting, name
+    for share, control_hz in () if arguments.hidden else RATES:
+        count = round(share * arguments.commands)
+        yield count, Setting(control_hz=control_hz, guarded=guarded), "nothing"
+
+
 def main() -> None:
     """Attacks, stops, and writes what came of it."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--commands", type=int, default=20_000, help="in all, over four rates")
+    parser.add_argument(
+        "--commands",
+        type=int,
+        default=20_000,
+        help="in all, over four rates, or for each that is hidden",
+    )
     parser.add_argument("--tries", type=int, default=3, help="of each stop, or 0")
+    parser.add_argument(
+        "--hidden", nargs="+", choices=HIDDEN, help="attack robots that hide these, at 50 Hz"
+    )
+    parser.add_argument(
+        "--without-geometry", action="store_true", help="attack a bridge that knows none"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="Markdown to write (default: print)")
     arguments = parser.parse_args()
@@ -430,18 +328,17 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         attacks = [
             line
-            for share, control_hz in ((0.1, 20.0), (0.2, 50.0), (0.3, 100.0), (0.4, 200.0))
-            for line in attack_lines(
-                Path(folder), round(share * arguments.commands), control_hz, seed
-            )
+            for count, setting, name in settings(arguments)
+            for line in attack_lines(Path(folder), count, setting, name, seed)
         ]
         stops = stop_lines(Path(folder), arguments.tries, seed)
     text = "\n".join(
         (
             f"Commit {ran_on}, seed {seed}, {time.monotonic() - began_s:.0f} s.",
             "",
-            "| Hz | commands | mode | speed / limit | acceleration / limit | rad past an end |",
-            "|---|---|---|---|---|---|",
+            "| hidden | Hz | commands | mode | speed / limit | acceleration / limit | "
+            "rad past an end | mm to the box | to basket, ground | to itself |",
+            "|---|---|---|---|---|---|---|---|---|---|",
             *attacks,
             "",
             "| from | stopped by | mode | still after, s | deceleration / limit |",
