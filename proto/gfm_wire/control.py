@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from gfm.core import Command, Observation
+from gfm.core import Command, EnvironmentSpec, Observation
 from gfm.core.checks import Array, check_shapes
 
 
@@ -48,11 +48,14 @@ class SequenceAck:
     Attributes:
         actor: Sequence.actor of the acknowledged sequence.
         epoch: Sequence.epoch of the acknowledged sequence.
-        cursor: Every sequence with a number below this one has arrived; never goes backwards.
+        number: Sequence.number of the acknowledged sequence.
+        cursor: No sequence with a number below this one is waited for: it has arrived, or was given
+            up; never goes backwards.
     """
 
     actor: str
     epoch: int
+    number: int
     cursor: int
 
 
@@ -82,10 +85,10 @@ class WeightsRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class EnvironmentRequest:
-    """Asks the learner which environment the run learns for: actors need not be told.
+    """Asks the learner which environment the run learns for: nobody else need be told.
 
     Attributes:
-        name: Registered name of the environment that the asker wants to act in.
+        name: Registered name of the environment that the asker wants to act in; empty takes any.
     """
 
     name: str
@@ -99,10 +102,12 @@ class RunEnvironment:
         name: Its registered name.
         settings: `gfm.envs.registry.EnvironmentSettings` as JSON; files by their absolute paths as
             the learner sees them.
+        spec: Its sizes, and the ranges that its values are within.
     """
 
     name: str
     settings: str
+    spec: EnvironmentSpec
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from gfm.core import Batch, Command, CommandKind, Observation, Sequence, Status, Weights
+from gfm.core import (
+    Batch,
+    Command,
+    CommandKind,
+    EnvironmentSpec,
+    Observation,
+    Sequence,
+    Status,
+    Weights,
+)
 from gfm_wire.control import (
     Ack,
     ByHand,
@@ -41,6 +50,7 @@ Message = (
     | ByHand
     | Command
     | EnvironmentRequest
+    | EnvironmentSpec
     | NotReady
     | Observation
     | PlaceObject
@@ -71,14 +81,27 @@ STAMP = Integer()
 
 JOINTS = Array("<f8", "J")
 
+SPEC = Schema(
+    EnvironmentSpec,
+    1,
+    {
+        "name": TEXT,
+        "observation_size": COUNT,
+        "action_size": COUNT,
+        "privileged_size": COUNT,
+        "reward_limit": Number(),
+        "observation_limit": Number(),
+    },
+)
 SEQUENCE = Schema(
     Sequence,
-    1,
+    2,
     {
         "actor": TEXT,
         "epoch": COUNT,
         "number": COUNT,
-        "weights_version": STAMP,
+        "weights_life": COUNT,
+        "weights_version": COUNT,
         "spec_digest": TEXT,
         "observation": Array("<f4", "T+1 O"),
         "action": Array("<f4", "T A"),
@@ -89,9 +112,10 @@ SEQUENCE = Schema(
 )
 BATCH = Schema(
     Batch,
-    1,
+    2,
     {
         "spec_digest": TEXT,
+        "weights_life": Array("<i8", "B"),
         "weights_version": Array("<i8", "B"),
         "observation": Array("<f4", "B T+1 O"),
         "action": Array("<f4", "B T A"),
@@ -102,8 +126,10 @@ BATCH = Schema(
 )
 WEIGHTS = Schema(
     Weights,
-    1,
+    2,
     {
+        "run": TEXT,
+        "life": COUNT,
         "version": COUNT,
         "created_ns": STAMP,
         "spec_digest": TEXT,
@@ -160,10 +186,10 @@ CONTROL = (
     Schema(Ack, 1, {}),
     Schema(Refusal, 1, {"reason": TEXT}),
     Schema(NotReady, 1, {"reason": TEXT, "inserted": COUNT, "needed": COUNT}),
-    Schema(SequenceAck, 1, {"actor": TEXT, "epoch": COUNT, "cursor": COUNT}),
+    Schema(SequenceAck, 2, {"actor": TEXT, "epoch": COUNT, "number": COUNT, "cursor": COUNT}),
     Schema(SampleRequest, 1, {"batch_size": Integer(least=1), "spec_digest": TEXT}),
     Schema(EnvironmentRequest, 1, {"name": TEXT}),
-    Schema(RunEnvironment, 1, {"name": TEXT, "settings": Text(2**20)}),
+    Schema(RunEnvironment, 2, {"name": TEXT, "settings": Text(2**20), "spec": SPEC}),
     Schema(WeightsRequest, 1, {"spec_digest": TEXT}),
     Schema(StatusRequest, 1, {}),
     Schema(RecordStart, 1, {"name": TEXT, "metadata": MapOf(TEXT)}),
@@ -194,5 +220,6 @@ SCHEMAS: tuple[Schema[Any], ...] = (
     COMMAND,
     OBSERVATION,
     STATUS,
+    SPEC,
     *CONTROL,
 )

@@ -122,6 +122,57 @@ def test_asking_whoever_does_not_answer_is_unreachable_after_the_deadline(connec
     assert kept.message == StatusRequest()
 
 
+def test_everybody_is_asked_and_a_rejected_answer_makes_room_for_the_next(connect):
+    connect()
+    servers = [connect().serve("replay/insert") for _ in range(2)]
+    asker = connect()
+
+    def ask_both() -> tuple[PendingReply, list[Request]] | None:
+        # A client learns of a second server a moment after the first.
+        pending = asker.request("replay/insert", StatusRequest(), timeout_s=5.0, everybody=True)
+        first, second = received(servers[0]), None
+        deadline_s = time.monotonic() + 0.2
+        while second is None and time.monotonic() < deadline_s:
+            second = servers[1].receive()
+        return None if second is None else (pending, [first, second])
+
+    pending, requests = eventually(ask_both)
+    for ticks, request in enumerate(requests):
+        request.reply(RecordDone(path="", ticks=ticks))
+    heard = {answer(pending).ticks}
+    pending.reject()
+    heard.add(answer(pending).ticks)
+    assert heard == {0, 1}
+    pending.reject()
+    with pytest.raises(UnreachableError):
+        answer(pending)
+
+
+def test_a_refusal_of_one_leaves_the_answer_of_another(connect):
+    connect()
+    server, asker = connect().serve("replay/insert"), connect()
+    pending = asker.request("replay/insert", StatusRequest(), timeout_s=5.0, everybody=True)
+    received(server).refuse("no")
+    with pytest.raises(RefusedError, match="no"):
+        answer(pending)
+    pending.reject()
+    with pytest.raises(UnreachableError):
+        answer(pending)
+
+
+def test_answers_and_broadcasts_tell_who_sent_them(connect):
+    hub, other = connect(), connect()
+    server = hub.serve("who")
+    pending = other.request("who", StatusRequest(), timeout_s=5.0)
+    request = received(server)
+    request.reply(Ack())
+    answer(pending)
+    subscription = hub.subscribe("weights", keep=10)
+    broadcast(other, subscription, RecordDone(path="", ticks=1))
+    assert subscription.stamp.epoch == request.stamp.epoch
+    assert pending.stamp.epoch != request.stamp.epoch
+
+
 def test_questions_are_received_in_the_order_in_which_they_were_asked(connect):
     server, asker = connect().serve("count"), connect()
     pending = [

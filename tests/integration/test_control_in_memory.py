@@ -53,4 +53,4 @@ def test_position_matching_goes_round_and_its_gain_comes_down():
     status = actor.status()
     assert 0.0 <= status.gauges["success_rate"] <= 1.0
     assert status.counters["lost_steps"] == 0
-    assert status.counters["nonfinite_steps"] == 0
+    assert status.counters["unusable_steps"] == 0

@@ -43,6 +43,7 @@ class Loop:
         self.replay = ReplayService(
             ReplayConfig(name="replay", min_size=32),
             MemoryTransport(hub, name="replay"),
+            clock,
             np.random.default_rng(0),
         )
         self.learner = LearnerService(

@@ -17,7 +17,7 @@ from gfm.service import RunningService, Service, make_status
 from gfm.transport import MemoryHub, MemoryTransport, PendingReply, Transport
 from gfm_replay.config import ReplayConfig
 from gfm_replay.service import ReplayService
-from gfm_wire import SampleRequest, SequenceAck
+from gfm_wire import RunEnvironment, SampleRequest, SequenceAck
 
 SPEC = EnvironmentSpec(name="counting", observation_size=3, action_size=2)
 STEPS = 4
@@ -60,6 +60,7 @@ class StandInActor(Service):
             actor=self._name,
             epoch=1,
             number=self.number,
+            weights_life=1,
             weights_version=self.version,
             spec_digest=SPEC.digest,
             observation=np.zeros((STEPS + 1, SPEC.observation_size), np.float32),
@@ -84,12 +85,15 @@ class StandInLearner(Service):
 
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
+        self._asked = transport.serve("run/environment")
         self._pending: PendingReply | None = None
         self.version = 0
         self.newest_seen = 0
 
     @override
     def step(self) -> bool:
+        if (asked := self._asked.receive()) is not None:
+            asked.reply(RunEnvironment(name=SPEC.name, settings="{}", spec=SPEC))
         if self._pending is None:
             request = SampleRequest(batch_size=8, spec_digest=SPEC.digest)
             self._pending = self._transport.request("replay/sample", request, timeout_s=1.0)
@@ -138,6 +142,7 @@ class Loop:
         self.replay = ReplayService(
             ReplayConfig(name="replay", min_size=5, max_samples_per_insert=4.0),
             self.connect(),
+            self.clock,
             np.random.default_rng(0),
         )
         self.actors = [StandInActor(f"actor-{i}", self.connect()) for i in range(2)]

@@ -28,6 +28,7 @@ def sequence(number):
         actor="actor",
         epoch=1,
         number=number,
+        weights_life=1,
         weights_version=0,
         spec_digest=SPEC.digest,
         observation=draw(5, 3),
@@ -45,7 +46,8 @@ class System:
         hub, clock = MemoryHub(), MonotonicClock()
         self.replay = ReplayService(
             ReplayConfig(name="replay", min_size=8, folder=str(folder / "replay")),
-            MemoryTransport(hub, name="replay"),
+            MemoryTransport(hub, name="replay", clock=clock),
+            clock,
             np.random.default_rng(0),
         )
         config = LearnerConfig(
@@ -56,9 +58,15 @@ class System:
             checkpoint_dir=str(folder / "learner"),
         )
         self.learner = LearnerService(
-            config, begin(config, SPEC), MemoryTransport(hub, name="learner"), clock, NoMetrics()
+            config,
+            begin(config, SPEC),
+            MemoryTransport(hub, name="learner", clock=clock),
+            clock,
+            NoMetrics(),
         )
-        self.actor = MemoryTransport(hub, name="actor")
+        self.actor = MemoryTransport(hub, name="actor", clock=clock)
+        self.replay.step()  # asks what the run learns for
+        self.learner.step()
 
     def insert(self, numbers):
         for number in numbers:

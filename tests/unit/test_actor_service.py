@@ -1,5 +1,7 @@
 """The actor service: when it acts, when it waits, and what it never sends."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,8 @@ class Bench:
         hub = MemoryHub()
         self.other = MemoryTransport(hub, name="other", clock=self.clock)
         self.inserts = self.other.serve("replay/insert")
+        self.asked = self.other.serve("weights/current")
+        self.weights = None
         self.received = []
         self.actor = ActorService(
             self.config,
@@ -53,10 +57,25 @@ class Bench:
     def publish(self, version=0):
         settings = LearnerSettings(policy_hidden=(4,), critic_hidden=(4,), initial_stddev=0.5)
         self.tensors = policy_tensors(init_learner(self.env.spec, settings, version))
-        weights = Weights(
-            version=version, created_ns=0, spec_digest=self.env.spec.digest, tensors=self.tensors
+        self.weights = Weights(
+            version=version,
+            created_ns=0,
+            spec_digest=self.env.spec.digest,
+            tensors=self.tensors,
+            run="default",
+            life=1,
         )
-        self.other.publish("weights", weights)
+        self.other.publish("weights", self.weights)
+        self.clock.advance_s(0.3)
+        self._answer()
+
+    def _answer(self):
+        """Lets the actor ask for weights, and answers as the learner."""
+        self.actor._policy.poll()
+        while (request := self.asked.receive()) is not None:
+            if self.weights is not None:
+                request.reply(self.weights)
+        self.actor._policy.poll()
 
     def run(self, steps, *, acknowledge=True):
         return [self._step(acknowledge=acknowledge) for _ in range(steps)]
@@ -65,8 +84,8 @@ class Bench:
         worked = self.actor.step()
         while acknowledge and (request := self.inserts.receive()) is not None:
             self.received.append(request.message)
-            cursor = request.message.number + 1
-            request.reply(SequenceAck(actor="actor", epoch=request.message.epoch, cursor=cursor))
+            number, epoch = request.message.number, request.message.epoch
+            request.reply(SequenceAck(actor="actor", epoch=epoch, number=number, cursor=0))
         return worked
 
     @property
@@ -208,12 +227,26 @@ def test_nan_never_leaves_is_counted_and_resets_the_instance():
     bench = Bench(Failing(at=3))
     bench.publish()
     bench.run(2 * HORIZON)
-    assert bench.status.counters["nonfinite_steps"] == 1
+    assert bench.status.counters["unusable_steps"] == 1
     assert 0 in bench.env.resets[1]
     for sequence in bench.received:
         assert np.isfinite(sequence.observation).all()
         x, v = sequence.observation.T
         np.testing.assert_allclose(x[1:], x[:-1] + 0.05 * v[1:], atol=1e-6)
+
+
+def test_actions_that_are_none_where_no_probe_looked_are_not_sent_and_end_nobody():
+    bench = Bench()
+    bench.publish()
+    policy = bench.actor._policy.policy
+    bad = replace(policy, mean=replace(policy.mean, bias=np.array([np.nan], np.float32)))
+    bench.actor._policy.policy = bad
+    bench.run(2 * T)
+    assert bench.status.counters["unusable_steps"] == 2 * 2 * T
+    assert bench.received == []
+    bench.actor._policy.policy = policy
+    bench.run(T)
+    assert [sequence.number for sequence in bench.received] == [0, 1]
 
 
 def test_another_environment_of_the_same_size_is_not_acted_for():

@@ -48,7 +48,7 @@ def config(**changes):
     )
 
 
-def batch(seed=0, size=4):
+def batch(seed=0, size=4, life=10**9):
     rng = np.random.default_rng(seed)
 
     def draw(*shape):
@@ -56,6 +56,7 @@ def batch(seed=0, size=4):
 
     return Batch(
         spec_digest=SPEC.digest,
+        weights_life=np.full(size, life),
         weights_version=np.zeros(size, np.int64),
         observation=draw(4, 3),
         action=draw(3, 2),
@@ -172,6 +173,56 @@ def test_goes_on_when_replay_comes_back(caplog):
     ]
 
 
+HOSTILE = {
+    "digest": {"spec_digest": "0123456789abcdef"},
+    "reward": {"reward": np.full((4, 3), 1e30, np.float32)},
+    "observation": {"observation": np.full((4, 4, 3), 1e30, np.float32)},
+    "action": {"action": np.full((4, 3, 2), 1e30, np.float32)},
+    "log_prob": {"log_prob": np.full((4, 3), -1e30, np.float32)},
+    "discount": {"discount": np.full((4, 3), 1e30, np.float32)},
+    "sizes": {"observation": np.zeros((4, 4, 9), np.float32)},
+}
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        *(replace(batch(), **changes) for changes in HOSTILE.values()),
+        batch(size=5),
+        batch(size=0),
+        SampleRequest(batch_size=4),
+    ],
+    ids=[*HOSTILE, "too_many", "none", "kind"],
+)
+def test_a_batch_that_was_not_asked_for_is_refused_counted_and_not_learned_from(message):
+    bench = Bench(config(prefetch=1))
+    bench.learner.step()
+    bench.answer(lambda _: message)
+    bench.learner.step()
+    counters = bench.learner.status().counters
+    assert counters["refused_batch"] == counters["refused_from_replay"] == 1
+    assert bench.steps == 0
+    bench.clock.advance_s(0.1)
+    bench.learn(1)
+
+
+def test_versions_of_another_life_are_not_compared_with_its_own():
+    bench = Bench()
+    bench.learn(1)
+    gauges = bench.learner.status().gauges
+    assert (gauges["earlier_life_share"], gauges["staleness_max_steps"]) == (0.0, 0.0)
+    mixed = replace(
+        batch(),
+        weights_life=np.array([1, 1, 1, 10**9]),
+        weights_version=np.array([2**62, 2**62, 0, 0]),
+    )
+    while bench.steps < 5:  # some were asked for ahead
+        bench.learner.step()
+        bench.answer(lambda _: mixed)
+    gauges = bench.learner.status().gauges
+    assert (gauges["earlier_life_share"], gauges["staleness_max_steps"]) == (0.75, 4.0)
+
+
 def test_current_weights_are_served_to_whoever_has_the_same_environment():
     bench = Bench()
     request = WeightsRequest(spec_digest=SPEC.digest)
@@ -263,6 +314,7 @@ def test_the_policy_beside_the_checkpoint_acts_as_the_served_one(tmp_path):
     bench.learner.close()
     kept, served = read_weights(tmp_path / POLICY), bench.learner.weights
     assert (kept.version, kept.architecture) == (4, served.architecture)
+    assert (kept.run, kept.life) == (served.run, served.life)
     rows = np.ones((2, 3), np.float32)
     actions = [GaussianPolicy.from_weights(w).mean_action(rows) for w in (kept, served)]
     np.testing.assert_array_equal(*actions)
@@ -275,6 +327,16 @@ def test_checkpoints_are_written_periodically(tmp_path):
     bench.clock.advance_s(31.0)
     bench.learn(2)
     assert (tmp_path / CHECKPOINT).exists()
+
+
+def test_every_start_is_a_new_life_and_later_than_that_of_its_checkpoint(tmp_path):
+    settings = config(checkpoint_dir=str(tmp_path))
+    first = Bench(settings)
+    first.learn(5)
+    first.learner.close()
+    assert (first.learner.weights.life, first.learner.weights.run) == (10**9, "default")
+    again = Bench(settings)  # at the same time, as with a clock that was set back
+    assert (again.learner.weights.life, again.learner.weights.version) == (10**9 + 1, 5)
 
 
 def test_other_settings_are_refused_with_the_keys_that_differ(tmp_path):

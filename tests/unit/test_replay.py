@@ -7,32 +7,50 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gfm.core import BadInputError, Batch, ConfigError, RefusedError, Sequence
+from gfm.core import (
+    BadInputError,
+    Batch,
+    ConfigError,
+    EnvironmentSpec,
+    ManualClock,
+    RefusedError,
+    Sequence,
+)
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_replay.arrivals import OUT_OF_ORDER, Arrivals, Life
 from gfm_replay.buffer import SequenceBuffer
 from gfm_replay.config import ReplayConfig
 from gfm_replay.files import RingFiles
 from gfm_replay.service import ReplayService
-from gfm_wire import Message, NotReady, SampleRequest, SequenceAck, StatusRequest
+from gfm_wire import (
+    Message,
+    NotReady,
+    RunEnvironment,
+    SampleRequest,
+    SequenceAck,
+    StatusRequest,
+)
 
 STEPS, OBSERVATION, ACTION = 3, 5, 2
+SPEC = EnvironmentSpec(name="spec", observation_size=OBSERVATION, action_size=ACTION)
 SEQUENCE_BYTES = 4 * ((STEPS + 1) * OBSERVATION + STEPS * ACTION + 3 * STEPS)
 
 
 def make_sequence(number: int, *, steps: int = STEPS, **changes: object) -> Sequence:
-    """Returns a sequence whose every number is its own `number`."""
+    """Returns a sequence whose every number is its own `number`, as far as ranges allow."""
+    value = min(number, 100)
     sequence = Sequence(
         actor="actor-1",
         epoch=1,
         number=number,
+        weights_life=1,
         weights_version=number,
-        spec_digest="spec",
-        observation=np.full((steps + 1, OBSERVATION), number, np.float32),
-        action=np.full((steps, ACTION), number, np.float32),
-        reward=np.full(steps, number, np.float32),
+        spec_digest=SPEC.digest,
+        observation=np.full((steps + 1, OBSERVATION), value, np.float32),
+        action=np.full((steps, ACTION), value, np.float32),
+        reward=np.full(steps, value, np.float32),
         discount=np.ones(steps, np.float32),
-        log_prob=np.full(steps, number, np.float32),
+        log_prob=np.full(steps, value, np.float32),
     )
     return replace(sequence, **changes)
 
@@ -40,18 +58,29 @@ def make_sequence(number: int, *, steps: int = STEPS, **changes: object) -> Sequ
 class Asker:
     """A replay service and somebody who talks to it, stepped in one thread."""
 
-    def __init__(self, **settings: object) -> None:
-        hub = MemoryHub()
-        self.server_side = MemoryTransport(hub)
+    def __init__(self, *, tell: bool = True, **settings: object) -> None:
+        self.clock, self.hub = ManualClock(10**9), MemoryHub()
+        self.server_side = MemoryTransport(self.hub, clock=self.clock)
+        self.learner = MemoryTransport(self.hub, clock=self.clock).serve("run/environment")
         self.service = ReplayService(
             ReplayConfig(name="replay", **{"min_size": 1, **settings}),
             self.server_side,
+            self.clock,
             np.random.default_rng(0),
         )
-        self._transport = MemoryTransport(hub)
+        self.transport = MemoryTransport(self.hub, name="asker", clock=self.clock)
+        if tell:
+            self.tell()
+
+    def tell(self, spec: EnvironmentSpec = SPEC) -> None:
+        """Lets the service ask what the run learns for, and answers."""
+        self.service.step()
+        while (request := self.learner.receive()) is not None:
+            request.reply(RunEnvironment(name=spec.name, settings="{}", spec=spec))
+        self.service.step()
 
     def ask(self, key: str, message: Message) -> Message:
-        pending = self._transport.request(key, message, timeout_s=5.0)
+        pending = self.transport.request(key, message, timeout_s=5.0)
         self.service.step()
         answer = pending.poll()
         assert answer is not None
@@ -61,9 +90,10 @@ class Asker:
         ack = self.ask("replay/insert", sequence)
         assert isinstance(ack, SequenceAck)
         assert (ack.actor, ack.epoch) == (sequence.actor, sequence.epoch)
+        assert ack.number == sequence.number
         return ack.cursor
 
-    def sample(self, batch_size: int, spec_digest: str = "spec") -> Message:
+    def sample(self, batch_size: int, spec_digest: str = SPEC.digest) -> Message:
         request = SampleRequest(batch_size=batch_size, spec_digest=spec_digest)
         return self.ask("replay/sample", request)
 
@@ -78,7 +108,7 @@ def test_a_sampled_sequence_is_one_that_was_inserted_with_all_its_parts():
         asker.insert(make_sequence(number))
     batch = asker.sample(64)
     assert isinstance(batch, Batch)
-    assert batch.spec_digest == "spec"
+    assert batch.spec_digest == SPEC.digest
     drawn = batch.weights_version
     assert set(drawn) == set(range(8))
     for array in (batch.observation, batch.action, batch.reward, batch.log_prob):
@@ -209,17 +239,17 @@ def test_sequences_that_overtake_each_other_are_all_stored_and_the_cursor_waits_
     assert asker.counters["duplicates"] == 1
 
 
-def test_a_new_life_of_an_actor_counts_from_zero_and_ends_the_old_one():
+@pytest.mark.parametrize("epoch", [0, 2, 2**62])
+def test_lives_of_an_actor_count_for_themselves_and_none_ends_another(epoch):
     asker = Asker()
     asker.insert(make_sequence(0))
-    assert asker.insert(make_sequence(0, epoch=2)) == 1
-    assert asker.counters["replay_sequences"] == 2
-    with pytest.raises(RefusedError, match=r"actor-1 of epoch 1 is over: .* at epoch 2"):
-        asker.insert(make_sequence(1))
+    assert asker.insert(make_sequence(0, epoch=epoch)) == 1
+    assert asker.insert(make_sequence(1)) == 2
+    assert asker.counters["replay_sequences"] == 3
 
 
 def test_a_gap_that_never_closes_is_given_up_with_bounded_memory():
-    life = Life(epoch=1)
+    life = Life()
     given_up = [life.add(number) for number in range(5, 5 + OUT_OF_ORDER + 1)]
     assert sum(given_up) == given_up[-1] == 5
     assert life.cursor == 5 + OUT_OF_ORDER + 1
@@ -227,21 +257,34 @@ def test_a_gap_that_never_closes_is_given_up_with_bounded_memory():
     assert not life.has(life.cursor)
 
 
-def test_the_actor_not_heard_of_for_longest_is_forgotten_first(monkeypatch):
-    monkeypatch.setattr("gfm_replay.arrivals.ACTORS", 2)
+def test_a_life_that_is_first_heard_of_late_begins_there_and_nothing_counts_as_lost():
+    late = 10**6
+    life = Life.beginning_with(late)
+    assert life.floor == late - OUT_OF_ORDER
+    assert not life.has(late - 1)
+    numbers = range(late, late + OUT_OF_ORDER + 1)
+    assert sum(life.add(number) for number in numbers) == 0
+    assert life.cursor == numbers[-1] + 1
+
+
+def test_the_life_not_heard_of_for_longest_is_forgotten_first(monkeypatch):
+    monkeypatch.setattr("gfm_replay.arrivals.LIVES", 2)
     arrivals = Arrivals()
-    first = arrivals.life("a", 1)
-    arrivals.life("b", 1)
-    assert arrivals.life("a", 1) is first
-    arrivals.life("c", 1)
+    first = arrivals.life("a", 1, 0)
+    arrivals.life("b", 1, 0)
+    assert arrivals.life("a", 1, 0) is first
+    arrivals.life("c", 1, 0)
     assert len(arrivals) == 2
-    assert arrivals.life("a", 1) is first
+    assert arrivals.life("a", 1, 0) is first
 
 
 @pytest.mark.parametrize(
     ("sequence", "message"),
     [
-        (make_sequence(1, spec_digest="other"), "spec_digest is 'other', expected 'spec'"),
+        (
+            make_sequence(1, spec_digest="other"),
+            f"spec_digest is 'other', expected '{SPEC.digest}'",
+        ),
         (make_sequence(1, steps=STEPS + 1), r"observation has shape \(5, 5\), expected \(4, 5\)"),
         (
             make_sequence(1, reward=np.array([0, np.nan, 0], np.float32)),
@@ -263,7 +306,7 @@ def test_a_sequence_that_does_not_belong_here_is_refused_counted_and_not_stored(
 def test_a_batch_of_another_environment_is_refused_with_both_digests():
     asker = Asker()
     asker.insert(make_sequence(0))
-    with pytest.raises(RefusedError, match="spec_digest is 'other', expected 'spec'"):
+    with pytest.raises(RefusedError, match=f"spec_digest is 'other', expected '{SPEC.digest}'"):
         asker.sample(1, spec_digest="other")
     assert isinstance(asker.sample(1, spec_digest=""), Batch)
 
@@ -277,11 +320,113 @@ def test_questions_of_the_wrong_kind_are_refused():
     assert asker.counters["rejected_messages"] == 2
 
 
+HOSTILE = {
+    "reward": ({"reward": np.full(STEPS, 1e30, np.float32)}, "range", "reward reaches 1e"),
+    "observation": (
+        {"observation": np.full((STEPS + 1, OBSERVATION), -1e30, np.float32)},
+        "range",
+        "observation reaches 1e",
+    ),
+    "action": ({"action": np.full((STEPS, ACTION), 1e30, np.float32)}, "range", "action reaches"),
+    "log_prob": ({"log_prob": np.full(STEPS, -1e30, np.float32)}, "range", "log_prob reaches"),
+    "discount": ({"discount": np.full(STEPS, 1.5, np.float32)}, "range", "expected 0 to 1"),
+    "negative_discount": ({"discount": np.full(STEPS, -1, np.float32)}, "range", "expected 0 to 1"),
+    "sizes": ({"action": np.zeros((STEPS, 3), np.float32)}, "range", "expected 2 in the last"),
+    "no_name": ({"actor": ""}, "name", "actor is ''"),
+    "name": ({"actor": "a" * 4096}, "name", "expected 1 to 64 letters"),
+    "digest": ({"spec_digest": "x" * 4096}, "spec", "spec_digest is"),
+}
+
+
+@pytest.mark.parametrize(("changes", "word", "message"), HOSTILE.values(), ids=HOSTILE)
+def test_values_that_no_environment_gives_are_refused_even_as_the_very_first(
+    changes, word, message
+):
+    asker = Asker()
+    with pytest.raises(RefusedError, match=message):
+        asker.insert(make_sequence(0, **changes))
+    assert asker.counters["replay_sequences"] == 0
+    assert asker.counters[f"refused_{word}"] == asker.counters["refused_from_asker"] == 1
+    assert asker.insert(make_sequence(0)) == 1
+
+
+def test_the_largest_values_that_the_environment_gives_are_taken():
+    asker = Asker()
+    asker.insert(
+        make_sequence(
+            0,
+            reward=np.full(STEPS, SPEC.reward_limit, np.float32),
+            observation=np.full((STEPS + 1, OBSERVATION), -SPEC.observation_limit, np.float32),
+        )
+    )
+    assert asker.counters["replay_sequences"] == 1
+
+
+def test_a_number_far_ahead_takes_nothing_from_those_that_follow():
+    asker = Asker()
+    asker.insert(make_sequence(0))
+    assert asker.insert(make_sequence(2**62)) == 1
+    assert [asker.insert(make_sequence(number)) for number in (1, 2, 3)] == [2, 3, 4]
+    assert asker.counters["replay_sequences"] == 5
+
+
+def test_a_number_from_before_a_life_was_heard_of_is_not_acknowledged():
+    asker = Asker()
+    asker.insert(make_sequence(10**6))
+    with pytest.raises(RefusedError, match="sequence 3 of actor-1, expected none before 998976"):
+        asker.insert(make_sequence(3))
+
+
+@pytest.mark.parametrize("size", [10**12, 2**62, 4097])
+def test_a_batch_larger_than_allowed_is_refused_at_once(size):
+    asker = Asker(max_samples_per_insert=4.0)
+    for _ in range(2):
+        with pytest.raises(RefusedError, match=f"batch_size is {size}, expected at most 4096"):
+            asker.sample(size)
+        asker.insert(make_sequence(0))
+    assert asker.counters["refused_size"] == 2
+    assert isinstance(asker.sample(1), Batch)
+
+
+def test_a_batch_is_no_larger_than_what_is_kept_and_than_what_a_message_holds():
+    sizes = {"observation": np.zeros((STEPS + 1, 25_000), np.float32)}
+    wide = EnvironmentSpec(name="wide", observation_size=25_000, action_size=ACTION)
+    asker = Asker(capacity_mib=1)
+    asker.service._expected.spec = wide
+    asker.insert(make_sequence(0, spec_digest=wide.digest, **sizes))
+    with pytest.raises(RefusedError, match="batch_size is 3, expected at most 2"):
+        asker.sample(3, wide.digest)
+    asker = Asker(capacity_mib=100)
+    asker.service._expected.spec = wide
+    asker.insert(make_sequence(0, spec_digest=wide.digest, **sizes))
+    batch = asker.sample(167, wide.digest)
+    assert isinstance(batch, Batch)
+    with pytest.raises(RefusedError, match="expected at most 167"):
+        asker.sample(168, wide.digest)
+
+
+def test_sequences_wait_until_the_learner_has_said_what_the_run_learns_for():
+    asker = Asker(tell=False)
+    pending = asker.transport.request("replay/insert", make_sequence(0), timeout_s=5.0)
+    assert asker.sample(1) == NotReady(reason="the learner has not said what the run learns for")
+    assert pending.poll() is None
+    asker.tell()
+    assert isinstance(pending.poll(), SequenceAck)
+
+
+def test_a_length_that_was_set_holds_for_the_first_sequence_too():
+    asker = Asker(sequence_length=STEPS)
+    with pytest.raises(RefusedError, match=f"4 transitions, expected {STEPS}"):
+        asker.insert(make_sequence(0, steps=STEPS + 1))
+    assert asker.insert(make_sequence(0)) == 1
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
         ({"capacity_mib": 0}, "capacity_mib is 0, expected at least 1"),
         ({"min_size": 0}, "min_size is 0, expected at least 1"),
+        ({"max_batch_size": 0}, "max_batch_size is 0, expected at least 1"),
         ({"max_samples_per_insert": 0.0}, "max_samples_per_insert is 0.0, expected more than 0"),
         ({"wait_s": -1.0}, "wait_s is -1.0, expected at least 0"),
     ],

@@ -24,12 +24,14 @@ class Acted:
         observation: On which it was decided, shape (N, O).
         action: As sampled, shape (N, A).
         log_prob: Of that action, shape (N,).
+        weights_life: Of the policy that decided.
         weights_version: Of the policy that decided.
     """
 
     observation: Array32
     action: Array32
     log_prob: Array32
+    weights_life: int
     weights_version: int
 
 
@@ -37,6 +39,7 @@ class Acted:
 class Segment:
     """A finished sequence that has no number yet; see `gfm.core.Sequence`."""
 
+    weights_life: int
     weights_version: int
     observation: Array32
     action: Array32
@@ -62,7 +65,7 @@ class Assembler:
         self._steps = steps
         self._rows = np.arange(num_envs)
         self._cursor = np.zeros(num_envs, np.intp)
-        self._version = np.zeros(num_envs, np.int64)
+        self._weights = np.zeros((num_envs, 2), np.int64)
         self._observation = np.zeros((num_envs, steps + 1, spec.observation_size), np.float32)
         self._action = np.zeros((num_envs, steps, spec.action_size), np.float32)
         self._reward = np.zeros((num_envs, steps), np.float32)
@@ -88,7 +91,7 @@ class Assembler:
 
     def _put(self, acted: Acted, transition: Transition) -> None:
         rows, at = self._rows, self._cursor
-        self._version[at == 0] = acted.weights_version
+        self._weights[at == 0] = acted.weights_life, acted.weights_version
         self._observation[rows, at] = acted.observation
         self._observation[rows, at + 1] = transition.observation
         self._action[rows, at] = acted.action
@@ -108,7 +111,8 @@ class Assembler:
         for array in (self._action, self._reward, self._discount, self._log_prob):
             array[row, end:] = 0.0
         return Segment(
-            weights_version=int(self._version[row]),
+            weights_life=int(self._weights[row, 0]),
+            weights_version=int(self._weights[row, 1]),
             observation=self._observation[row].copy(),
             action=self._action[row].copy(),
             reward=self._reward[row].copy(),

@@ -24,7 +24,8 @@ class ActorConfig(ServiceConfig, frozen=True, kw_only=True):
         num_envs: Instances stepped together.
         sequence_length: Transitions per sequence, T. Episodes are cut into sequences without
             overlap; the horizon must be a multiple, so that time limits lose nothing.
-        window: Sequences that may be unacknowledged; beyond that the actor stops acting.
+        window: Sequences that may be unacknowledged, up to 1024: so many the replay service tells
+            apart. Beyond that the actor stops acting.
         timeout_s: How long to wait for an acknowledgement before sending again.
         max_weights_age_s: Without a sign of life from the learner for this long, it stops acting.
         max_steps_per_s: Environment steps per second, at most; None does not limit them.
@@ -37,7 +38,7 @@ class ActorConfig(ServiceConfig, frozen=True, kw_only=True):
     environment: EnvironmentSettings = EnvironmentSettings()
     num_envs: Count = 32
     sequence_length: Count = 10
-    window: Count = 64
+    window: Annotated[int, Meta(ge=1, le=1024)] = 64
     timeout_s: Positive = 5.0
     max_weights_age_s: Positive = 60.0
     max_steps_per_s: Positive | None = None

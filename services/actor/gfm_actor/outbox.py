@@ -9,11 +9,13 @@ from typing import final
 
 from gfm.core import Clock, RefusedError, Sequence, UnreachableError
 from gfm.service.presence import Presence
+from gfm.service.refusals import Refusals
 from gfm.transport import PendingReply, Transport
-from gfm_wire import SequenceAck
+from gfm_wire import Message, NotReady, SequenceAck, Stamp
 
 _KEY = "replay/insert"
 _PAUSE_NS = 100_000_000
+_NOT_READY_NS = 500_000_000
 
 _log = logging.getLogger(__name__)
 
@@ -24,6 +26,7 @@ class _Letter:
 
     sequence: Sequence
     reply: PendingReply | None
+    refusal: str = ""
     resend_ns: int = 0
 
 
@@ -31,27 +34,40 @@ class _Letter:
 class Outbox:
     """Sends at least once; the replay service counts each number once.
 
+    Everybody who serves the key is asked: a second one, started by mistake or on purpose, then
+    takes nothing away from the first. An acknowledgement counts where it is of what was sent.
+
     Attributes:
         sent: Sequences handed to the outbox.
         acked: Sequences that have arrived.
         resent: Times that a sequence was sent again.
         refused: Sequences that the replay service did not want.
+        replays: How often another replay answered than before: one started anew, or a second one.
         note: Why nothing gets through, in words; empty while it does.
     """
 
     def __init__(
-        self, transport: Transport, clock: Clock, *, window: int, timeout_s: float
+        self,
+        transport: Transport,
+        clock: Clock,
+        refusals: Refusals,
+        *,
+        window: int,
+        timeout_s: float,
     ) -> None:
         self.sent = 0
         self.acked = 0
         self.resent = 0
         self.refused = 0
+        self.replays = 0
         self.note = ""
         self._transport = transport
+        self._refusals = refusals
         self._clock = clock
         self._window = window
         self._timeout_s = timeout_s
         self._replay = Presence("replay", clock)
+        self._heard: tuple[str, int] | None = None
         self._letters: deque[_Letter] = deque()
 
     def __len__(self) -> int:
@@ -71,40 +87,75 @@ class Outbox:
         self._letters = deque(letter for letter in self._letters if not self._is_settled(letter))
 
     def _ask(self, sequence: Sequence) -> PendingReply:
-        return self._transport.request(_KEY, sequence, timeout_s=self._timeout_s)
+        return self._transport.request(_KEY, sequence, timeout_s=self._timeout_s, everybody=True)
 
     def _is_settled(self, letter: _Letter) -> bool:
         if letter.reply is None:
             self._resend_when_due(letter)
-            return False
-        try:
-            answer = letter.reply.poll()
-        except UnreachableError as error:
-            self._replay.lost(error)
-            self.note = f"waiting for replay: {error}"
-            letter.reply = None
-            letter.resend_ns = self._clock.now_ns() + _PAUSE_NS
-            return False
-        except RefusedError as error:
+        while letter.reply is not None:
+            try:
+                answer = letter.reply.poll()
+            except UnreachableError as error:
+                return self._ends_without(letter, error)
+            except RefusedError as error:
+                letter.refusal = str(error)
+                letter.reply.reject()
+                continue
+            if answer is None:
+                return False
             self._replay.heard()
-            self._note_refusal(letter.sequence, str(error))
-            return True
-        if answer is None:
+            if self._is_acknowledged(letter, answer, letter.reply.stamp):
+                return True
+        return False
+
+    def _is_acknowledged(self, letter: _Letter, answer: Message, stamp: Stamp) -> bool:
+        sent = letter.sequence
+        if isinstance(answer, NotReady):
+            self.note = f"replay takes nothing now: {answer.reason}"
+            self._pause(letter, _NOT_READY_NS)
             return False
-        self._replay.heard()
-        if isinstance(answer, SequenceAck):
+        if not isinstance(answer, SequenceAck):
+            wrong = f"an answer of kind {type(answer).__name__}"
+        elif (answer.actor, answer.epoch, answer.number) != (sent.actor, sent.epoch, sent.number):
+            wrong = f"an acknowledgement of {answer.number} of {answer.actor!r:.80}"
+        elif answer.cursor > self.sent:
+            wrong = f"an acknowledgement up to {answer.cursor} where {self.sent} were sent"
+        else:
+            self._note_replay(stamp)
             self.acked += 1
             self.note = ""
-        else:
-            self._note_refusal(letter.sequence, f"the answer was {type(answer).__name__}")
-        return True
+            return True
+        self._refusals.add("answer", stamp.sender, f"{wrong}, for sequence {sent.number}")
+        assert letter.reply is not None
+        letter.reply.reject()
+        return False
+
+    def _ends_without(self, letter: _Letter, error: UnreachableError) -> bool:
+        """Returns whether a letter is settled for which no further answer will come."""
+        if letter.refusal:
+            self._replay.heard()
+            self.refused += 1
+            self.note = f"replay refused sequence {letter.sequence.number}: {letter.refusal}"
+            _log.warning("%s", self.note)
+            return True
+        self._replay.lost(error)
+        self.note = f"waiting for replay: {error}"
+        self._pause(letter, _PAUSE_NS)
+        return False
+
+    def _pause(self, letter: _Letter, pause_ns: int) -> None:
+        letter.reply = None
+        letter.resend_ns = self._clock.now_ns() + pause_ns
 
     def _resend_when_due(self, letter: _Letter) -> None:
         if self._clock.now_ns() >= letter.resend_ns:
-            letter.reply = self._ask(letter.sequence)
+            letter.reply, letter.refusal = self._ask(letter.sequence), ""
             self.resent += 1
 
-    def _note_refusal(self, sequence: Sequence, reason: str) -> None:
-        self.refused += 1
-        self.note = f"replay refused sequence {sequence.number}: {reason}"
-        _log.warning("%s", self.note)
+    def _note_replay(self, stamp: Stamp) -> None:
+        source = stamp.sender, stamp.epoch
+        if self._heard not in (None, source):
+            self.replays += 1
+            if self.replays == 1:
+                _log.warning("another replay acknowledges now: %.64r", stamp.sender)
+        self._heard = source

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from gfm.core import Clock, Sequence, Status
+from gfm.core import ACTION_LIMIT, LOG_PROB_LIMIT, Clock, EnvironmentSpec, Sequence, Status
+from gfm.core.checks import Array32
 from gfm.envs.batched import BatchedEnvironment, Transition
 from gfm.rl.policy_numpy import GaussianPolicy
 from gfm.service import Service, make_status
+from gfm.service.refusals import Refusals
 from gfm.transport import Transport
 from gfm_actor.assembler import Acted, Assembler, Segment
 from gfm_actor.config import ActorConfig
@@ -44,15 +46,23 @@ class ActorService(Service):
         self._clock = clock
         self._rng = rng
         self._epoch = clock.utc_ns()
+        self._refusals = Refusals()
         self._policy = PolicySubscription(
-            env.spec, transport, clock, max_age_s=config.max_weights_age_s
+            env.spec,
+            transport,
+            clock,
+            self._refusals,
+            run=config.run,
+            max_age_s=config.max_weights_age_s,
         )
-        self._outbox = Outbox(transport, clock, window=config.window, timeout_s=config.timeout_s)
+        self._outbox = Outbox(
+            transport, clock, self._refusals, window=config.window, timeout_s=config.timeout_s
+        )
         self._assembler = Assembler(env.spec, env.num_envs, config.sequence_length)
         self._observation = env.reset()
         self._return = np.zeros(env.num_envs)
         self._returns: deque[float] = deque(maxlen=_RECENT_EPISODES)
-        self._counters: Counter[str] = Counter(env_steps=0, episodes=0, nonfinite_steps=0)
+        self._counters: Counter[str] = Counter(env_steps=0, episodes=0, unusable_steps=0)
         self._next_ns = clock.now_ns()
         self._note = "starting"
 
@@ -91,7 +101,8 @@ class ActorService(Service):
                 "sequences_resent": outbox.resent,
                 "sequences_refused": outbox.refused,
                 "lost_steps": self._assembler.lost_steps,
-                "rejected_messages": self._policy.rejected,
+                "replays_changed": outbox.replays,
+                **self._refusals.counters,
             },
             gauges=gauges,
             note=self._note or outbox.note or "acting",
@@ -128,13 +139,17 @@ class ActorService(Service):
     def _act(self, policy: GaussianPolicy) -> None:
         self._env.set_progress(self._policy.version)
         seen = self._observation[:, : self._env.spec.policy_size]
-        action, log_prob = policy.sample(seen, self._rng)
+        with np.errstate(all="ignore"):  # what comes of it is judged below
+            action, log_prob = policy.sample(seen, self._rng)
+        decided = _is_decided(action, log_prob)
+        action[~decided] = 0.0
         transition = self._env.step(action)
-        valid = _is_finite(transition)
+        valid = decided & _is_usable(transition, self._env.spec)
         acted = Acted(
             observation=self._observation,
             action=action,
             log_prob=log_prob,
+            weights_life=self._policy.life,
             weights_version=self._policy.version,
         )
         for segment in self._assembler.add(acted, transition, valid):
@@ -158,13 +173,22 @@ class ActorService(Service):
         self._return[transition.ended | ~valid] = 0.0
         self._counters["env_steps"] += len(valid)
         self._counters["episodes"] += int((transition.ended & valid).sum())
-        self._counters["nonfinite_steps"] += int((~valid).sum())
+        self._counters["unusable_steps"] += int((~valid).sum())
 
 
-def _is_finite(transition: Transition) -> NDArray[np.bool_]:
-    finite: NDArray[np.bool_] = (
-        np.isfinite(transition.observation).all(axis=1)
-        & np.isfinite(transition.reward)
+def _is_decided(action: Array32, log_prob: Array32) -> NDArray[np.bool_]:
+    """Returns where actions and their densities are ones that replay would take."""
+    decided: NDArray[np.bool_] = (np.abs(action) <= ACTION_LIMIT).all(axis=1) & (
+        np.abs(log_prob) <= LOG_PROB_LIMIT
+    )
+    return decided
+
+
+def _is_usable(transition: Transition, spec: EnvironmentSpec) -> NDArray[np.bool_]:
+    """Returns where a step is within the environment's ranges, which NaN never is."""
+    usable: NDArray[np.bool_] = (
+        (np.abs(transition.observation) <= spec.observation_limit).all(axis=1)
+        & (np.abs(transition.reward) <= spec.reward_limit)
         & np.isfinite(transition.discount)
     )
-    return finite
+    return usable

@@ -10,6 +10,7 @@ import msgspec
 from gfm.core import EnvironmentSpec, Weights
 from gfm.envs.registry import EnvironmentSettings
 from gfm.policies import forces_path
+from gfm.service.refusals import Refusals
 from gfm.transport import Request, Transport
 from gfm_learner.config import LearnerConfig
 from gfm_wire import EnvironmentRequest, RunEnvironment, WeightsRequest
@@ -17,17 +18,19 @@ from gfm_wire import EnvironmentRequest, RunEnvironment, WeightsRequest
 
 @final
 class Answers:
-    """Serves `weights/current` and `run/environment`.
+    """Serves `weights/current` and `run/environment`."""
 
-    Attributes:
-        refused: Questions that were refused.
-    """
-
-    def __init__(self, config: LearnerConfig, spec: EnvironmentSpec, transport: Transport) -> None:
-        self.refused = 0
+    def __init__(
+        self,
+        config: LearnerConfig,
+        spec: EnvironmentSpec,
+        transport: Transport,
+        refusals: Refusals,
+    ) -> None:
         self._spec = spec
+        self._refusals = refusals
         self._environment = RunEnvironment(
-            name=config.env, settings=_with_absolute_paths(config.environment)
+            name=config.env, settings=_with_absolute_paths(config.environment), spec=spec
         )
         self._weights_server = transport.serve("weights/current")
         self._environment_server = transport.serve("run/environment")
@@ -48,7 +51,7 @@ class Answers:
         if reason is None:
             request.reply(answer)
         else:
-            self.refused += 1
+            self._refusals.add("question", request.stamp.sender, reason)
             request.refuse(reason)
 
     def _reason_against_weights(self, request: Request) -> str | None:
@@ -67,7 +70,7 @@ class Answers:
         wanted = request.message
         if not isinstance(wanted, EnvironmentRequest):
             return f"got {type(wanted).__name__}, expected EnvironmentRequest"
-        if wanted.name == self._environment.name:
+        if wanted.name in ("", self._environment.name):
             return None
         return f"this run learns for {self._environment.name}, the asker for {wanted.name:.40}"
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import deque
 from typing import final
 
-from gfm.core import Batch, Clock, RefusedError, UnreachableError
+from gfm.core import Batch, Clock, EnvironmentSpec, RefusedError, UnreachableError, implausible
 from gfm.service.presence import Presence
+from gfm.service.refusals import Refusals
 from gfm.transport import PendingReply, Transport
-from gfm_wire import NotReady, SampleRequest
+from gfm_wire import Message, NotReady, SampleRequest
 
 _KEY = "replay/sample"
 _PAUSE_NS = 20_000_000
@@ -16,7 +17,7 @@ _PAUSE_NS = 20_000_000
 
 @final
 class BatchSource:
-    """Keeps a few questions for batches under way.
+    """Keeps a few questions for batches under way; gives only batches that are what was asked for.
 
     Attributes:
         note: What is being waited for, in words; empty while batches flow.
@@ -28,8 +29,10 @@ class BatchSource:
         self,
         transport: Transport,
         clock: Clock,
-        request: SampleRequest,
+        refusals: Refusals,
+        spec: EnvironmentSpec,
         *,
+        batch_size: int,
         prefetch: int,
         timeout_s: float,
     ) -> None:
@@ -38,7 +41,9 @@ class BatchSource:
         self.refused = 0
         self._transport = transport
         self._clock = clock
-        self._request = request
+        self._refusals = refusals
+        self._spec = spec
+        self._request = SampleRequest(batch_size=batch_size, spec_digest=spec.digest)
         self._prefetch = prefetch
         self._timeout_s = timeout_s
         self._replay = Presence("replay", clock)
@@ -73,13 +78,28 @@ class BatchSource:
         if answer is None:
             return None
         self._replay.heard()
-        if isinstance(answer, Batch):
-            self._pending.popleft()
-            self.note = ""
-            return answer
-        got = type(answer).__name__
-        self._pause(answer.reason if isinstance(answer, NotReady) else f"replay answered {got}")
-        return None
+        if isinstance(answer, NotReady):
+            self._pause(answer.reason)
+            return None
+        if reason := self._reason_against(answer):
+            self._refusals.add("batch", self._pending[0].stamp.sender, reason)
+            self._pause(self._refusals.note)
+            return None
+        self._pending.popleft()
+        self.note = ""
+        assert isinstance(answer, Batch)
+        return answer
+
+    def _reason_against(self, answer: Message) -> str:
+        """Returns why an answer is not the batch that was asked for; empty where it is."""
+        if not isinstance(answer, Batch):
+            return f"replay answered {type(answer).__name__}, expected Batch"
+        if answer.spec_digest != self._spec.digest:
+            return f"a batch for spec {answer.spec_digest!r:.40}, expected {self._spec.digest!r}"
+        size, wanted = len(answer.reward), self._request.batch_size
+        if size != wanted or not answer.reward.size:
+            return f"a batch of shape {answer.reward.shape}, expected {wanted} sequences"
+        return implausible(answer, self._spec)
 
     def _pause(self, note: str) -> None:
         self._pending.popleft()

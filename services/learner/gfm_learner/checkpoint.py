@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ from gfm_learner.config import LearnerConfig
 
 CHECKPOINT = "checkpoint.npz"
 POLICY = "policy.npz"
-_FORMAT = "gfm.checkpoint/1"
+_FORMAT = "gfm.checkpoint/2"
 _GENERATOR = "generator"
 
 _log = logging.getLogger(__name__)
@@ -43,11 +43,13 @@ class Progress:
         spec: The environment learned for.
         state: Networks, targets, optimiser, duals and steps.
         generator: Of the sampled actions.
+        past_life: Of the learner that came so far; its weights are not those of the next one.
     """
 
     spec: EnvironmentSpec
     state: LearnerState
     generator: torch.Generator
+    past_life: int = 0
 
 
 def begin(config: LearnerConfig, spec: EnvironmentSpec) -> Progress:
@@ -103,12 +105,13 @@ def _first_difference(given: Weights, own: Weights) -> str:
     return "another architecture"
 
 
-def save_checkpoint(path: Path, config: LearnerConfig, progress: Progress) -> None:
-    """Writes a checkpoint; a crash leaves the old one or the new one, never half of one."""
+def save_checkpoint(path: Path, config: LearnerConfig, progress: Progress, life: int) -> None:
+    """Writes a checkpoint of a life; a crash leaves the old one or the new one, never half."""
     meta = {
         "format": _FORMAT,
         "code_version": gfm.__version__,
         "steps": progress.state.steps,
+        "life": life,
         "spec": asdict(progress.spec),
         "config": msgspec.to_builtins(config),
     }
@@ -129,11 +132,12 @@ def load_checkpoint(path: Path, config: LearnerConfig, progress: Progress) -> Pr
     try:
         generator_state = torch.from_numpy(arrays.pop(_GENERATOR))
         state = load_state_arrays(progress.state, arrays, int(meta["steps"]))
+        past_life = int(meta["life"])
         progress.generator.set_state(generator_state)
     except (KeyError, RuntimeError, TypeError, ValueError) as exc:
         reason = " ".join(str(exc).split())
         raise BadInputError(f"{path}: damaged checkpoint: {reason}") from exc
-    return Progress(spec=progress.spec, state=state, generator=progress.generator)
+    return replace(progress, state=state, past_life=past_life)
 
 
 def _check_same(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
 from gfm.core import Batch, Clock, GfmError, Status, Weights
@@ -16,12 +17,12 @@ from gfm.recording.weights_file import write_weights
 from gfm.rl.learner import Stats, learner_step, policy_tensors
 from gfm.service import Service, make_status
 from gfm.service.metrics import MetricsSink
+from gfm.service.refusals import Refusals
 from gfm.transport import Transport
 from gfm_learner.answers import Answers
 from gfm_learner.batches import BatchSource
 from gfm_learner.checkpoint import CHECKPOINT, POLICY, Progress, save_checkpoint
 from gfm_learner.config import LearnerConfig
-from gfm_wire import SampleRequest
 
 
 class LearningDivergedError(GfmError):
@@ -54,11 +55,18 @@ class LearnerService(Service):
         self._clock = clock
         self._metrics = metrics
         self._healthy = True
-        request = SampleRequest(batch_size=config.batch_size, spec_digest=progress.spec.digest)
+        self._life = max(clock.utc_ns(), progress.past_life + 1)
+        self._refusals = Refusals()
         self._batches = BatchSource(
-            transport, clock, request, prefetch=config.prefetch, timeout_s=config.timeout_s
+            transport,
+            clock,
+            self._refusals,
+            progress.spec,
+            batch_size=config.batch_size,
+            prefetch=config.prefetch,
+            timeout_s=config.timeout_s,
         )
-        self._answers = Answers(config, progress.spec, transport)
+        self._answers = Answers(config, progress.spec, transport, self._refusals)
         self._weights = self._make_weights()
         self._published_ns: int | None = None
         self._saved_ns = clock.now_ns()
@@ -92,7 +100,7 @@ class LearnerService(Service):
                 "learner_steps": self._progress.state.steps,
                 "batches_unanswered": self._batches.unanswered,
                 "batches_refused": self._batches.refused,
-                "rejected_messages": self._answers.refused,
+                **self._refusals.counters,
             },
             gauges={"weights_version": float(self._weights.version), **self._gauges},
             note=self._note,
@@ -136,12 +144,12 @@ class LearnerService(Service):
     def _record(self, batch: Batch, stats: Stats) -> None:
         now_ns, steps = self._clock.now_ns(), self._progress.state.steps
         began_ns, began_steps = self._row_began
-        staleness = np.maximum(steps - 1 - batch.weights_version, 0)
+        own = batch.weights_life == self._life
         row = {name: float(value) for name, value in stats.items()} | {
             "reward_mean": float(batch.reward.mean()),
             "terminal_share": float((batch.discount == 0.0).mean()),
-            "staleness_mean_steps": float(staleness.mean()),
-            "staleness_max_steps": float(staleness.max()),
+            "earlier_life_share": float(1.0 - own.mean()),
+            **_staleness(steps, batch.weights_version[own]),
             "learner_steps_per_s": (steps - began_steps) / max((now_ns - began_ns) * 1e-9, 1e-9),
         }
         self._row_began = now_ns, steps
@@ -154,6 +162,8 @@ class LearnerService(Service):
             created_ns=self._clock.utc_ns(),
             spec_digest=self._progress.spec.digest,
             tensors=policy_tensors(self._progress.state),
+            run=self._config.run,
+            life=self._life,
         )
 
     def _publish_when_due(self) -> None:
@@ -174,5 +184,21 @@ class LearnerService(Service):
     def _save(self) -> None:
         if self._config.checkpoint_dir:
             folder = Path(self._config.checkpoint_dir)
-            save_checkpoint(folder / CHECKPOINT, self._config, self._progress)
+            save_checkpoint(folder / CHECKPOINT, self._config, self._progress, self._life)
             write_weights(folder / POLICY, self._make_weights())
+
+
+def _staleness(steps: int, versions: NDArray[np.int64]) -> dict[str, float]:
+    """Returns how old the policies that acted are; nothing where none is of this life.
+
+    Args:
+        steps: Learner steps so far.
+        versions: Of the policies of this life, one per sequence.
+    """
+    if not len(versions):
+        return {}
+    staleness = np.maximum(steps - 1 - versions, 0)
+    return {
+        "staleness_mean_steps": float(staleness.mean()),
+        "staleness_max_steps": float(staleness.max()),
+    }

@@ -14,9 +14,9 @@ from gfm_replay.config import ReplayConfig
 from gfm_replay.service import ReplayService
 
 
-def build(config: ReplayConfig, transport: Transport, _clock: Clock) -> Service:
+def build(config: ReplayConfig, transport: Transport, clock: Clock) -> Service:
     """Returns the service that the settings describe."""
-    return ReplayService(config, transport, np.random.default_rng(config.seed))
+    return ReplayService(config, transport, clock, np.random.default_rng(config.seed))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -11,11 +11,12 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from gfm.core import Batch, ConfigError, RefusedError, Sequence
+from gfm.core import Batch, ConfigError, Sequence
+from gfm_replay.door import NotTakenError
 from gfm_replay.files import RingFiles
 
 FIELDS = ("observation", "action", "reward", "discount", "log_prob")
-_VERSION = "weights_version"
+LABELS = ("weights_life", "weights_version")
 
 
 @final
@@ -51,7 +52,7 @@ class SequenceBuffer:
     @property
     def capacity(self) -> int:
         """N; 0 before the first sequence."""
-        return len(self._arrays[_VERSION]) - 1 if self._arrays else 0
+        return len(self._arrays["reward"]) - 1 if self._arrays else 0
 
     @property
     def inserted(self) -> int:
@@ -76,14 +77,18 @@ class SequenceBuffer:
     @property
     def used_bytes(self) -> int:
         """Memory that holds sequences."""
-        each = sum(int(self._arrays[name][0].nbytes) for name in FIELDS if self._arrays)
-        return len(self) * each
+        return len(self) * self.sequence_bytes
+
+    @property
+    def sequence_bytes(self) -> int:
+        """Of one sequence; 0 before the first."""
+        return sum(int(self._arrays[name][0].nbytes) for name in FIELDS if self._arrays)
 
     def insert(self, sequence: Sequence) -> None:
         """Stores a sequence, over the oldest one where the ring is full.
 
         Raises:
-            RefusedError: its environment or its shapes are not those of the first sequence.
+            NotTakenError: its environment or its shapes are not those of the first sequence.
         """
         if not self._arrays:
             self._reserve(sequence)
@@ -105,12 +110,13 @@ class SequenceBuffer:
         each = sum(getattr(sequence, name).nbytes for name in FIELDS)
         capacity = self._capacity_bytes // each if len(sequence.reward) else 0
         if capacity == 0:
-            raise RefusedError(
+            raise NotTakenError(
+                "shape",
                 f"a sequence of {len(sequence.reward)} transitions and {each} bytes, expected at "
-                f"least one transition and at most {self._capacity_bytes} bytes"
+                f"least one transition and at most {self._capacity_bytes} bytes",
             )
         shapes = {name: (capacity + 1, *getattr(sequence, name).shape) for name in FIELDS}
-        shapes[_VERSION] = (capacity + 1,)
+        shapes |= dict.fromkeys(LABELS, (capacity + 1,))
         self._spec_digest = sequence.spec_digest
         if self._files is None:
             self._arrays = {name: np.empty(shape, _dtype(name)) for name, shape in shapes.items()}
@@ -119,7 +125,7 @@ class SequenceBuffer:
             self._arrays, self._counts = self._files.make(self._spec_digest, shapes, dtypes)
 
     def _open(self, files: RingFiles) -> None:
-        self._spec_digest, self._arrays, self._counts = files.open((*FIELDS, _VERSION))
+        self._spec_digest, self._arrays, self._counts = files.open((*FIELDS, *LABELS))
         each = sum(self._arrays[name][0].nbytes for name in FIELDS)
         if self.capacity != self._capacity_bytes // each:
             raise ConfigError(
@@ -128,15 +134,11 @@ class SequenceBuffer:
             )
 
     def _check(self, sequence: Sequence) -> None:
-        if sequence.spec_digest != self._spec_digest:
-            raise RefusedError(
-                f"spec_digest is {sequence.spec_digest!r:.40}, expected {self._spec_digest!r}"
-            )
         for name in FIELDS:
             got, expected = getattr(sequence, name).shape, self._arrays[name].shape[1:]
             if got != expected:
-                raise RefusedError(f"{name} has shape {got}, expected {expected}")
+                raise NotTakenError("shape", f"{name} has shape {got}, expected {expected}")
 
 
 def _dtype(name: str) -> type[np.generic]:
-    return np.int64 if name == _VERSION else np.float32
+    return np.int64 if name in LABELS else np.float32

@@ -14,6 +14,9 @@ class ReplayConfig(ServiceConfig, frozen=True, kw_only=True):
         min_size: Sequences that must have been accepted before the first batch.
         max_samples_per_insert: Sequences handed out per sequence accepted, at most; beyond that
             the learner waits for the actors. None does not limit it.
+        max_batch_size: Sequences of one batch, at most; nor more than the capacity, nor than fit
+            into one message.
+        sequence_length: Transitions that every sequence must have; None takes what the first has.
         seed: Of the choice of sequences.
         folder: Where sequences are kept in files, for this process and those after it; empty keeps
             them in memory.
@@ -22,14 +25,16 @@ class ReplayConfig(ServiceConfig, frozen=True, kw_only=True):
     capacity_mib: int = 256
     min_size: int = 64
     max_samples_per_insert: float | None = None
+    max_batch_size: int = 4096
+    sequence_length: int | None = None
     seed: int = 0
     folder: str = ""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, least in (("capacity_mib", 1), ("min_size", 1)):
-            if getattr(self, name) < least:
-                raise ConfigError(f"{name} is {getattr(self, name)}, expected at least {least}")
+        for name in ("capacity_mib", "min_size", "max_batch_size"):
+            if getattr(self, name) < 1:
+                raise ConfigError(f"{name} is {getattr(self, name)}, expected at least 1")
         limit = self.max_samples_per_insert
         if limit is not None and not limit > 0:
             raise ConfigError(f"max_samples_per_insert is {limit}, expected more than 0")

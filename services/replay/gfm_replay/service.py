@@ -10,27 +10,32 @@ from typing import final
 import numpy as np
 from typing_extensions import override
 
-from gfm.core import RefusedError, Sequence, Status
+from gfm.core import Batch, Clock, EnvironmentSpec, Sequence, Status
 from gfm.service import Service, make_status
+from gfm.service.refusals import Refusals
 from gfm.transport import Request, Transport
 from gfm_replay.arrivals import Arrivals
 from gfm_replay.buffer import SequenceBuffer
 from gfm_replay.config import ReplayConfig
+from gfm_replay.door import NotTakenError, check_request, check_sequence
+from gfm_replay.expected import ExpectedEnvironment
 from gfm_replay.files import RingFiles
-from gfm_wire import NotReady, SampleRequest, SequenceAck
+from gfm_wire import MAX_BYTES, NotReady, SampleRequest, SequenceAck
 
 _INSERTS_PER_STEP = 64
+_ENVELOPE_BYTES = 4096
 
 
 @final
 class ReplayService(Service):
     """Serves `replay/insert` and `replay/sample`.
 
-    A Sequence is answered by a SequenceAck, a SampleRequest by a Batch or by NotReady.
+    A Sequence is answered by a SequenceAck, a SampleRequest by a Batch or by NotReady. Before the
+    learner has said what the run learns for, sequences wait unanswered and are sent again.
     """
 
     def __init__(
-        self, config: ReplayConfig, transport: Transport, rng: np.random.Generator
+        self, config: ReplayConfig, transport: Transport, clock: Clock, rng: np.random.Generator
     ) -> None:
         self._config = config
         self._rng = rng
@@ -38,7 +43,9 @@ class ReplayService(Service):
         self._buffer = SequenceBuffer(config.capacity_mib * 2**20, self._files)
         if self._files is not None:
             self._files.restore_random(rng)
+        self._expected = ExpectedEnvironment(transport, clock)
         self._arrivals = Arrivals()
+        self._refusals = Refusals()
         self._inserts = transport.serve("replay/insert")
         self._samples = transport.serve("replay/sample")
         self._counters: Counter[str] = Counter(batches=0, duplicates=0, given_up=0)
@@ -46,16 +53,21 @@ class ReplayService(Service):
 
     @override
     def step(self) -> bool:
-        worked = False
-        for _ in range(_INSERTS_PER_STEP):
-            if (request := self._inserts.receive()) is None:
-                break
-            self._answer_insert(request)
-            worked = True
+        self._expected.poll()
+        worked = self._take_inserts()
         if (request := self._samples.receive()) is not None:
             self._answer_sample(request)
             worked = True
         return worked
+
+    def _take_inserts(self) -> bool:
+        if (spec := self._expected.spec) is None:
+            return False
+        for taken in range(_INSERTS_PER_STEP):
+            if (request := self._inserts.receive()) is None:
+                return taken > 0
+            self._answer_insert(request, spec)
+        return True
 
     @override
     def status(self) -> Status:
@@ -65,6 +77,7 @@ class ReplayService(Service):
             self._config.name,
             counters={
                 **self._counters,
+                **self._refusals.counters,
                 "replay_sequences": buffer.inserted,
                 "replay_steps": buffer.inserted * buffer.steps,
                 "samples": buffer.sampled,
@@ -85,59 +98,68 @@ class ReplayService(Service):
         if self._files is not None:
             self._files.save_random(self._rng)
 
-    def _answer_insert(self, request: Request) -> None:
-        if not isinstance(request.message, Sequence):
-            self._refuse(request, f"got {type(request.message).__name__}, expected Sequence")
-            return
+    def _answer_insert(self, request: Request, spec: EnvironmentSpec) -> None:
         try:
-            ack = self._insert(request.message)
-        except RefusedError as error:
-            self._refuse(request, str(error))
-            return
-        request.reply(ack)
+            sequence = request.message
+            if not isinstance(sequence, Sequence):
+                raise NotTakenError("kind", f"got {type(sequence).__name__}, expected Sequence")
+            check_sequence(sequence, spec, self._config.sequence_length)
+            request.reply(self._insert(sequence))
+        except NotTakenError as error:
+            self._refuse(request, error)
 
     def _insert(self, sequence: Sequence) -> SequenceAck:
-        life = self._arrivals.life(sequence.actor, sequence.epoch)
-        if life.has(sequence.number):
+        actor, epoch, number = sequence.actor, sequence.epoch, sequence.number
+        life = self._arrivals.life(actor, epoch, number)
+        if number < life.floor:
+            raise NotTakenError(
+                "late", f"sequence {number} of {actor}, expected none before {life.floor}"
+            )
+        if life.has(number):
             self._counters["duplicates"] += 1
         else:
             self._buffer.insert(sequence)
-            self._counters["given_up"] += life.add(sequence.number)
-        return SequenceAck(actor=sequence.actor, epoch=sequence.epoch, cursor=life.cursor)
+            self._counters["given_up"] += life.add(number)
+        return SequenceAck(actor=actor, epoch=epoch, number=number, cursor=life.cursor)
 
     def _answer_sample(self, request: Request) -> None:
-        wanted = request.message
-        if not isinstance(wanted, SampleRequest):
-            self._refuse(request, f"got {type(wanted).__name__}, expected SampleRequest")
-            return
-        not_ready = self._not_ready(wanted.batch_size)
-        if not_ready is not None:
-            self._note = not_ready.reason
-            request.reply(not_ready)
-            return
-        if wanted.spec_digest not in ("", self._buffer.spec_digest):
-            self._refuse(
-                request,
-                f"spec_digest is {wanted.spec_digest!r:.40}, expected {self._buffer.spec_digest!r}",
-            )
-            return
-        request.reply(self._buffer.sample(wanted.batch_size, self._rng))
-        self._counters["batches"] += 1
-        self._note = "handing out batches"
+        try:
+            wanted = request.message
+            if not isinstance(wanted, SampleRequest):
+                raise NotTakenError("kind", f"got {type(wanted).__name__}, expected SampleRequest")
+            request.reply(self._batch(wanted))
+        except NotTakenError as error:
+            self._refuse(request, error)
 
-    def _not_ready(self, batch_size: int) -> NotReady | None:
-        """Returns what keeps the next batch from being handed out, or None."""
+    def _batch(self, wanted: SampleRequest) -> Batch | NotReady:
+        if (spec := self._expected.spec) is None:
+            return self._not_yet("the learner has not said what the run learns for", 0)
+        check_request(wanted, spec, self._largest_batch)
         inserted, sampled = self._buffer.inserted, self._buffer.sampled
         limit = self._config.max_samples_per_insert
         needed = self._config.min_size
         if limit is not None:
-            needed = max(needed, math.ceil((sampled + batch_size) / limit))
-        if inserted >= needed:
-            return None
-        reason = f"the learner waits for actors: {inserted} of {needed} sequences have arrived"
-        return NotReady(reason=reason, inserted=inserted, needed=needed)
+            needed = max(needed, math.ceil((sampled + wanted.batch_size) / limit))
+        if inserted < needed:
+            waits = f"the learner waits for actors: {inserted} of {needed} sequences have arrived"
+            return self._not_yet(waits, needed)
+        self._counters["batches"] += 1
+        self._note = "handing out batches"
+        return self._buffer.sample(wanted.batch_size, self._rng)
 
-    def _refuse(self, request: Request, reason: str) -> None:
-        self._counters["rejected_messages"] += 1
-        self._note = f"refused a message: {reason}"
-        request.refuse(reason)
+    @property
+    def _largest_batch(self) -> int:
+        """Sequences of one batch, at most."""
+        most, buffer = self._config.max_batch_size, self._buffer
+        if not buffer.capacity:
+            return most
+        return min(most, buffer.capacity, (MAX_BYTES - _ENVELOPE_BYTES) // buffer.sequence_bytes)
+
+    def _not_yet(self, reason: str, needed: int) -> NotReady:
+        self._note = reason
+        return NotReady(reason=reason, inserted=self._buffer.inserted, needed=needed)
+
+    def _refuse(self, request: Request, error: NotTakenError) -> None:
+        self._refusals.add(error.reason, request.stamp.sender, str(error))
+        self._note = self._refusals.note
+        request.refuse(str(error))

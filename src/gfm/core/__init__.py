@@ -15,6 +15,7 @@ from gfm.core.errors import (
     UnreachableError,
     WireError,
 )
+from gfm.core.plausible import ACTION_LIMIT, LOG_PROB_LIMIT, implausible
 from gfm.core.robot import Command, CommandKind, Observation
 from gfm.core.sequence import Batch, EnvironmentSpec, Sequence
 from gfm.core.status import Status
@@ -22,6 +23,8 @@ from gfm.core.trajectory import ObjectTrack, Trajectory
 from gfm.core.weights import Weights
 
 __all__ = [
+    "ACTION_LIMIT",
+    "LOG_PROB_LIMIT",
     "BadInputError",
     "Batch",
     "Clock",
@@ -47,4 +50,5 @@ __all__ = [
     "UnreachableError",
     "Weights",
     "WireError",
+    "implausible",
 ]

@@ -7,12 +7,14 @@ size.
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gfm.core.checks import Array32, check_shapes
+from gfm.core.errors import ConfigError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,12 +27,21 @@ class EnvironmentSpec:
         action_size: A.
         privileged_size: Of the observation, so many last numbers are for the critic alone: what is
             known in training, but not where the policy acts.
+        reward_limit: No reward is larger than this, in size.
+        observation_limit: No number of an observation is larger than this, in size.
     """
 
     name: str
     observation_size: int
     action_size: int
     privileged_size: int = 0
+    reward_limit: float = 1e4
+    observation_limit: float = 1e6
+
+    def __post_init__(self) -> None:
+        for name in ("reward_limit", "observation_limit"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ConfigError(f"{name} is {getattr(self, name)}, expected a positive number")
 
     @property
     def policy_size(self) -> int:
@@ -51,9 +62,10 @@ class Sequence:
 
     Attributes:
         actor: Who made it.
-        epoch: Distinguishes lives of the same actor name (start time).
+        epoch: Tells lives of the same actor name apart (start time); it has no order.
         number: Counts the sequences of one actor and epoch from 0, so that gaps show.
-        weights_version: Version of the policy that acted.
+        weights_life: Weights.life of the policy that acted.
+        weights_version: Weights.version of the policy that acted.
         spec_digest: EnvironmentSpec.digest of the environment.
         observation: shape (T + 1, O).
         action: In [-1, 1] up to exploration noise, as sampled, shape (T, A).
@@ -65,6 +77,7 @@ class Sequence:
     actor: str
     epoch: int
     number: int
+    weights_life: int
     weights_version: int
     spec_digest: str
     observation: Array32
@@ -92,7 +105,8 @@ class Batch:
 
     Attributes:
         spec_digest: EnvironmentSpec.digest that all of them carry.
-        weights_version: Version of the policy that acted, shape (B,).
+        weights_life: Weights.life of the policy that acted, shape (B,).
+        weights_version: Weights.version of the policy that acted, shape (B,).
         observation: shape (B, T + 1, O).
         action: shape (B, T, A).
         reward: shape (B, T).
@@ -101,6 +115,7 @@ class Batch:
     """
 
     spec_digest: str
+    weights_life: NDArray[np.int64]
     weights_version: NDArray[np.int64]
     observation: Array32
     action: Array32
@@ -113,6 +128,7 @@ class Batch:
         check_shapes(
             vars(self),
             {
+                "weights_life": (batch,),
                 "weights_version": (batch,),
                 "observation": (batch, steps + 1, *self.observation.shape[2:3]),
                 "action": (batch, steps, *self.action.shape[2:3]),

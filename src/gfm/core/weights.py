@@ -11,19 +11,24 @@ from gfm.core.checks import Array32
 
 @dataclass(frozen=True, kw_only=True)
 class Weights:
-    """One version of the policy's parameters.
+    """One version of the policy's parameters; run, life, version and architecture identify it.
 
     Attributes:
-        version: Learner updates so far; never goes backwards.
+        version: Learner updates so far; never goes backwards within a life.
         created_ns: UTC, when the learner made it.
         spec_digest: EnvironmentSpec.digest that the policy was built for.
         tensors: Parameters by name.
+        run: The run that they were learned in; empty in a file that was made outside of any.
+        life: Of the learner that made them: when it was started, UTC ns, and larger than that of
+            the checkpoint it went on from. Lives are ordered; a resumed learner begins a new one.
     """
 
     version: int
     created_ns: int
     spec_digest: str
     tensors: Mapping[str, Array32]
+    run: str = ""
+    life: int = 0
 
     @property
     def architecture(self) -> str:

@@ -55,6 +55,7 @@ class GfmFit(BatchedEnvironment):
             observation_size=problem.features.size + privileged,
             action_size=problem.action_size,
             privileged_size=privileged,
+            reward_limit=1.0,
         )
         self.diverged = 0
         self._problem = problem

@@ -74,6 +74,7 @@ class JointTracking(BatchedEnvironment):
             name=NAME,
             observation_size=self._history.size + (1 + len(_AHEAD)) * joints,
             action_size=joints,
+            reward_limit=1.0,
         )
 
     @property

@@ -18,6 +18,7 @@ from gfm.envs.arm import CONTROL_PERIOD_S, Arm, ArmProblem
 from gfm.envs.batched import BatchedEnvironment, Transition
 from gfm.envs.episodes import Episodes
 from gfm.envs.matching_task import (
+    REWARD_LIMIT,
     MatchingTask,
     check_goals,
     object_outside,
@@ -93,6 +94,7 @@ class Matching(BatchedEnvironment):
             name=task.name,
             observation_size=self._view.observation(self.scene(), self._goal).shape[1],
             action_size=len(READY),
+            reward_limit=REWARD_LIMIT,
         )
 
     @property

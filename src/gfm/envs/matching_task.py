@@ -48,6 +48,8 @@ _CENTRE = np.array(numbers.BASKET_XYZ)
 _OBJECT_WEIGHT, _UNIT_M, _REACHED_REWARD = 2.0, 0.02, 0.5
 #: Of what ends an episode before its time.
 FAILURE_REWARD = -5.0
+#: In size: tool and object would have to cross their workspace several times in one step.
+REWARD_LIMIT = 1e3
 #: From the basket's axis to where a wall leaves the floor, m.
 _FLOOR_M = numbers.BASKET_WALL_OFFSET - numbers.BASKET_WALL_HEIGHT / math.tan(numbers.BASKET_SLOPE)
 #: Lower and upper corner of where the tool's tip may be, and of where the object may be, relative

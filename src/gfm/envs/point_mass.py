@@ -29,7 +29,7 @@ class PointMass(BatchedEnvironment):
 
     def __init__(self, num_envs: int, *, seed: int = 0, horizon: int = 20) -> None:
         self.num_envs = num_envs
-        self.spec = EnvironmentSpec(name=NAME, observation_size=2, action_size=1)
+        self.spec = EnvironmentSpec(name=NAME, observation_size=2, action_size=1, reward_limit=1.0)
         self._rng = np.random.default_rng(seed)
         self._episodes = Episodes(num_envs, horizon)
         self._state: Array = np.zeros((num_envs, 2))

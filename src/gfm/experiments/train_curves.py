@@ -12,7 +12,7 @@ from gfm.experiments.fit_curves import metric_rows
 from gfm.experiments.train_config import RunFolder
 from gfm.service.metrics import FolderMetrics
 
-_COUNTERS = ("env_steps", "episodes", "nonfinite_steps")
+_COUNTERS = ("env_steps", "episodes", "unusable_steps")
 _GAUGES = ("episode_return_mean", "success_rate", "tracking_rmse_rad", "curriculum_gain")
 
 

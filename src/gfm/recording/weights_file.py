@@ -65,6 +65,8 @@ def write_weights(path: Path, weights: Weights) -> None:
         "version": weights.version,
         "created_ns": weights.created_ns,
         "spec_digest": weights.spec_digest,
+        "run": weights.run,
+        "life": weights.life,
     }
     write_arrays(path, meta, weights.tensors)
 
@@ -81,4 +83,6 @@ def read_weights(path: Path) -> Weights:
         created_ns=int(meta["created_ns"]),
         spec_digest=str(meta["spec_digest"]),
         tensors=arrays,
+        run=str(meta.get("run", "")),  # absent in files of before there were lives
+        life=int(meta.get("life", 0)),
     )

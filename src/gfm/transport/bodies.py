@@ -40,12 +40,8 @@ class Bodies:
         self._sent[key] += 1
         return body
 
-    def decode(self, key: str, body: bytes) -> Message:
-        """Returns the message of a body, or counts it and raises the WireError."""
-        return self.decode_stamped(key, body)[0]
-
     def decode_stamped(self, key: str, body: bytes) -> tuple[Message, Stamp]:
-        """Returns the message of a body and who sent it; refuses as `decode` does."""
+        """Returns the message of a body and who sent it, or counts it and raises the WireError."""
         try:
             return decode_stamped(body, max_bytes=self._max_bytes)
         except WireError as error:
@@ -58,16 +54,16 @@ class Bodies:
         if count == 10 ** (len(str(count)) - 1):  # 1, 10, 100 ...: a flood must not fill the log
             _log.warning("refused a body under %s (%d so far): %s", key, count, error)
 
-    def answer(self, key: str, body: bytes) -> Message:
-        """Returns the answer in a body.
+    def answer(self, key: str, body: bytes) -> tuple[Message, Stamp]:
+        """Returns the answer in a body and who sent it.
 
         Raises:
             RefusedError: it is a refusal, or cannot be understood.
         """
         try:
-            message = self.decode(key, body)
+            message, stamp = self.decode_stamped(key, body)
         except WireError as exc:
             raise RefusedError(f"the answer under {key} cannot be understood: {exc}") from exc
         if isinstance(message, Refusal):
             raise RefusedError(message.reason)
-        return message
+        return message, stamp

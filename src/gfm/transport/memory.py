@@ -14,6 +14,7 @@ from typing_extensions import override
 from gfm.core import Clock, GfmError, MonotonicClock, UnreachableError, WireError
 from gfm.transport.bodies import LONGEST_REASON, QUEUED_REQUESTS, Bodies
 from gfm.transport.port import PendingReply, Request, Server, Subscription, Transport
+from gfm.transport.replies import BodyReply
 from gfm_wire import Message, Refusal
 
 _POLL_NS = 1_000_000
@@ -105,14 +106,15 @@ class MemoryTransport(Transport):
         return subscription
 
     @override
-    def request(self, key: str, message: Message, *, timeout_s: float) -> PendingReply:
+    def request(
+        self, key: str, message: Message, *, timeout_s: float, everybody: bool = False
+    ) -> PendingReply:
         body = self._bodies.encode(key, message)
-        pending = _MemoryReply(key, timeout_s, self._clock, self._bodies)
         servers = self._hub.servers(key)
-        if servers:
-            self._hub.ask(servers[0], body, pending)
-        else:
-            pending.abandon()
+        asked = servers if everybody else servers[:1]
+        pending = _MemoryReply(key, timeout_s, self._clock, self._bodies, asked=len(asked))
+        for server in asked:
+            self._hub.ask(server, body, pending)
         return pending
 
     @override
@@ -155,40 +157,42 @@ class _MemorySubscription(Subscription):
     def take(self) -> Message | None:
         while self.kept:
             try:
-                return self.bodies.decode(self.key, self.kept.popleft())
+                message, self.stamp = self.bodies.decode_stamped(self.key, self.kept.popleft())
             except WireError:
                 continue
+            return message
         return None
 
 
 @final
-class _MemoryReply(PendingReply):
-    def __init__(self, key: str, timeout_s: float, clock: Clock, bodies: Bodies) -> None:
-        self._key = key
+class _MemoryReply(BodyReply):
+    def __init__(
+        self, key: str, timeout_s: float, clock: Clock, bodies: Bodies, *, asked: int = 1
+    ) -> None:
+        super().__init__(key, bodies)
         self._clock = clock
-        self._bodies = bodies
         self._asked_ns = clock.now_ns()
         self._deadline_ns = self._asked_ns + round(timeout_s * 1e9)
-        self._body: bytes | None = None
-        self._gone = False
-        self._answer: Message | None = None
+        self._arrived: deque[bytes] = deque()
+        self._waiting = asked
 
     def answer(self, body: bytes) -> None:
-        """Receives the answer, unless it comes too late."""
+        """Receives an answer, unless it comes too late."""
+        self._waiting -= 1
         if self._clock.now_ns() < self._deadline_ns:
-            self._body = body
+            self._arrived.append(body)
 
     def abandon(self) -> None:
-        """Learns that there will be no answer."""
-        self._gone = True
+        """Learns that one of those asked will not answer."""
+        self._waiting -= 1
 
     @override
-    def poll(self) -> Message | None:
-        if self._answer is None and self._body is not None:
-            self._answer = self._bodies.answer(self._key, self._body)
-        elif self._answer is None and (self._gone or self._clock.now_ns() >= self._deadline_ns):
+    def _next(self) -> bytes | None:
+        if self._arrived:
+            return self._arrived.popleft()
+        if self._waiting <= 0 or self._clock.now_ns() >= self._deadline_ns:
             raise UnreachableError(self._key, (self._clock.now_ns() - self._asked_ns) * 1e-9)
-        return self._answer
+        return None
 
 
 @final

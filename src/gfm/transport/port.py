@@ -17,7 +17,13 @@ from gfm_wire import Message, Stamp
 
 
 class Subscription(ABC):
-    """Messages published under one key; keeps a bounded number of the newest."""
+    """Messages published under one key; keeps a bounded number of the newest.
+
+    Attributes:
+        stamp: Of the connection that sent the message taken last.
+    """
+
+    stamp: Stamp
 
     @abstractmethod
     def take(self) -> Message | None:
@@ -32,7 +38,13 @@ class Subscription(ABC):
 
 
 class PendingReply(ABC):
-    """An answer that has been asked for."""
+    """An answer that has been asked for.
+
+    Attributes:
+        stamp: Of the connection that answered; once there is an answer.
+    """
+
+    stamp: Stamp
 
     @abstractmethod
     def poll(self) -> Message | None:
@@ -42,6 +54,10 @@ class PendingReply(ABC):
             UnreachableError: the deadline passed, or the other side went away.
             RefusedError: the other side said no, or its answer cannot be understood.
         """
+
+    @abstractmethod
+    def reject(self) -> None:
+        """Forgets the answer: where several were asked, `poll` waits for that of another."""
 
 
 class Request(ABC):
@@ -91,8 +107,18 @@ class Transport(ABC):
         """Returns a subscription that keeps the newest `keep` messages."""
 
     @abstractmethod
-    def request(self, key: str, message: Message, *, timeout_s: float) -> PendingReply:
-        """Asks whoever serves `key`; returns at once."""
+    def request(
+        self, key: str, message: Message, *, timeout_s: float, everybody: bool = False
+    ) -> PendingReply:
+        """Asks whoever serves `key`; returns at once.
+
+        Args:
+            key: What is asked about.
+            message: The question.
+            timeout_s: How long to wait for an answer.
+            everybody: Whether all who serve the key are asked, should there be several; the first
+                answer counts unless it is rejected.
+        """
 
     @abstractmethod
     def survey(self, key: str, message: Message, *, timeout_s: float) -> list[Message]:

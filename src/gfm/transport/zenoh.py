@@ -24,6 +24,7 @@ from zenoh.handlers import FifoChannel, Handler, RingChannel
 from gfm.core import BadInputError, ConfigError, GfmError, UnreachableError, WireError
 from gfm.transport.bodies import LONGEST_REASON, QUEUED_REQUESTS, Bodies
 from gfm.transport.port import PendingReply, Request, Server, Subscription, Transport
+from gfm.transport.replies import BodyReply
 from gfm_wire import Message, Refusal
 
 _log = logging.getLogger(__name__)
@@ -105,8 +106,11 @@ class ZenohTransport(Transport):
         return _ZenohSubscription(key, end, self._bodies)
 
     @override
-    def request(self, key: str, message: Message, *, timeout_s: float) -> PendingReply:
-        replies = self._ask(key, message, timeout_s, zenoh.QueryTarget.BEST_MATCHING)
+    def request(
+        self, key: str, message: Message, *, timeout_s: float, everybody: bool = False
+    ) -> PendingReply:
+        target = zenoh.QueryTarget.ALL if everybody else zenoh.QueryTarget.BEST_MATCHING
+        replies = self._ask(key, message, timeout_s, target)
         return _ZenohReply(key, replies, self._bodies)
 
     @override
@@ -114,7 +118,7 @@ class ZenohTransport(Transport):
         answers = []
         for reply in self._ask(key, message, timeout_s, zenoh.QueryTarget.ALL):
             try:
-                answers.append(_answer(key, reply, self._bodies, timeout_s))
+                answers.append(self._bodies.answer(key, _body(key, reply, timeout_s))[0])
             except GfmError as error:
                 _log.debug("no answer in a survey of %s: %s", key, error)
         return answers
@@ -166,50 +170,39 @@ class _ZenohSubscription(Subscription):
     def take(self) -> Message | None:
         while (sample := self._end.try_recv()) is not None:
             try:
-                return self._bodies.decode(self._key, sample.payload.to_bytes())
+                message, self.stamp = self._bodies.decode_stamped(
+                    self._key, sample.payload.to_bytes()
+                )
             except WireError:
                 continue
+            return message
         return None
 
 
 @final
-class _ZenohReply(PendingReply):
+class _ZenohReply(BodyReply):
     def __init__(self, key: str, replies: Handler[zenoh.Reply], bodies: Bodies) -> None:
-        self._key = key
+        super().__init__(key, bodies)
         self._replies = replies
-        self._bodies = bodies
         self._asked_s = time.monotonic()
-        self._answer: Message | None = None
-        self._failure: GfmError | None = None
 
     @override
-    def poll(self) -> Message | None:
-        if self._failure is not None:
-            raise self._failure
-        if self._answer is None:
-            try:
-                self._answer = self._received()
-            except GfmError as failure:
-                self._failure = failure
-                raise
-        return self._answer
-
-    def _received(self) -> Message | None:
+    def _next(self) -> bytes | None:
         waited_s = time.monotonic() - self._asked_s
         try:
             reply = self._replies.try_recv()
         except zenoh.ZError as exc:  # closed without an answer: nobody serves the key
             raise UnreachableError(self._key, waited_s) from exc
-        return None if reply is None else _answer(self._key, reply, self._bodies, waited_s)
+        return None if reply is None else _body(self._key, reply, waited_s)
 
 
-def _answer(key: str, reply: zenoh.Reply, bodies: Bodies, waited_s: float) -> Message:
+def _body(key: str, reply: zenoh.Reply, waited_s: float) -> bytes:
     if reply.ok is not None:
-        return bodies.answer(key, reply.ok.payload.to_bytes())
+        return reply.ok.payload.to_bytes()
     payload = b"" if reply.err is None else reply.err.payload.to_bytes()
     if payload == b"Timeout":  # zenoh's own words, where no answer came in time
         raise UnreachableError(key, waited_s)
-    return bodies.answer(key, payload)
+    return payload
 
 
 @final
