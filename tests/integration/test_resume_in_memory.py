@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gfm.core import EnvironmentSpec, MonotonicClock, Sequence
+from gfm.core import EnvironmentSpec, ManualClock, Sequence
 from gfm.rl.learner import LearnerSettings, state_arrays
 from gfm.service.metrics import NoMetrics
 from gfm.transport import MemoryHub, MemoryTransport
@@ -43,7 +43,8 @@ class System:
     """A learner and its replay, both keeping what they have in `folder`."""
 
     def __init__(self, folder):
-        hub, clock = MemoryHub(), MonotonicClock()
+        hub, self.clock = MemoryHub(), ManualClock(10**9)
+        clock = self.clock
         self.replay = ReplayService(
             ReplayConfig(name="replay", min_size=8, folder=str(folder / "replay")),
             MemoryTransport(hub, name="replay", clock=clock),
@@ -79,6 +80,7 @@ class System:
             if self.learner.status().counters["learner_steps"] == until:
                 return
             self.replay.step()
+            self.clock.advance_s(0.05)
 
     def stop(self):
         for service in (self.learner, self.replay):

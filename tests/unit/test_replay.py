@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import resource
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +24,8 @@ from gfm.transport import MemoryHub, MemoryTransport
 from gfm_replay.arrivals import OUT_OF_ORDER, Arrivals, Life
 from gfm_replay.buffer import SequenceBuffer
 from gfm_replay.config import ReplayConfig
-from gfm_replay.files import RingFiles
+from gfm_replay.journal import NAME, Journal
+from gfm_replay.records import HEADER_BYTES, STATE_BYTES, encode_record
 from gfm_replay.service import ReplayService
 from gfm_wire import (
     Message,
@@ -34,6 +39,10 @@ from gfm_wire import (
 STEPS, OBSERVATION, ACTION = 3, 5, 2
 SPEC = EnvironmentSpec(name="spec", observation_size=OBSERVATION, action_size=ACTION)
 SEQUENCE_BYTES = 4 * ((STEPS + 1) * OBSERVATION + STEPS * ACTION + 3 * STEPS)
+
+
+LONG = 200
+LONG_BYTES = 4 * ((LONG + 1) * OBSERVATION + LONG * ACTION + 3 * LONG)
 
 
 def make_sequence(number: int, *, steps: int = STEPS, **changes: object) -> Sequence:
@@ -120,7 +129,7 @@ def test_a_sampled_sequence_is_one_that_was_inserted_with_all_its_parts():
 def test_sampling_is_uniform_and_repeats_with_the_same_random_numbers():
     buffer = SequenceBuffer(2**20)
     for number in range(4):
-        buffer.insert(make_sequence(number))
+        buffer.insert(make_sequence(number), Life(), SPEC)
     one, other = (buffer.sample(4000, np.random.default_rng(3)) for _ in range(2))
     np.testing.assert_array_equal(one.weights_version, other.weights_version)
     counts = np.bincount(one.weights_version, minlength=4)
@@ -131,7 +140,7 @@ def test_sampling_is_uniform_and_repeats_with_the_same_random_numbers():
 def test_a_full_ring_forgets_the_oldest_and_never_exceeds_its_capacity():
     buffer = SequenceBuffer(SEQUENCE_BYTES * 3 + 1)
     for number in range(8):
-        buffer.insert(make_sequence(number))
+        buffer.insert(make_sequence(number), Life(), SPEC)
     assert (len(buffer), buffer.capacity) == (3, 3)
     assert buffer.used_bytes == 3 * SEQUENCE_BYTES
     assert set(buffer.sample(100, np.random.default_rng(0)).weights_version) == {5, 6, 7}
@@ -140,28 +149,47 @@ def test_a_full_ring_forgets_the_oldest_and_never_exceeds_its_capacity():
 def test_a_sequence_that_can_never_fit_is_refused_and_fixes_nothing():
     buffer = SequenceBuffer(SEQUENCE_BYTES)
     with pytest.raises(RefusedError, match=f"at most {SEQUENCE_BYTES} bytes"):
-        buffer.insert(make_sequence(0, steps=STEPS + 1))
+        buffer.insert(make_sequence(0, steps=STEPS + 1), Life(), SPEC)
     with pytest.raises(RefusedError, match="a sequence of 0 transitions"):
-        buffer.insert(make_sequence(0, steps=0))
-    buffer.insert(make_sequence(1))
+        buffer.insert(make_sequence(0, steps=0), Life(), SPEC)
+    buffer.insert(make_sequence(1), Life(), SPEC)
     assert len(buffer) == 1
 
 
-def kept_in(folder, capacity_bytes=SEQUENCE_BYTES * 3):
-    return SequenceBuffer(capacity_bytes, RingFiles(folder))
+def keeping(folder, **settings):
+    return Asker(folder=str(folder), capacity_mib=1, **settings)
 
 
-def test_what_is_kept_in_files_outlives_the_service_and_goes_on_as_if_nothing_had_happened(
+def killed(asker):
+    """Ends a service as kill -9 does: nothing is finished, the file is free."""
+    os.close(asker.service._journal._file)
+    asker.service._journal._file = None
+
+
+def stored(folder):
+    """Returns what a folder holds: numbers by actor and epoch, oldest first."""
+    journal = Journal(folder)
+    kept = journal.open()
+    journal.close()
+    found = {}
+    for record in kept.records:
+        found.setdefault((record["actor"].decode(), int(record["epoch"])), []).append(
+            int(record["number"])
+        )
+    return found
+
+
+def test_what_is_kept_on_disk_outlives_the_service_and_goes_on_as_if_nothing_had_happened(
     tmp_path,
 ):
-    asker, always = Asker(folder=str(tmp_path / "ring")), Asker()
+    asker, always = keeping(tmp_path), Asker(capacity_mib=1)
     for number in range(5):
         asker.insert(make_sequence(number))
         always.insert(make_sequence(number))
     for one in (asker, always):
         one.sample(8)
-    asker.service.close()
-    again = Asker(folder=str(tmp_path / "ring"))
+    killed(asker)
+    again = keeping(tmp_path)
     for name in ("replay_sequences", "replay_steps", "samples"):
         assert again.counters[name] == always.counters[name] > 0
     for one in (again, always):
@@ -171,29 +199,173 @@ def test_what_is_kept_in_files_outlives_the_service_and_goes_on_as_if_nothing_ha
         np.testing.assert_array_equal(getattr(drawn, name), getattr(expected, name))
 
 
-def test_a_sequence_that_was_being_written_when_its_process_died_is_never_handed_out(tmp_path):
-    buffer = kept_in(tmp_path)
+def test_what_was_acknowledged_before_the_end_is_a_duplicate_after_it(tmp_path):
+    asker = keeping(tmp_path)
+    for number in (0, 1, 2, 5, 4):
+        asker.insert(make_sequence(number))
+        asker.insert(make_sequence(number, actor="other", epoch=2**62))
+    killed(asker)
+    again = keeping(tmp_path)
+    assert [again.insert(make_sequence(n)) for n in (5, 0, 4, 2)] == [3, 3, 3, 3]
+    assert again.counters["duplicates"] == 4
+    assert [again.insert(make_sequence(n)) for n in (3, 6)] == [6, 7]
+    assert again.insert(make_sequence(5, actor="other", epoch=2**62)) == 3
+    assert again.counters["given_up"] == 0
+    again.service.close()
+    assert stored(tmp_path) == {
+        ("actor-1", 1): [0, 1, 2, 5, 4, 3, 6],
+        ("other", 2**62): [0, 1, 2, 5, 4],
+    }
+
+
+def test_lives_go_on_though_most_of_what_they_sent_was_forgotten(tmp_path):
+    asker = keeping(tmp_path)
+    capacity = 2**20 // LONG_BYTES
+    for number in range(capacity + 100):
+        asker.insert(make_sequence(number, steps=LONG))
+    killed(asker)
+    again = keeping(tmp_path)
+    assert again.service.status().gauges["replay_stored_sequences"] == capacity
+    assert again.insert(make_sequence(50, steps=LONG)) == capacity + 100
+    assert again.insert(make_sequence(capacity + 100, steps=LONG)) == capacity + 101
+    assert (again.counters["duplicates"], again.counters["given_up"]) == (1, 0)
+
+
+def test_a_sequence_that_was_being_written_at_the_end_takes_the_place_of_none(tmp_path, caplog):
+    asker = keeping(tmp_path)
+    capacity = 2**20 // LONG_BYTES
+    for number in range(capacity):
+        asker.insert(make_sequence(number, steps=LONG))
+    layout = asker.service._journal._layout
+    torn = make_sequence(capacity, steps=LONG)
+    record = encode_record(layout, capacity + 1, torn, Life())
+    os.pwrite(asker.service._journal._file, record[:100], layout.offset(capacity + 1))
+    killed(asker)
+    again = keeping(tmp_path)
+    assert f"1 of {capacity + 1} records are damaged and left out" in caplog.text
+    assert again.service.status().gauges["replay_stored_sequences"] == capacity
+    again.insert(torn)
+    again.service.close()
+    assert stored(tmp_path)[("actor-1", 1)] == list(range(1, capacity + 1))
+
+
+def test_a_damaged_record_is_left_out_with_a_warning_and_the_others_stay(tmp_path, caplog):
+    asker = keeping(tmp_path)
     for number in range(5):
-        buffer.insert(make_sequence(number))
-    torn = np.load(tmp_path / "observation.npy", mmap_mode="r+")
-    torn[5 % len(torn)] = np.nan  # where the sixth would go: it never got counted
-    again = kept_in(tmp_path)
-    batch = again.sample(100, np.random.default_rng(0))
-    assert set(batch.weights_version) == {2, 3, 4}
-    assert np.isfinite(batch.observation).all()
+        asker.insert(make_sequence(number))
+    place = asker.service._journal._layout.offset(3) + 200
+    os.pwrite(asker.service._journal._file, b"\xff", place)
+    killed(asker)
+    again = keeping(tmp_path)
+    assert "1 of 5 records are damaged" in caplog.text
+    assert set(again.sample(200).weights_version) == {0, 1, 3, 4}
+    assert again.insert(make_sequence(5)) == 6
 
 
-def test_files_of_another_capacity_or_damaged_ones_are_refused_and_left_alone(tmp_path):
-    kept_in(tmp_path).insert(make_sequence(0))
-    with pytest.raises(ConfigError, match=r"room for 3 sequences of .* bytes, expected 5"):
-        kept_in(tmp_path, SEQUENCE_BYTES * 5)
-    assert len(kept_in(tmp_path)) == 1
-    (tmp_path / "reward.npy").write_bytes(b"not an array")
-    with pytest.raises(BadInputError, match="damaged replay"):
-        kept_in(tmp_path)
-    (tmp_path / "ring.json").write_text('{"format": "gfm.replay/9"}')
-    with pytest.raises(BadInputError, match=r"'gfm.replay/9', expected 'gfm.replay/1'"):
-        kept_in(tmp_path)
+def test_a_torn_state_falls_back_to_the_one_before_with_a_warning(tmp_path, caplog):
+    asker = keeping(tmp_path)
+    asker.insert(make_sequence(0))
+    for _ in range(3):
+        asker.sample(8)
+    file = asker.service._journal._file
+    os.pwrite(file, b"\0" * 50, HEADER_BYTES + 3 % 2 * STATE_BYTES + 20)
+    killed(asker)
+    again = keeping(tmp_path)
+    assert "a state is damaged, going on from the one before" in caplog.text
+    assert again.counters["samples"] == 16
+
+
+def test_a_journal_in_use_of_another_capacity_or_damaged_is_refused_and_left_alone(tmp_path):
+    asker = keeping(tmp_path)
+    asker.insert(make_sequence(0))
+    with pytest.raises(BadInputError, match="another replay service has it open"):
+        keeping(tmp_path)
+    killed(asker)
+    path = tmp_path / NAME
+    before = path.read_bytes()
+    for damaged, message in (
+        (b"junk" + before[4:], "damaged replay: the header is damaged"),
+        (before[:-1], "damaged replay: .* bytes, expected"),
+        (b"", "damaged replay: the header"),
+    ):
+        path.write_bytes(damaged)
+        with pytest.raises(BadInputError, match=message):
+            keeping(tmp_path)
+        assert path.read_bytes() == damaged
+    path.write_bytes(before)
+    with pytest.raises(ConfigError, match=r"has room for 7489 sequences .*, expected 14979"):
+        Asker(folder=str(tmp_path), capacity_mib=2)
+    assert path.read_bytes() == before
+
+
+@pytest.fixture
+def full_disk():
+    """Yields a function that lets no file grow any more, and one that takes that back."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def full(limit=4096):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+
+    def room():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+    yield full, room
+    room()
+
+
+def test_without_room_on_disk_nothing_is_taken_nothing_is_left_and_all_goes_on_later(
+    tmp_path, full_disk
+):
+    full, room = full_disk
+    asker = keeping(tmp_path)
+    full()
+    answer = asker.ask("replay/insert", make_sequence(0))
+    room()
+    assert isinstance(answer, NotReady)
+    assert answer.reason.startswith("the sequences' folder: ")
+    assert list(tmp_path.iterdir()) == []
+    assert (asker.counters["no_room"], asker.counters["replay_sequences"]) == (1, 0)
+    assert asker.insert(make_sequence(0)) == 1
+
+
+def test_a_disk_that_is_too_small_is_told_before_anything_is_written(tmp_path, monkeypatch):
+    usage = shutil.disk_usage(tmp_path)._replace(free=2**20)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+    asker = keeping(tmp_path)
+    answer = asker.ask("replay/insert", make_sequence(0))
+    assert answer.reason == "the sequences' folder: 1 of 2 MiB are free"
+
+
+def test_a_disk_that_fills_up_later_takes_nothing_from_what_space_was_reserved_for(
+    tmp_path, full_disk
+):
+    full, room = full_disk
+    asker = keeping(tmp_path)
+    asker.insert(make_sequence(0, steps=LONG))
+    size = (tmp_path / NAME).stat().st_size
+    full(size)
+    for number in range(1, 300):  # twice round the ring
+        asker.insert(make_sequence(number, steps=LONG))
+    room()
+    assert (tmp_path / NAME).stat().st_size == size
+
+
+def test_what_cannot_be_written_does_not_count(tmp_path, monkeypatch):
+    asker = keeping(tmp_path)
+    asker.insert(make_sequence(0))
+
+    def broken(*_):
+        raise OSError(errno.EIO, "Input/output error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pwrite", broken)
+        answer = asker.ask("replay/insert", make_sequence(1))
+        assert answer.reason == "the sequences' folder: Input/output error"
+        assert isinstance(asker.sample(4), Batch)
+        assert "Input/output error" in asker.service.status().note
+    assert asker.insert(make_sequence(1)) == 2
+    killed(asker)
+    assert stored(tmp_path) == {("actor-1", 1): [0, 1]}
 
 
 def test_below_the_minimum_the_learner_is_told_what_is_missing():

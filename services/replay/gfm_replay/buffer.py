@@ -1,4 +1,4 @@
-"""A ring of equally long sequences in memory, or in files, that is reserved once.
+"""A ring of equally long sequences in memory, reserved once, and on disk where that is wanted.
 
 Shape letters: N sequences that fit, B sequences of a batch, T transitions, O observation size,
 A action size.
@@ -6,14 +6,17 @@ A action size.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gfm.core import Batch, ConfigError, Sequence
-from gfm_replay.door import NotTakenError
-from gfm_replay.files import RingFiles
+from gfm.core import Batch, ConfigError, EnvironmentSpec, Sequence
+from gfm_replay.arrivals import Life
+from gfm_replay.door import NoRoomError, NotTakenError
+from gfm_replay.journal import Journal, Kept
+from gfm_replay.records import Layout
 
 FIELDS = ("observation", "action", "reward", "discount", "log_prob")
 LABELS = ("weights_life", "weights_version")
@@ -23,56 +26,47 @@ LABELS = ("weights_life", "weights_version")
 class SequenceBuffer:
     """Keeps the newest sequences that fit; the first one fixes the shapes of all.
 
-    There is one slot more than sequences are kept, and the one that is written next is never handed
-    out: wherever a process that keeps files ends, every sequence that counts is whole.
+    Attributes:
+        inserted: Sequences stored so far, those that made room for others among them.
+        sampled: Sequences handed out so far.
     """
 
-    def __init__(self, capacity_bytes: int, files: RingFiles | None = None) -> None:
-        """Makes an empty buffer, or opens the one that `files` hold.
+    def __init__(
+        self, capacity_bytes: int, journal: Journal | None = None, kept: Kept | None = None
+    ) -> None:
+        """Makes a buffer.
 
         Args:
             capacity_bytes: Of the sequences, at most.
-            files: Where to keep them; in memory by default.
+            journal: Where to keep them on disk; nowhere by default.
+            kept: What the journal holds already.
 
         Raises:
-            BadInputError: what the files hold is damaged.
-            ConfigError: they were made for another capacity.
+            ConfigError: the journal was made for another capacity.
         """
+        self.inserted = 0
+        self.sampled = 0
         self._capacity_bytes = capacity_bytes
-        self._files = files
+        self._journal = journal
         self._arrays: dict[str, NDArray[Any]] = {}
-        self._counts: NDArray[np.int64] = np.zeros(2, np.int64)
         self._spec_digest = ""
-        if files is not None and files.exist:
-            self._open(files)
+        self._stored = 0
+        self._next = 0
+        if kept is not None:
+            self._take(kept)
 
     def __len__(self) -> int:
-        return min(self.inserted, self.capacity)
+        return self._stored
 
     @property
     def capacity(self) -> int:
         """N; 0 before the first sequence."""
-        return len(self._arrays["reward"]) - 1 if self._arrays else 0
-
-    @property
-    def inserted(self) -> int:
-        """Sequences stored so far, those that made room for others among them."""
-        return int(self._counts[0])
-
-    @property
-    def sampled(self) -> int:
-        """Sequences handed out so far."""
-        return int(self._counts[1])
+        return len(self._arrays["reward"]) if self._arrays else 0
 
     @property
     def steps(self) -> int:
         """T; 0 before the first sequence."""
         return len(self._arrays["reward"][0]) if self._arrays else 0
-
-    @property
-    def spec_digest(self) -> str:
-        """The one that all sequences carry; empty before the first."""
-        return self._spec_digest
 
     @property
     def used_bytes(self) -> int:
@@ -84,61 +78,80 @@ class SequenceBuffer:
         """Of one sequence; 0 before the first."""
         return sum(int(self._arrays[name][0].nbytes) for name in FIELDS if self._arrays)
 
-    def insert(self, sequence: Sequence) -> None:
+    def insert(self, sequence: Sequence, life: Life, spec: EnvironmentSpec) -> None:
         """Stores a sequence, over the oldest one where the ring is full.
 
+        Args:
+            sequence: Of the environment `spec`.
+            life: That it belongs to, before it is added.
+            spec: Of the run's environment.
+
         Raises:
-            NotTakenError: its environment or its shapes are not those of the first sequence.
+            NotTakenError: its shapes are not those of the first sequence.
+            NoRoomError: the disk has no room for it now.
         """
-        if not self._arrays:
-            self._reserve(sequence)
-        self._check(sequence)
-        slot = self.inserted % (self.capacity + 1)
+        try:
+            if not self._arrays:
+                self._reserve(sequence, spec)
+            self._check(sequence)
+            if self._journal is not None:
+                self._journal.append(self.inserted + 1, sequence, life)
+        except OSError as exc:
+            raise NoRoomError(f"the sequences' folder: {exc.strerror or exc}") from exc
         for name, array in self._arrays.items():
-            array[slot] = getattr(sequence, name)
-        self._counts[0] += 1
+            array[self._next] = getattr(sequence, name)
+        self._next = (self._next + 1) % self.capacity
+        self._stored = min(self._stored + 1, self.capacity)
+        self.inserted += 1
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
         """Returns `batch_size` sequences, drawn uniformly with replacement."""
         age = rng.integers(len(self), size=batch_size)
-        slots = (self.inserted - 1 - age) % (self.capacity + 1)
+        slots = (self._next - 1 - age) % self.capacity
         arrays = {name: np.asarray(array[slots]) for name, array in self._arrays.items()}
-        self._counts[1] += batch_size
+        self.sampled += batch_size
         return Batch(spec_digest=self._spec_digest, **arrays)
 
-    def _reserve(self, sequence: Sequence) -> None:
+    def _reserve(self, sequence: Sequence, spec: EnvironmentSpec) -> None:
+        steps = len(sequence.reward)
         each = sum(getattr(sequence, name).nbytes for name in FIELDS)
-        capacity = self._capacity_bytes // each if len(sequence.reward) else 0
+        capacity = self._capacity_bytes // each if steps else 0
         if capacity == 0:
             raise NotTakenError(
                 "shape",
-                f"a sequence of {len(sequence.reward)} transitions and {each} bytes, expected at "
-                f"least one transition and at most {self._capacity_bytes} bytes",
+                f"a sequence of {steps} transitions and {each} bytes, expected at least one "
+                f"transition and at most {self._capacity_bytes} bytes",
             )
-        shapes = {name: (capacity + 1, *getattr(sequence, name).shape) for name in FIELDS}
-        shapes |= dict.fromkeys(LABELS, (capacity + 1,))
-        self._spec_digest = sequence.spec_digest
-        if self._files is None:
-            self._arrays = {name: np.empty(shape, _dtype(name)) for name, shape in shapes.items()}
-        else:
-            dtypes = {name: _dtype(name) for name in shapes}
-            self._arrays, self._counts = self._files.make(self._spec_digest, shapes, dtypes)
+        layout = Layout(spec=spec, steps=steps, capacity=capacity)
+        if self._journal is not None:
+            self._journal.make(layout)
+        self._allocate(layout)
 
-    def _open(self, files: RingFiles) -> None:
-        self._spec_digest, self._arrays, self._counts = files.open((*FIELDS, *LABELS))
-        each = sum(self._arrays[name][0].nbytes for name in FIELDS)
-        if self.capacity != self._capacity_bytes // each:
+    def _allocate(self, layout: Layout) -> None:
+        fields: Mapping[str, Any] = layout.dtype.fields or {}
+        self._spec_digest = layout.spec.digest
+        self._arrays = {
+            name: np.empty((layout.capacity, *fields[name][0].shape), fields[name][0].base)
+            for name in (*FIELDS, *LABELS)
+        }
+
+    def _take(self, kept: Kept) -> None:
+        self._allocate(kept.layout)
+        fitting = self._capacity_bytes // self.sequence_bytes
+        if self.capacity != fitting:
             raise ConfigError(
-                f"{files.folder} has room for {self.capacity} sequences of {each} bytes, expected "
-                f"{self._capacity_bytes // each}: it was made with another capacity_mib"
+                f"the journal has room for {self.capacity} sequences of {self.sequence_bytes} "
+                f"bytes, expected {fitting}: it was made with another capacity_mib"
             )
+        count = len(kept.records)
+        for name, array in self._arrays.items():
+            array[:count] = kept.records[name]
+        self.inserted = int(kept.records["index"].max(initial=0))
+        self.sampled = kept.sampled
+        self._stored, self._next = count, count % self.capacity
 
     def _check(self, sequence: Sequence) -> None:
         for name in FIELDS:
             got, expected = getattr(sequence, name).shape, self._arrays[name].shape[1:]
             if got != expected:
                 raise NotTakenError("shape", f"{name} has shape {got}, expected {expected}")
-
-
-def _dtype(name: str) -> type[np.generic]:
-    return np.int64 if name in LABELS else np.float32

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from gfm.core import EnvironmentSpec, RefusedError, Sequence, implausible
+from gfm.core import EnvironmentSpec, GfmError, RefusedError, Sequence, implausible
 from gfm_wire import SampleRequest
 
 _NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")
@@ -16,6 +16,10 @@ class NotTakenError(RefusedError):
     def __init__(self, reason: str, detail: str) -> None:
         super().__init__(detail)
         self.reason = reason
+
+
+class NoRoomError(GfmError):
+    """A sequence that cannot be stored now, but may be later."""
 
 
 def check_sequence(sequence: Sequence, spec: EnvironmentSpec, steps: int | None) -> None:

@@ -17,9 +17,9 @@ from gfm.transport import Request, Transport
 from gfm_replay.arrivals import Arrivals
 from gfm_replay.buffer import SequenceBuffer
 from gfm_replay.config import ReplayConfig
-from gfm_replay.door import NotTakenError, check_request, check_sequence
+from gfm_replay.door import NoRoomError, NotTakenError, check_request, check_sequence
 from gfm_replay.expected import ExpectedEnvironment
-from gfm_replay.files import RingFiles
+from gfm_replay.journal import Journal, Kept
 from gfm_wire import MAX_BYTES, NotReady, SampleRequest, SequenceAck
 
 _INSERTS_PER_STEP = 64
@@ -39,17 +39,25 @@ class ReplayService(Service):
     ) -> None:
         self._config = config
         self._rng = rng
-        self._files = RingFiles(Path(config.folder)) if config.folder else None
-        self._buffer = SequenceBuffer(config.capacity_mib * 2**20, self._files)
-        if self._files is not None:
-            self._files.restore_random(rng)
-        self._expected = ExpectedEnvironment(transport, clock)
+        self._journal = Journal(Path(config.folder)) if config.folder else None
+        kept = None if self._journal is None else self._journal.open()
+        self._buffer = SequenceBuffer(config.capacity_mib * 2**20, self._journal, kept)
         self._arrivals = Arrivals()
+        spec = None if kept is None else self._restore(kept)
+        self._expected = ExpectedEnvironment(transport, clock, spec)
         self._refusals = Refusals()
         self._inserts = transport.serve("replay/insert")
         self._samples = transport.serve("replay/sample")
-        self._counters: Counter[str] = Counter(batches=0, duplicates=0, given_up=0)
+        self._counters: Counter[str] = Counter(batches=0, duplicates=0, given_up=0, no_room=0)
         self._note = "waiting for the first sequence"
+
+    def _restore(self, kept: Kept) -> EnvironmentSpec:
+        """Goes on where an earlier process ended; returns what its run learned for."""
+        for actor, epoch, life in kept.lives():
+            self._arrivals.put(actor, epoch, life)
+        if kept.random is not None:
+            self._rng.bit_generator.state = kept.random
+        return kept.layout.spec
 
     @override
     def step(self) -> bool:
@@ -94,9 +102,8 @@ class ReplayService(Service):
 
     @override
     def close(self) -> None:
-        """Keeps the random state beside the sequences, where these are kept in files."""
-        if self._files is not None:
-            self._files.save_random(self._rng)
+        if self._journal is not None:
+            self._journal.close()
 
     def _answer_insert(self, request: Request, spec: EnvironmentSpec) -> None:
         try:
@@ -104,11 +111,14 @@ class ReplayService(Service):
             if not isinstance(sequence, Sequence):
                 raise NotTakenError("kind", f"got {type(sequence).__name__}, expected Sequence")
             check_sequence(sequence, spec, self._config.sequence_length)
-            request.reply(self._insert(sequence))
+            request.reply(self._insert(sequence, spec))
+        except NoRoomError as error:
+            self._counters["no_room"] += 1
+            request.reply(self._not_yet(str(error), 0))
         except NotTakenError as error:
             self._refuse(request, error)
 
-    def _insert(self, sequence: Sequence) -> SequenceAck:
+    def _insert(self, sequence: Sequence, spec: EnvironmentSpec) -> SequenceAck:
         actor, epoch, number = sequence.actor, sequence.epoch, sequence.number
         life = self._arrivals.life(actor, epoch, number)
         if number < life.floor:
@@ -118,7 +128,7 @@ class ReplayService(Service):
         if life.has(number):
             self._counters["duplicates"] += 1
         else:
-            self._buffer.insert(sequence)
+            self._buffer.insert(sequence, life, spec)
             self._counters["given_up"] += life.add(number)
         return SequenceAck(actor=actor, epoch=epoch, number=number, cursor=life.cursor)
 
@@ -145,7 +155,13 @@ class ReplayService(Service):
             return self._not_yet(waits, needed)
         self._counters["batches"] += 1
         self._note = "handing out batches"
-        return self._buffer.sample(wanted.batch_size, self._rng)
+        batch = self._buffer.sample(wanted.batch_size, self._rng)
+        if self._journal is not None:
+            try:
+                self._journal.note(self._buffer.sampled, self._rng)
+            except OSError as error:
+                self._note = f"where sampling stands is not on disk: {error.strerror or error}"
+        return batch
 
     @property
     def _largest_batch(self) -> int:
