@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 # As the command `gfm` does, and before NumPy is loaded: arrays are small, threads would only wait.
@@ -49,3 +51,19 @@ def recorded(tmp_path: Path) -> Path:
     """A recording of `swings.swing`."""
     write_recording(tmp_path / "swing.mcap", swing())
     return tmp_path / "swing.mcap"
+
+
+@pytest.fixture
+def full_disk() -> Callable[[int], AbstractContextManager[None]]:
+    """Returns a context in which no file grows beyond some bytes: to a writer, a full disk."""
+
+    @contextmanager
+    def full(limit_bytes: int) -> Iterator[None]:
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, hard))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+    return full

@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from tensorboard.backend.event_processing.event_file_loader import EventFileLoader
 
 from gfm.core import (
     BadInputError,
@@ -19,7 +20,7 @@ from gfm.core import (
 )
 from gfm.envs.control_settings import ControlSettings
 from gfm.envs.registry import EnvironmentSettings
-from gfm.recording.weights_file import read_weights, write_weights
+from gfm.recording.weights_file import earlier, read_weights, write_weights
 from gfm.rl.learner import LearnerSettings, state_arrays
 from gfm.rl.policy_numpy import GaussianPolicy
 from gfm.service.metrics import METRICS, FolderMetrics, NoMetrics
@@ -366,8 +367,13 @@ def test_no_resume_begins_anew(tmp_path):
     assert begin(config(checkpoint_dir=str(tmp_path), resume=False), SPEC).state.steps == 0
 
 
-@pytest.mark.parametrize("damage", [lambda b: b[: len(b) // 2], lambda _: b"", lambda _: b"junk"])
-def test_a_damaged_checkpoint_is_refused(tmp_path, damage):
+DAMAGES = pytest.mark.parametrize(
+    "damage", [lambda b: b[: len(b) // 2], lambda _: b"", lambda _: b"junk"]
+)
+
+
+@DAMAGES
+def test_a_damaged_checkpoint_is_refused_where_there_is_no_other(tmp_path, damage):
     Bench(config(checkpoint_dir=str(tmp_path))).learner.close()
     path = tmp_path / CHECKPOINT
     path.write_bytes(damage(path.read_bytes()))
@@ -375,21 +381,86 @@ def test_a_damaged_checkpoint_is_refused(tmp_path, damage):
         begin(config(checkpoint_dir=str(tmp_path)), SPEC)
 
 
-def test_a_checkpoint_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
+@DAMAGES
+def test_a_damaged_checkpoint_falls_back_to_the_one_before_with_a_warning(tmp_path, damage, caplog):
+    settings = config(checkpoint_dir=str(tmp_path))
+    bench = Bench(settings)
+    for steps in (2, 4):
+        bench.learn(steps)
+        bench.learner.close()
+    path = tmp_path / CHECKPOINT
+    path.write_bytes(damage(path.read_bytes()))
+    again = Bench(settings)
+    assert again.steps == 2
+    assert "checkpoint.npz: damaged" in caplog.text
+    assert "going on from the one before" in caplog.text
+    again.learn(3)
+    again.learner.close()
+    assert begin(settings, SPEC).state.steps == 3
+
+
+def test_an_end_between_two_generations_leaves_the_one_before(tmp_path):
+    settings = config(checkpoint_dir=str(tmp_path))
+    bench = Bench(settings)
+    bench.learn(2)
+    bench.learner.close()
+    (tmp_path / CHECKPOINT).replace(earlier(tmp_path / CHECKPOINT))
+    assert begin(settings, SPEC).state.steps == 2
+
+
+def test_a_checkpoint_of_other_settings_is_no_damaged_one(tmp_path):
     bench = Bench(config(checkpoint_dir=str(tmp_path)))
+    bench.learner.close()
+    bench.learner.close()
+    learning = msgspec.structs.replace(LEARNING, discount=0.5)
+    with pytest.raises(ConfigError, match=r"discount is 0\.5 here"):
+        begin(config(checkpoint_dir=str(tmp_path), learning=learning), SPEC)
+
+
+def test_learning_goes_on_where_the_disk_is_full_and_saves_when_there_is_room(
+    tmp_path, caplog, full_disk
+):
+    settings = config(checkpoint_dir=str(tmp_path), checkpoint_period_s=30.0)
+    bench = Bench(settings, FolderMetrics(tmp_path))
     bench.learn(1)
     bench.learner.close()
     before = (tmp_path / CHECKPOINT).read_bytes()
-
-    def full_disk(*_arguments, **_named):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(np, "savez", full_disk)
-    bench.learn(2)
-    with pytest.raises(OSError, match="No space left"):
-        bench.learner.close()
+    bench = Bench(settings, FolderMetrics(tmp_path))
+    with full_disk(100):
+        for steps in (2, 3):
+            bench.clock.advance_s(31.0)
+            bench.learn(steps)
+    said = [message for message in caplog.messages if "no checkpoint" in message]
+    assert len(said) == bench.learner.status().counters["checkpoints_failed"] == 2
+    assert said[0] == f"no checkpoint of step 2: {tmp_path}: File too large"
+    assert sum("no metrics from step 2 on" in message for message in caplog.messages) == 1
     assert (tmp_path / CHECKPOINT).read_bytes() == before
-    assert not list(tmp_path.glob("*.partial"))
+    assert not list(tmp_path.glob(".*partial"))
+    bench.clock.advance_s(31.0)
+    bench.learn(4)
+    bench.learner.close()
+    assert begin(settings, SPEC).state.steps == 4
+    rows = [json.loads(line) for line in (tmp_path / METRICS).read_text().splitlines()]
+    assert [row["learner_step"] for row in rows] == [1, 4]
+
+
+def test_tensorboard_reads_what_was_written(tmp_path):
+    bench = Bench(metrics=FolderMetrics(tmp_path))
+    bench.learn(3)
+    bench.learner.close()
+    (path,) = tmp_path.glob("events.out.tfevents.*")
+    events = list(EventFileLoader(str(path)).Load())
+    assert events[0].file_version == "brain.Event:2"
+    assert [event.step for event in events[1:]] == [1, 2, 3]
+
+
+def test_stopping_on_a_full_disk_is_one_line(tmp_path, caplog, full_disk):
+    bench = Bench(config(checkpoint_dir=str(tmp_path)))
+    bench.learn(1)
+    with full_disk(100):
+        bench.learner.close()
+    (line,) = caplog.messages
+    assert line == f"no checkpoint of step 1: {tmp_path}: File too large"
 
 
 def test_starts_from_given_weights(tmp_path):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import resource
 import shutil
 from dataclasses import replace
 
@@ -298,29 +297,12 @@ def test_a_journal_in_use_of_another_capacity_or_damaged_is_refused_and_left_alo
     assert path.read_bytes() == before
 
 
-@pytest.fixture
-def full_disk():
-    """Yields a function that lets no file grow any more, and one that takes that back."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-
-    def full(limit=4096):
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
-
-    def room():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-    yield full, room
-    room()
-
-
 def test_without_room_on_disk_nothing_is_taken_nothing_is_left_and_all_goes_on_later(
     tmp_path, full_disk
 ):
-    full, room = full_disk
     asker = keeping(tmp_path)
-    full()
-    answer = asker.ask("replay/insert", make_sequence(0))
-    room()
+    with full_disk(4096):
+        answer = asker.ask("replay/insert", make_sequence(0))
     assert isinstance(answer, NotReady)
     assert answer.reason.startswith("the sequences' folder: ")
     assert list(tmp_path.iterdir()) == []
@@ -339,14 +321,12 @@ def test_a_disk_that_is_too_small_is_told_before_anything_is_written(tmp_path, m
 def test_a_disk_that_fills_up_later_takes_nothing_from_what_space_was_reserved_for(
     tmp_path, full_disk
 ):
-    full, room = full_disk
     asker = keeping(tmp_path)
     asker.insert(make_sequence(0, steps=LONG))
     size = (tmp_path / NAME).stat().st_size
-    full(size)
-    for number in range(1, 300):  # twice round the ring
-        asker.insert(make_sequence(number, steps=LONG))
-    room()
+    with full_disk(size):
+        for number in range(1, 300):  # twice round the ring
+            asker.insert(make_sequence(number, steps=LONG))
     assert (tmp_path / NAME).stat().st_size == size
 
 

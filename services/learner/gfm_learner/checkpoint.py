@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import torch
 
 import gfm
 from gfm.core import BadInputError, ConfigError, EnvironmentSpec, Weights
-from gfm.recording.weights_file import read_arrays, read_weights, write_arrays
+from gfm.recording.weights_file import earlier, read_arrays, read_weights, write_arrays
 from gfm.rl.learner import (
     LearnerSettings,
     LearnerState,
@@ -56,16 +56,33 @@ def begin(config: LearnerConfig, spec: EnvironmentSpec) -> Progress:
     """Returns where to begin: at the checkpoint, at given weights, or at random.
 
     Raises:
-        BadInputError: a checkpoint or weights file is damaged or was made for something else.
+        BadInputError: both checkpoints, or a weights file, are damaged or for something else.
     """
+    if config.checkpoint_dir and config.resume:
+        newest = Path(config.checkpoint_dir) / CHECKPOINT
+        paths = [path for path in (newest, earlier(newest)) if path.exists()]
+        if paths:
+            return _resumed(paths, config, spec)
     progress = _random_start(config, spec)
-    path = Path(config.checkpoint_dir) / CHECKPOINT
-    if config.checkpoint_dir and config.resume and path.exists():
-        progress = load_checkpoint(path, config, progress)
-        _log.info("resumed %s at step %d", path, progress.state.steps)
-    elif config.init:
+    if config.init:
         _load_initial(Path(config.init), progress)
         _log.info("started from the policy in %s", config.init)
+    return progress
+
+
+def _resumed(paths: Sequence[Path], config: LearnerConfig, spec: EnvironmentSpec) -> Progress:
+    """Returns the progress of the first checkpoint that is not damaged."""
+    path, *others = paths
+    try:
+        progress = load_checkpoint(path, config, _random_start(config, spec))
+    except ConfigError:
+        raise
+    except BadInputError as error:
+        if not others:
+            raise
+        _log.warning("%s; going on from the one before", error)
+        return _resumed(others, config, spec)
+    _log.info("resumed %s at step %d", path, progress.state.steps)
     return progress
 
 
@@ -106,7 +123,11 @@ def _first_difference(given: Weights, own: Weights) -> str:
 
 
 def save_checkpoint(path: Path, config: LearnerConfig, progress: Progress, life: int) -> None:
-    """Writes a checkpoint of a life; a crash leaves the old one or the new one, never half."""
+    """Writes a checkpoint of a life and keeps the one before; a crash leaves both or one, whole.
+
+    Raises:
+        OSError: it could not be written; the ones before are still there.
+    """
     meta = {
         "format": _FORMAT,
         "code_version": gfm.__version__,
@@ -117,7 +138,7 @@ def save_checkpoint(path: Path, config: LearnerConfig, progress: Progress, life:
     }
     arrays = state_arrays(progress.state)
     arrays[_GENERATOR] = progress.generator.get_state().numpy()
-    write_arrays(path, meta, arrays)
+    write_arrays(path, meta, arrays, keep_earlier=True)
 
 
 def load_checkpoint(path: Path, config: LearnerConfig, progress: Progress) -> Progress:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -23,6 +24,8 @@ from gfm_learner.answers import Answers
 from gfm_learner.batches import BatchSource
 from gfm_learner.checkpoint import CHECKPOINT, POLICY, Progress, save_checkpoint
 from gfm_learner.config import LearnerConfig
+
+_log = logging.getLogger(__name__)
 
 
 class LearningDivergedError(GfmError):
@@ -55,6 +58,7 @@ class LearnerService(Service):
         self._clock = clock
         self._metrics = metrics
         self._healthy = True
+        self._failed_saves = 0
         self._life = max(clock.utc_ns(), progress.past_life + 1)
         self._refusals = Refusals()
         self._batches = BatchSource(
@@ -100,6 +104,7 @@ class LearnerService(Service):
                 "learner_steps": self._progress.state.steps,
                 "batches_unanswered": self._batches.unanswered,
                 "batches_refused": self._batches.refused,
+                "checkpoints_failed": self._failed_saves,
                 **self._refusals.counters,
             },
             gauges={"weights_version": float(self._weights.version), **self._gauges},
@@ -182,10 +187,17 @@ class LearnerService(Service):
             self._saved_ns = now_ns
 
     def _save(self) -> None:
-        if self._config.checkpoint_dir:
-            folder = Path(self._config.checkpoint_dir)
+        """Writes checkpoint and policy; learning goes on where the disk takes nothing."""
+        if not self._config.checkpoint_dir:
+            return
+        folder = Path(self._config.checkpoint_dir)
+        try:
             save_checkpoint(folder / CHECKPOINT, self._config, self._progress, self._life)
             write_weights(folder / POLICY, self._make_weights())
+        except OSError as error:
+            self._failed_saves += 1
+            steps, reason = self._progress.state.steps, error.strerror or error
+            _log.error("no checkpoint of step %d: %s: %s", steps, folder, reason)
 
 
 def _staleness(steps: int, versions: NDArray[np.int64]) -> dict[str, float]:

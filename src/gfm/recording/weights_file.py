@@ -18,10 +18,29 @@ _FORMAT = "gfm.weights/1"
 _META = "meta"
 
 
+def earlier(path: Path) -> Path:
+    """Returns where the generation before `path` is kept."""
+    return path.with_name(f"{path.stem}.1{path.suffix}")
+
+
 def write_arrays(
-    path: Path, meta: Mapping[str, object], arrays: Mapping[str, NDArray[Any]]
+    path: Path,
+    meta: Mapping[str, object],
+    arrays: Mapping[str, NDArray[Any]],
+    *,
+    keep_earlier: bool = False,
 ) -> None:
-    """Writes arrays with a JSON description to `path`, which is the old file or the new, whole."""
+    """Writes arrays with a JSON description to `path`, which is the old file or the new, whole.
+
+    Args:
+        path: Where to.
+        meta: The description.
+        arrays: By name.
+        keep_earlier: Whether the file that is there becomes the `earlier` one.
+
+    Raises:
+        OSError: it could not be written; what was there is still there.
+    """
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -29,6 +48,8 @@ def write_arrays(
             np.savez(file, allow_pickle=False, **{_META: np.array(json.dumps(meta)), **arrays})
             file.flush()
             os.fsync(file.fileno())
+        if keep_earlier and path.exists():
+            path.replace(earlier(path))
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
