@@ -276,7 +276,7 @@ def test_another_replay_is_counted_and_said_once(caplog):
         post.acknowledge()
         post.outbox.poll()
     assert post.outbox.replays == 1
-    assert caplog.messages == ["another replay acknowledges now: 'other'"]
+    assert caplog.messages == ["another replay than before acknowledges: 'other'"]
 
 
 def test_what_replay_cannot_take_now_is_sent_again():

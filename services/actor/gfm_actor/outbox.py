@@ -73,6 +73,11 @@ class Outbox:
     def __len__(self) -> int:
         return len(self._letters)
 
+    @property
+    def waiting(self) -> frozenset[int]:
+        """Numbers of the sequences that are not acknowledged."""
+        return frozenset(letter.sequence.number for letter in self._letters)
+
     def has_room(self, count: int) -> bool:
         """Returns whether `count` more sequences fit into the window."""
         return len(self._letters) + count <= self._window
@@ -157,5 +162,5 @@ class Outbox:
         if self._heard not in (None, source):
             self.replays += 1
             if self.replays == 1:
-                _log.warning("another replay acknowledges now: %.64r", stamp.sender)
+                _log.warning("another replay than before acknowledges: %.64r", stamp.sender)
         self._heard = source
