@@ -30,7 +30,7 @@ from gfm_wire import RunEnvironment, SampleRequest, StatusRequest
 
 SPEC = EnvironmentSpec(name="kills", observation_size=24, action_size=7)
 RUN, STEPS, WINDOW = "kills", 10, 64
-SHORTEST_S, LONGEST_S, PATIENCE_S = 0.05, 0.6, 60.0
+SHORTEST_S, LONGEST_S, PATIENCE_S = 0.05, 0.6, 180.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +100,7 @@ def sequence(epoch: int, number: int) -> Sequence:
 
 def start(endpoint: str, folder: Path) -> subprocess.Popen[bytes]:
     """Returns a new process of the service."""
-    settings = ("--folder", str(folder), "--capacity-mib", "512", "--min-size", "1")
+    settings = ("--folder", str(folder), "--capacity-mib", "128", "--min-size", "1")
     where = ("--connect", endpoint, "--run", RUN, "--name", "replay", "--log-level", "warning")
     return subprocess.Popen([sys.executable, "-m", "gfm_replay", *where, *settings])
 

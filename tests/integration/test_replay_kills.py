@@ -1,4 +1,4 @@
-"""A replay service that is killed again and again: nothing acknowledged is lost, nothing doubled."""
+"""A replay service that is killed again and again loses and doubles nothing acknowledged."""
 
 import pytest
 from replay_kills import run

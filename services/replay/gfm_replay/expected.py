@@ -16,7 +16,7 @@ _log = logging.getLogger(__name__)
 
 @final
 class ExpectedEnvironment:
-    """Asks the learner until it has answered, and not again.
+    """Asks the learner until it has answered, and again where that is in doubt.
 
     Attributes:
         spec: Of the run's environment; None while it is not known.
@@ -27,6 +27,10 @@ class ExpectedEnvironment:
     ) -> None:
         self.spec = spec
         self._question = Question(transport, clock, "run/environment", "learner")
+
+    def doubt(self) -> None:
+        """Asks again: somebody learns for something else than was answered."""
+        self.spec = None
 
     def poll(self) -> None:
         """Takes in the answer, or asks."""

@@ -209,10 +209,10 @@ class Journal:
         whole, damaged = [], 0
         for some, raw in self._chunks(layout):
             size = layout.dtype.itemsize
-            good = np.array([is_whole(raw[i * size : (i + 1) * size]) for i in range(len(some))])
-            used = some["index"] > 0
-            damaged += int((~good & used).sum())
-            whole.append(some[good & used])
+            used = np.flatnonzero(some["index"] > 0)
+            good = [i for i in used if is_whole(raw[i * size : (i + 1) * size])]
+            damaged += len(used) - len(good)
+            whole.append(some[good])
         if damaged:
             _log.warning(
                 "%s: %d of %d records are damaged and left out",

@@ -144,6 +144,8 @@ class ReplayService(Service):
     def _batch(self, wanted: SampleRequest) -> Batch | NotReady:
         if (spec := self._expected.spec) is None:
             return self._not_yet("the learner has not said what the run learns for", 0)
+        if wanted.spec_digest != spec.digest and not self._buffer.inserted:
+            self._expected.doubt()
         check_request(wanted, spec, self._largest_batch)
         inserted, sampled = self._buffer.inserted, self._buffer.sampled
         limit = self._config.max_samples_per_insert
