@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gfm.core import EnvironmentSpec, MonotonicClock, Sequence
+from gfm.core import EnvironmentSpec, MonotonicClock, Sequence, Status
 from gfm.launch import free_endpoint
 from gfm.service.refusals import Refusals
 from gfm.transport import ZenohTransport, ask
@@ -98,9 +98,9 @@ def sequence(epoch: int, number: int) -> Sequence:
     )
 
 
-def start(endpoint: str, folder: Path) -> subprocess.Popen[bytes]:
+def start(endpoint: str, folder: Path, capacity_mib: int = 128) -> subprocess.Popen[bytes]:
     """Returns a new process of the service."""
-    settings = ("--folder", str(folder), "--capacity-mib", "128", "--min-size", "1")
+    settings = ("--folder", str(folder), "--capacity-mib", str(capacity_mib), "--min-size", "1")
     where = ("--connect", endpoint, "--run", RUN, "--name", "replay", "--log-level", "warning")
     return subprocess.Popen([sys.executable, "-m", "gfm_replay", *where, *settings])
 
@@ -171,10 +171,15 @@ def _finish(actor: Actor) -> int:
     """Waits until all is acknowledged; returns what the service counts as lost."""
     while len(actor.outbox):
         actor.step(send=False)
-    status = ask(
-        actor.transport, "status/replay/replay", StatusRequest(), timeout_s=10.0, clock=actor.clock
-    )
-    return int(getattr(status, "counters", {})["given_up"])
+    return status(actor).counters["given_up"]
+
+
+def status(actor: Actor) -> Status:
+    """Returns what the service says of itself."""
+    key, request = "status/replay/replay", StatusRequest()
+    answer = ask(actor.transport, key, request, timeout_s=10.0, clock=actor.clock)
+    assert isinstance(answer, Status)
+    return answer
 
 
 def main() -> None:
