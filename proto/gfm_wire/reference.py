@@ -13,10 +13,17 @@ from gfm_wire.schema import Schema
 from gfm_wire.schemas import SCHEMAS
 
 _KEYS = (
-    ("replay/insert", "question", "Sequence", "SequenceAck", "actors ask, replay answers"),
+    ("replay/insert", "question", "Sequence", "SequenceAck or NotReady", "actors ask replay"),
     ("replay/sample", "question", "SampleRequest", "Batch or NotReady", "the learner asks replay"),
     ("weights", "broadcast", "Weights", "", "the learner, after an update"),
     ("weights/current", "question", "WeightsRequest", "Weights", "late joiners ask the learner"),
+    (
+        "run/environment",
+        "question",
+        "EnvironmentRequest",
+        "RunEnvironment",
+        "actors and replay ask",
+    ),
     ("robot/command", "question", "Command", "Observation", "a policy asks the robot bridge"),
     ("robot/observation", "broadcast", "Observation", "", "the robot bridge, each tick"),
     ("robot/record", "question", "RecordStart", "Ack", "whoever records asks the bridge"),
@@ -81,15 +88,72 @@ _REASONS = {
 }
 
 
+_BELIEVED = """\
+## What is believed
+
+A body as declared may still say what cannot be. Each receiver checks what would harm it, counts
+what it refuses as `refused_WORD`, `refused_from_SENDER` and in `rejected_messages`, and goes on.
+"""
+
+_CHECKS = (
+    (
+        "Sequence",
+        "replay",
+        "is of another environment than the learner names under `run/environment`; holds values "
+        "outside of the ranges of its `EnvironmentSpec`; is of an actor whose name is none",
+    ),
+    (
+        "SampleRequest",
+        "replay",
+        "asks for more sequences than `max_batch_size`, than are kept, or than a message holds",
+    ),
+    (
+        "SequenceAck",
+        "actor",
+        "is of another actor, epoch or number than was sent, or has a cursor beyond what was",
+    ),
+    (
+        "Batch",
+        "learner",
+        "has another digest, size or shape than was asked for, or values outside of the ranges",
+    ),
+    (
+        "Weights",
+        "actor",
+        "are of another run or environment; act without sense on a fixed probe (not finite, or far "
+        "outside); are of an older life than the one that is followed",
+    ),
+)
+
+_IDENTITY = """\
+**Weights** are identified by run, life, version and architecture. A learner begins a new life
+whenever it is started, ordered after that of the checkpoint it goes on from; within a life versions
+never go backwards. A broadcast is believed where it continues what the learner itself answered:
+same connection, life and architecture, a version that is not smaller and at most a million ahead.
+About everything else `weights/current` is asked, and the answer counts.
+
+**Sequences** are numbered within a life of their actor: its name and an epoch. Epochs are names,
+not times: none ends another, so that clocks may be set back. A sequence that is sent again counts
+once, also after a restart of a replay service that keeps its sequences in a folder. `NotReady` as
+the answer to a sequence asks to send it again later: the disk is full. All who serve
+`replay/insert` are asked: a second service takes nothing away from the first, and shows in
+`replays_changed` of the actors.
+
+None of this is authentication: `sender` is what a sender says of itself, and whoever serves
+`weights/current` can be the learner. Keep strangers off the network.
+"""
+
+
 def reference_page() -> str:
     """Returns docs/wire.md."""
     reasons = _table(("word", "what was wrong"), [(f"`{r}`", _REASONS[r]) for r in Reason])
     keys = _table(
         ("key", "kind", "message", "answer", "who"), [(f"`{key}`", *rest) for key, *rest in _KEYS]
     )
+    checks = _table(("message", "who checks", "not taken where it"), _CHECKS)
     messages = "\n".join(_message(schema) for schema in SCHEMAS)
     return (
-        f"{_INTRODUCTION}\n{reasons}\n## Keys\n\n{keys}\n## Messages\n\n"
+        f"{_INTRODUCTION}\n{reasons}\n{_BELIEVED}\n{checks}\n{_IDENTITY}\n## Keys\n\n{keys}\n## Messages\n\n"
         "Shape letters: T transitions, B sequences, O observation size, A action size, J joints.\n"
         f"\n{messages}"
     )
