@@ -65,6 +65,7 @@ class System:
         self.replay = ReplayService(
             msgspec.convert({"name": "replay"} | config.replay, ReplayConfig),
             MemoryTransport(hub, name="replay"),
+            clock,
             np.random.default_rng(config.seed),
         )
         self.actor = ActorService(

@@ -153,7 +153,8 @@ def reference_page() -> str:
     checks = _table(("message", "who checks", "not taken where it"), _CHECKS)
     messages = "\n".join(_message(schema) for schema in SCHEMAS)
     return (
-        f"{_INTRODUCTION}\n{reasons}\n{_BELIEVED}\n{checks}\n{_IDENTITY}\n## Keys\n\n{keys}\n## Messages\n\n"
+        f"{_INTRODUCTION}\n{reasons}\n{_BELIEVED}\n{checks}\n{_IDENTITY}\n"
+        f"## Keys\n\n{keys}\n## Messages\n\n"
         "Shape letters: T transitions, B sequences, O observation size, A action size, J joints.\n"
         f"\n{messages}"
     )
