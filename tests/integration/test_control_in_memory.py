@@ -29,6 +29,7 @@ def test_position_matching_goes_round_and_its_gain_comes_down():
     replay = ReplayService(
         ReplayConfig(name="replay", min_size=8, max_samples_per_insert=4.0),
         MemoryTransport(hub, name="replay"),
+        clock,
         np.random.default_rng(0),
     )
     spec = make_environment(NAME, ENVIRONMENT, num_envs=1, seed=0).spec
