@@ -240,7 +240,7 @@ def test_an_acknowledgement_of_something_else_counts_for_nothing(changes):
     assert (post.outbox.acked, len(post.outbox)) == (1, 0)
 
 
-@pytest.mark.parametrize("says", ["yes", "no", "something_else"])
+@pytest.mark.parametrize("says", ["yes", "no", "later", "something_else"])
 def test_a_second_replay_takes_nothing_from_the_first_and_shows(says):
     post = Post(window=40)
     second = MemoryTransport(post.hub, name="second", clock=post.clock).serve("replay/insert")
@@ -251,6 +251,7 @@ def test_a_second_replay_takes_nothing_from_the_first_and_shows(says):
         {
             "yes": lambda r: r.reply(acknowledgement(r.message)),
             "no": lambda r: r.refuse("not wanted"),
+            "later": lambda r: r.reply(NotReady(reason="later")),
             "something_else": lambda r: r.reply(StatusRequest()),
         }[says](request)
         if says != "yes":

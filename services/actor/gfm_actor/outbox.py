@@ -22,11 +22,15 @@ _log = logging.getLogger(__name__)
 
 @dataclass(kw_only=True)
 class _Letter:
-    """One unacknowledged sequence; `reply` is None while a pause before sending again lasts."""
+    """One unacknowledged sequence; `reply` is None while a pause before sending again lasts.
+
+    What one replay answered, refusing or asking to wait, counts where no other one takes it.
+    """
 
     sequence: Sequence
     reply: PendingReply | None
     refusal: str = ""
+    wait: str = ""
     resend_ns: int = 0
 
 
@@ -104,7 +108,7 @@ class Outbox:
                 return self._ends_without(letter, error)
             except RefusedError as error:
                 letter.refusal = str(error)
-                letter.reply.reject()
+                self._reject(letter)
                 continue
             if answer is None:
                 return False
@@ -116,8 +120,8 @@ class Outbox:
     def _is_acknowledged(self, letter: _Letter, answer: Message, stamp: Stamp) -> bool:
         sent = letter.sequence
         if isinstance(answer, NotReady):
-            self.note = f"replay takes nothing now: {answer.reason}"
-            self._pause(letter, _NOT_READY_NS)
+            letter.wait = answer.reason
+            self._reject(letter)
             return False
         if not isinstance(answer, SequenceAck):
             wrong = f"an answer of kind {type(answer).__name__}"
@@ -131,12 +135,19 @@ class Outbox:
             self.note = ""
             return True
         self._refusals.add("answer", stamp.sender, f"{wrong}, for sequence {sent.number}")
-        assert letter.reply is not None
-        letter.reply.reject()
+        self._reject(letter)
         return False
+
+    def _reject(self, letter: _Letter) -> None:
+        if letter.reply is not None:
+            letter.reply.reject()
 
     def _ends_without(self, letter: _Letter, error: UnreachableError) -> bool:
         """Returns whether a letter is settled for which no further answer will come."""
+        if letter.wait:
+            self.note = f"replay takes nothing now: {letter.wait}"
+            self._pause(letter, _NOT_READY_NS)
+            return False
         if letter.refusal:
             self._replay.heard()
             self.refused += 1
@@ -154,7 +165,7 @@ class Outbox:
 
     def _resend_when_due(self, letter: _Letter) -> None:
         if self._clock.now_ns() >= letter.resend_ns:
-            letter.reply, letter.refusal = self._ask(letter.sequence), ""
+            letter.reply, letter.refusal, letter.wait = self._ask(letter.sequence), "", ""
             self.resent += 1
 
     def _note_replay(self, stamp: Stamp) -> None:

@@ -39,7 +39,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="hand out each sequence at most this often on average (default: no limit)",
     )
     group.add_argument(
-        "--folder", metavar="DIR", help="keep sequences in files there (default: in memory)"
+        "--folder",
+        metavar="DIR",
+        help="keep sequences there, for later processes too (default: in memory)",
+    )
+    group.add_argument(
+        "--max-batch-size", type=int, metavar="N", help="sequences of one batch, at most"
+    )
+    group.add_argument(
+        "--sequence-length",
+        type=int,
+        metavar="T",
+        help="transitions that every sequence must have (default: as many as the first has)",
     )
     group.add_argument("--seed", type=int, help="of the choice of sequences")
     return service_main(parser, ReplayConfig, build, argv)
