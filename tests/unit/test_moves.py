@@ -200,6 +200,26 @@ def test_common_errors_are_found_together_beside_what_is_known(wrong_all_over, k
     assert {e.key for e in step.chosen.new}.isdisjoint(e.key for e in known)
 
 
+def test_one_effect_that_gains_half_spares_common_errors_and_several_do_not(wrong_all_over):
+    before = wrong_all_over.with_effects()
+    new = instance("armature", inertia=1e-3), instance("payload", mass=1e-3)
+    most = Difference(before.room.nats, 1.0)
+
+    def proposed_beside(*effects):
+        tried = Tried(new=effects, fit=before.fit, gain=most)
+        best = Step(move=Move.ADD, before=before.fit.cost, ranked=(tried,), chosen=tried)
+        return common_errors(before, wrong_all_over.search(*COMMON), best)
+
+    assert proposed_beside(new[0]) is None
+    assert proposed_beside(*new).chosen is not None
+
+
+def test_near_what_was_measured_common_errors_are_not_looked_for_where_nothing_gains(right):
+    before = right.with_effects()
+    nothing = Step(move=Move.ADD, before=before.fit.cost)
+    assert common_errors(before, right.search(*COMMON), nothing) is None
+
+
 def test_what_an_effect_gains_is_clear_only_where_it_is_there(rubbing):
     friction, armature = (
         instance("coulomb_friction", torque=0.1),
