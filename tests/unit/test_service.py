@@ -31,8 +31,8 @@ from gfm.service import (
     run_service,
 )
 from gfm.service.config import read_toml
+from gfm.service.loop import nap_ns
 from gfm.service.presence import Presence
-from gfm.service.service import nap_ns
 from gfm.service.signals import StopRequested
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_wire import Ack, StatusRequest

@@ -5,11 +5,13 @@ from gfm.service.command import (
     make_parser,
     open_transport,
     parse_config,
+    serve,
     service_main,
     start_logging,
 )
 from gfm.service.config import DEFAULT_ENDPOINT, ServiceConfig, read_config
-from gfm.service.service import RunningService, Service, make_status, run_service
+from gfm.service.loop import run_service
+from gfm.service.service import RunningService, Service, make_status
 from gfm.service.signals import StopSignal
 
 __all__ = [
@@ -25,6 +27,7 @@ __all__ = [
     "parse_config",
     "read_config",
     "run_service",
+    "serve",
     "service_main",
     "start_logging",
 ]

@@ -18,7 +18,9 @@ from msgspec.structs import replace
 
 from gfm.core import BadInputError, Clock, GfmError, MonotonicClock
 from gfm.service.config import DEFAULT_ENDPOINT, LogLevel, ServiceConfig, read_config, unique_name
-from gfm.service.service import Service, run_service
+from gfm.service.heartbeat import make_heartbeat
+from gfm.service.loop import run_service
+from gfm.service.service import Service
 from gfm.service.signals import StopRequested, StopSignal
 from gfm.transport import Transport, ZenohTransport
 
@@ -75,6 +77,9 @@ def _add_connection_flags(parser: argparse.ArgumentParser, *, listens: bool) -> 
         "--wait-s", type=float, metavar="SECONDS", help="how long to wait for the router"
     )
     group.add_argument("--name", help="unique name within the run (default: from host and pid)")
+    group.add_argument(
+        "--heartbeat", metavar="FILE", help="touch this while all is well, for a supervisor"
+    )
 
 
 def parse_config(
@@ -106,23 +111,24 @@ def service_main(
     argv: Sequence[str] | None = None,
 ) -> int:
     """Runs one service process from its command line to its exit status."""
+    return exit_status(lambda: serve(parse_config(parser, config_type, argv), build))
 
-    def run() -> None:
-        config = parse_config(parser, config_type, argv)
-        start_logging(config.log_level)
-        _log.info("settings: %s", msgspec.json.encode(config).decode())
-        with open_transport(config) as transport, suppress(StopRequested):
-            stopped = StopSignal()
-            stopped.install()
-            _log.info("connected")
-            clock = MonotonicClock()
-            with stopped.at_once():
-                service = build(config, transport, clock)
-            _log.info("running")
-            run_service(service, transport, clock, stopped)
-        _log.info("stopped")
 
-    return exit_status(run)
+def serve(config: Config, build: Callable[[Config, Transport, Clock], Service]) -> None:
+    """Joins the run that the settings name and runs what `build` makes of them until a signal."""
+    start_logging(config.log_level)
+    _log.info("settings: %s", msgspec.json.encode(config).decode())
+    clock = MonotonicClock()
+    heartbeat = make_heartbeat(config.heartbeat, clock)
+    with open_transport(config) as transport, suppress(StopRequested):
+        stopped = StopSignal()
+        stopped.install()
+        _log.info("connected")
+        with stopped.at_once():
+            service = build(config, transport, clock)
+        _log.info("running")
+        run_service(service, transport, clock, stopped, heartbeat)
+    _log.info("stopped")
 
 
 def start_logging(level: LogLevel) -> None:

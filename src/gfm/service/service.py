@@ -1,4 +1,4 @@
-"""The port of every service, and the loop that runs one.
+"""The port of every service, and its answers to how it is.
 
 A service is one class that is stepped. It has no thread, socket, signal or clock of its own, so
 that several of them can be stepped in turn in one thread over the in-memory transport.
@@ -13,12 +13,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import final
 
-from gfm.core import Clock, Status
+from gfm.core import Status
+from gfm.service.usage import process_usage
 from gfm.transport import Transport
 from gfm_wire import StatusRequest
 
-_SHORTEST_NAP_NS = 100_000
-_LONGEST_NAP_NS = 2_000_000
 _LONGEST_NOTE = 500
 
 
@@ -75,55 +74,31 @@ class RunningService:
     def step(self) -> bool:
         """Steps the service and answers one question for its status; returns whether any did."""
         worked = self._service.step()
+        return self.answer(self.status) or worked
+
+    def answer(self, status: Callable[[], Status]) -> bool:
+        """Answers one question for the status, if there is one, and returns whether there was.
+
+        Another thread than the one that steps may call this: each question is received once.
+        """
         request = self._server.receive()
         if request is None:
-            return worked
+            return False
         if isinstance(request.message, StatusRequest):
-            request.reply(self.status())
+            request.reply(status())
         else:
             request.refuse(f"got {type(request.message).__name__}, expected StatusRequest")
         return True
 
     def status(self) -> Status:
-        """Returns the service's status with the messages that its transport refused.
+        """Returns the service's status with what its process uses and its transport refused.
 
-        `rejected_messages` is their sum, what the service itself refused included.
+        `rejected_messages` is the sum of refusals, what the service itself refused included.
         """
         status = self._service.status()
         refused = self._transport.rejected
         counters = dict(status.counters)
         counters |= {f"rejected_{reason}": count for reason, count in refused.items()}
         counters["rejected_messages"] = counters.get("rejected_messages", 0) + sum(refused.values())
-        return replace(status, counters=counters)
-
-
-def nap_ns(idle_ns: int) -> int:
-    """Returns how long to sleep after `idle_ns` without work.
-
-    Whoever was busy a moment ago is likely to be asked again soon: late by a sixteenth of the time
-    since then at most, and by 2 ms in the end.
-    """
-    return min(max(idle_ns // 16, _SHORTEST_NAP_NS), _LONGEST_NAP_NS)
-
-
-def run_service(
-    service: Service, transport: Transport, clock: Clock, stopped: Callable[[], bool]
-) -> None:
-    """Steps a service until `stopped` says so, then closes it.
-
-    The service is closed before its transport (which the caller owns), because closing may still
-    have something to tell: an actor's last sequences, a bridge's hold command.
-    """
-    running = RunningService(service, transport)
-    worked_ns = clock.now_ns()
-    try:
-        while not stopped():
-            worked = running.step()
-            now_ns = clock.now_ns()
-            if worked:
-                worked_ns = now_ns
-            else:
-                wake_ns, due_ns = now_ns + nap_ns(now_ns - worked_ns), service.due_ns()
-                clock.sleep_until_ns(wake_ns if due_ns is None else min(wake_ns, due_ns))
-    finally:
-        service.close()
+        gauges = {**status.gauges, **process_usage()}
+        return replace(status, counters=counters, gauges=gauges)
