@@ -39,8 +39,8 @@ from gfm.launch import (
     Supervisor,
     SystemSpec,
     free_endpoint,
-    replay_process,
     robot_processes,
+    router_process,
 )
 from gfm.report.files import model_texts, write_texts
 
@@ -90,7 +90,7 @@ def drive_round(folder: Path, effect: str, seed: int, motion_seed: int) -> list[
     if not found.exists():
         target = ("--recordings", str((folder / "recordings").absolute()), *LOCKSTEP)
         robot = ("--hidden-effect", effect, "--seed", str(seed), *LOCKSTEP)
-        processes = (replay_process(), *robot_processes(target, robot))
+        processes = (router_process(), *robot_processes(target, robot))
         system = SystemSpec(run="drive", endpoint=free_endpoint(), processes=processes)
         with Supervisor(system, folder / "logs") as running:
             running.start()

@@ -35,6 +35,7 @@ _KEYS = (
     ("robot/release", "question", "ReleaseRobot", "Ack", "the driver lets go of the robot"),
     ("sawyer/exchange", "question", "RobotExchange", "RobotStates", "bridge to simulated robot"),
     ("status/ROLE/NAME", "question", "StatusRequest", "Status", "every service answers"),
+    ("supervisor/NAME", "question", "StatusRequest", "Status", "`gfm up`, of a process it keeps"),
 )
 
 _INTRODUCTION = f"""\

@@ -9,7 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from gfm.launch import ProcessSpec, Supervisor, SystemSpec, free_endpoint, replay_process
+from gfm.launch import (
+    ProcessSpec,
+    Supervisor,
+    SystemSpec,
+    free_endpoint,
+    replay_process,
+    router_process,
+)
 from gfm.launch.health import UnhealthyError, health, main
 
 HOST = socket.gethostname()
@@ -22,7 +29,11 @@ def make_system(folder: Path) -> SystemSpec:
         module="gfm_robot_bridge",
         arguments=("--robot", "mirror", "--recordings", str(folder / "recordings")),
     )
-    return SystemSpec(run="health", endpoint=free_endpoint(), processes=(replay_process(), bridge))
+    return SystemSpec(
+        run="health",
+        endpoint=free_endpoint(),
+        processes=(router_process(), replay_process(), bridge),
+    )
 
 
 def test_a_service_is_well_only_while_it_answers_itself(tmp_path, capsys):

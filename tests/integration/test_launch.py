@@ -12,13 +12,25 @@ from collections.abc import Callable
 import pytest
 
 from gfm.core import BadInputError, ProcessDiedError, UnreachableError
-from gfm.launch import ProcessSpec, Supervisor, SystemSpec, free_endpoint, replay_process, statuses
+from gfm.launch import (
+    ProcessSpec,
+    Supervisor,
+    SystemSpec,
+    free_endpoint,
+    replay_process,
+    router_process,
+    statuses,
+)
+from gfm.launch.process import ChildProcess
 
 
 def make_system(*arguments: str) -> SystemSpec:
-    return SystemSpec(
-        run="launch", endpoint=free_endpoint(), processes=(replay_process(arguments),)
-    )
+    processes = (router_process(), replay_process(arguments))
+    return SystemSpec(run="launch", endpoint=free_endpoint(), processes=processes)
+
+
+def replay_of(supervisor: Supervisor) -> ChildProcess:
+    return next(child for child in supervisor.children if child.spec.name == "replay")
 
 
 def eventually(true: Callable[[], bool]) -> None:
@@ -40,17 +52,17 @@ def test_a_system_answers_once_started_and_is_gone_once_stopped(tmp_path):
         supervisor.start()
         found = statuses(supervisor.transport)
         assert [(status.role, status.pid) for status in found] == [
-            ("replay", supervisor.children[0].pid)
+            (child.spec.role, child.pid)
+            for child in sorted(supervisor.children, key=lambda child: child.spec.role)
         ]
-        pid = found[0].pid
-    assert not is_running(pid)
+    assert not any(is_running(status.pid) for status in found)
     assert "INFO gfm.service.command: stopped" in (tmp_path / "replay.log").read_text()
 
 
 def test_a_child_that_dies_is_reported_with_its_last_words(tmp_path):
     with Supervisor(make_system(), tmp_path) as supervisor:
         supervisor.start()
-        pid = supervisor.children[0].pid
+        pid = replay_of(supervisor).pid
         os.kill(pid, signal.SIGKILL)
         os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)
         with pytest.raises(ProcessDiedError, match="replay ended with status -9; log: ") as caught:
@@ -68,7 +80,7 @@ def test_a_child_that_refuses_its_settings_makes_the_start_bad_input(tmp_path):
 
 def test_a_child_that_never_answers_is_given_up_at_the_deadline(tmp_path):
     mute = ProcessSpec(role="actor", name="mute", module="tests_have_no_such_module")
-    system = SystemSpec(run="launch", endpoint=free_endpoint(), processes=(replay_process(), mute))
+    system = SystemSpec(run="launch", endpoint=free_endpoint(), processes=(router_process(), mute))
     with (
         Supervisor(system, tmp_path, start_timeout_s=0.0) as supervisor,
         pytest.raises(UnreachableError, match="no answer from the hub"),
@@ -79,7 +91,7 @@ def test_a_child_that_never_answers_is_given_up_at_the_deadline(tmp_path):
 def test_a_child_that_does_not_stop_is_killed(tmp_path):
     with Supervisor(make_system(), tmp_path, stop_timeout_s=0.2) as supervisor:
         supervisor.start()
-        pid = supervisor.children[0].pid
+        pid = replay_of(supervisor).pid
         os.kill(pid, signal.SIGSTOP)
     assert not is_running(pid)
 
@@ -87,7 +99,7 @@ def test_a_child_that_does_not_stop_is_killed(tmp_path):
 def test_children_do_not_outlive_a_parent_that_is_killed(tmp_path):
     script = (
         "import sys, time; from pathlib import Path; from gfm.launch import *\n"
-        "spec = SystemSpec(run='r', endpoint=free_endpoint(), processes=(replay_process(),))\n"
+        "spec = SystemSpec(run='r', endpoint=free_endpoint(), processes=(router_process(),))\n"
         "supervisor = Supervisor(spec, Path(sys.argv[1])); supervisor.start()\n"
         "print(supervisor.children[0].pid, flush=True); time.sleep(60)\n"
     )
@@ -100,4 +112,4 @@ def test_children_do_not_outlive_a_parent_that_is_killed(tmp_path):
         assert is_running(child)
         parent.kill()
     eventually(lambda: not is_running(child))
-    assert "SIGTERM: stopping" in (tmp_path / "replay.log").read_text()
+    assert "SIGTERM: stopping" in (tmp_path / "router.log").read_text()

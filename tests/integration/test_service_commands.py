@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import pytest
 
 from gfm.core import BadInputError, ConfigError
-from gfm.launch import Supervisor, SystemSpec, free_endpoint, replay_process
+from gfm.launch import Supervisor, SystemSpec, free_endpoint, replay_process, router_process
 from gfm.launch.commands import (
     add_router_parser,
     add_status_parser,
@@ -39,7 +39,9 @@ def run_command(*argv: str) -> int:
 @pytest.fixture(scope="module")
 def endpoint(tmp_path_factory) -> Iterator[str]:
     """Yields where a running replay service can be asked."""
-    system = SystemSpec(run="shop", endpoint=free_endpoint(), processes=(replay_process(),))
+    system = SystemSpec(
+        run="shop", endpoint=free_endpoint(), processes=(router_process(), replay_process())
+    )
     with Supervisor(system, tmp_path_factory.mktemp("logs")) as supervisor:
         supervisor.start()
         yield system.endpoint
@@ -48,7 +50,7 @@ def endpoint(tmp_path_factory) -> Iterator[str]:
 def test_status_prints_the_sums_and_every_process_as_json(endpoint, capsys):
     assert run_command("status", "--json", "--connect", endpoint, "--run", "shop") == 0
     printed = json.loads(capsys.readouterr().out)
-    assert [process["role"] for process in printed["processes"]] == ["replay"]
+    assert [process["role"] for process in printed["processes"]] == ["replay", "router"]
     assert printed["replay_sequences"] == printed["actors"] == printed["rejected_messages"] == 0
     assert printed["services"][0]["note"] == "waiting for the first sequence"
 

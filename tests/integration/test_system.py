@@ -20,6 +20,7 @@ from gfm.launch import (
     learner_process,
     replay_process,
     robot_processes,
+    router_process,
     statuses,
     summary,
 )
@@ -82,6 +83,7 @@ def test_the_whole_system_drives_records_and_fits_on_this_machine(tmp_path):
         run="system",
         endpoint=free_endpoint(),
         processes=(
+            router_process(),
             replay_process(("--min-size", "32")),
             *robot_processes(("--recordings", str(tmp_path / "recordings"), *LOCKSTEP), LOCKSTEP),
         ),
@@ -119,7 +121,7 @@ def oldest_policy(sums: dict[str, Any]) -> float:
 
 def check_sums(sums: dict[str, Any]) -> None:
     roles = sorted(process["role"] for process in sums["processes"])
-    assert roles == ["actor", "actor", "learner", "replay", "robot", "robot_bridge"]
+    assert roles == ["actor", "actor", "learner", "replay", "robot", "robot_bridge", "router"]
     assert sums["actors"] == 2
     assert sums["env_steps"] > sums["replay_sequences"] > 32
     assert sums["learner_steps"] >= sums["weights_version"] >= 25

@@ -14,6 +14,7 @@ from gfm.launch import (
     learner_process,
     replay_process,
     robot_processes,
+    router_process,
     summary,
 )
 from gfm.launch.spec import START_ORDER, STOP_ORDER, in_order, settings_of
@@ -28,21 +29,22 @@ WHOLE = make_system(
     *robot_processes(),
     learner_process(),
     replay_process(),
+    router_process(),
 )
 
 
 def test_whoever_is_asked_starts_first_and_the_hub_stops_last():
     started = [process.name for process in in_order(WHOLE.processes, START_ORDER)]
     stopped = [process.name for process in in_order(WHOLE.processes, STOP_ORDER)]
-    assert started == ["replay", "learner", "robot", "robot-bridge", "actor-0", "actor-1"]
-    assert stopped == ["actor-0", "actor-1", "learner", "robot-bridge", "robot", "replay"]
+    assert started == ["router", "replay", "learner", "robot", "robot-bridge", "actor-0", "actor-1"]
+    assert stopped == ["actor-0", "actor-1", "learner", "robot-bridge", "robot", "replay", "router"]
 
 
 def test_the_hub_listens_and_everybody_else_connects_to_it():
     arguments = {process.name: WHOLE.arguments(process) for process in WHOLE.processes}
     joining = ("--run", "r", "--connect", "tcp/127.0.0.1:1", "--name", "actor-1")
-    assert arguments["replay"] == (
-        "--run", "r", "--listen", "tcp/127.0.0.1:1", "--name", "replay"
+    assert arguments["router"] == (
+        "--run", "r", "--listen", "tcp/127.0.0.1:1", "--name", "router"
     )  # fmt: skip
     assert arguments["actor-1"] == (*joining, "--env", "gfm_fit", "--seed", "6")
 
@@ -51,7 +53,7 @@ def test_the_hub_listens_and_everybody_else_connects_to_it():
     ("processes", "message"),
     [
         ([learner_process()], "hubs none: expected exactly one"),
-        ([replay_process(), replay_process()], "replay, replay: expected different names"),
+        ([router_process(), router_process()], "router, router: expected different names"),
     ],
 )
 def test_an_impossible_system_is_refused(processes, message):
@@ -112,6 +114,7 @@ def test_the_summary_adds_up_what_the_services_say_and_is_plain_json():
         "learner_steps": 6,
         "weights_version": 5,
         "rejected_messages": 3,
+        "missing": None,
         "processes": [
             {"role": "actor", "pid": 7, "name": "a", "host": "h"},
             {"role": "actor", "pid": 7, "name": "b", "host": "h"},

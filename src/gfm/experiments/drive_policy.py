@@ -28,8 +28,8 @@ from gfm.launch import (
     Supervisor,
     SystemSpec,
     free_endpoint,
-    replay_process,
     robot_processes,
+    router_process,
     watching,
 )
 from gfm.policies import shipped_policy
@@ -271,7 +271,7 @@ def _system(request: DriveRequest) -> SystemSpec:
     return SystemSpec(
         run="drive",  # a router of its own: nobody else is there
         endpoint=free_endpoint(),
-        processes=(replay_process(), *robot_processes(bridge, robot, request.robot)),
+        processes=(router_process(), *robot_processes(bridge, robot, request.robot)),
     )
 
 

@@ -31,7 +31,7 @@ from gfm.experiments.fit import (
 )
 from gfm.experiments.joint_control import JointControlTest, ModelErrors, make_test
 from gfm.experiments.progress import Phase, RunProgress
-from gfm.launch import Supervisor, SystemSpec, free_endpoint, replay_process
+from gfm.launch import Supervisor, SystemSpec, free_endpoint, replay_process, router_process
 from gfm.report import ModelKind
 from gfm.report.files import write_texts
 
@@ -172,7 +172,8 @@ def _fit(
         progress.say(request.began.words)
         fit = ForceFit(inputs, clock)
     if request.learning_s > 0.0:
-        system = SystemSpec(run="fit", endpoint=free_endpoint(), processes=(replay_process(),))
+        processes = (router_process(), replay_process())
+        system = SystemSpec(run="fit", endpoint=free_endpoint(), processes=processes)
         with (
             progress.phase(_LEARN),
             Supervisor(system, request.out / "logs", clock=clock) as supervisor,

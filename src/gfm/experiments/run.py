@@ -51,6 +51,7 @@ from gfm.launch import (
     free_endpoint,
     replay_process,
     robot_processes,
+    router_process,
     watching,
 )
 from gfm.policies import ROBOT
@@ -185,6 +186,7 @@ class _Run:
             run="loop",  # a router of its own: nobody else is there
             endpoint=free_endpoint(),
             processes=(
+                router_process(),
                 replay_process(),
                 *robot_processes(bridge, robot),
             ),

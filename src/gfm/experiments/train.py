@@ -19,6 +19,7 @@ from gfm.launch import (
     free_endpoint,
     learner_process,
     replay_process,
+    router_process,
     statuses,
 )
 
@@ -134,6 +135,7 @@ def training_system(config: TrainConfig, folder: RunFolder, life: int) -> System
         run="train",  # a router of its own: nobody else is there
         endpoint=free_endpoint(),
         processes=(
+            router_process(),
             replay_process((*told("replay"), "--seed", str(seed), "--folder", str(folder.replay))),
             learner_process(learner),
             *actor_processes(config.actors, seed, (*told("actor"), "--env", config.env)),

@@ -1,5 +1,6 @@
 """Starts, watches and stops the services as processes of this machine."""
 
+from gfm.launch.keeper import Keeper
 from gfm.launch.spec import (
     LOCKSTEP,
     ProcessSpec,
@@ -9,13 +10,17 @@ from gfm.launch.spec import (
     learner_process,
     replay_process,
     robot_processes,
+    router_process,
 )
+from gfm.launch.supervision import SupervisionConfig
 from gfm.launch.supervisor import Supervisor, watching
 from gfm.launch.survey import statuses, summary
 
 __all__ = [
     "LOCKSTEP",
+    "Keeper",
     "ProcessSpec",
+    "SupervisionConfig",
     "Supervisor",
     "SystemSpec",
     "actor_processes",
@@ -23,6 +28,7 @@ __all__ = [
     "learner_process",
     "replay_process",
     "robot_processes",
+    "router_process",
     "statuses",
     "summary",
     "watching",

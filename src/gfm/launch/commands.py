@@ -7,7 +7,7 @@ import json
 import logging
 import sys
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,7 +24,8 @@ from gfm.core import (
     UnreachableError,
 )
 from gfm.launch.flags import add_endpoint
-from gfm.launch.router import RouterService
+from gfm.launch.keeper import Keeper
+from gfm.launch.router import build as build_router
 from gfm.launch.spec import (
     ENGINES,
     SystemSpec,
@@ -32,17 +33,20 @@ from gfm.launch.spec import (
     learner_process,
     replay_process,
     robot_processes,
+    router_process,
     settings_of,
 )
+from gfm.launch.supervision import SupervisionConfig
 from gfm.launch.supervisor import Supervisor
-from gfm.launch.survey import status_table, statuses, summary, summary_line
-from gfm.service import (
-    ServiceConfig,
-    StopSignal,
-    open_transport,
-    run_service,
-    start_logging,
+from gfm.launch.survey import (
+    keeper_statuses,
+    missing_of,
+    status_table,
+    statuses,
+    summary,
+    summary_line,
 )
+from gfm.service import ServiceConfig, StopSignal, read_config, serve, start_logging
 from gfm.service.config import unique_name
 from gfm.service.environment_flags import add_environment_flags
 from gfm.transport import ZenohTransport
@@ -53,14 +57,15 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 _UP = """\
-Starts a learning system as processes of this machine: replay (which is also the router), learner,
-actors and, with --robot, a simulated robot with its bridge. Ends all of them, in order, on
-Ctrl-C or when one of them fails.
+Starts a learning system as processes of this machine: router, replay, learner, actors and, with
+--robot, a simulated robot with its bridge. What dies or hangs is started again; what dies again and
+again is given up, and the last of its kind ends the system. Ctrl-C ends all of them, in order.
 """
 _STATUS = "Asks every service of a running system how it is, and says so."
-_ROUTER = "Runs the router that services connect to, for systems whose replay is not the router."
+_ROUTER = "Runs the router that services connect to, for systems that `gfm up` does not start."
 _CHECK_NS = 200_000_000
 _TELL_NS = 10_000_000_000
+_TELL_TIMEOUT_S = 0.5
 _STATUS_TIMEOUT_S = 3.0
 
 
@@ -92,7 +97,8 @@ def add_up_parser(subparsers: Subparsers) -> None:
         type=Path,
         default=None,
         metavar="DIR",
-        help="has actor.toml, learner.toml, replay.toml ... with settings of the services",
+        help="has actor.toml, learner.toml, replay.toml ... with settings of the services, and "
+        "supervisor.toml for what dies or hangs",
     )
     add_endpoint(parser, "--listen", "where the router listens")
     parser.set_defaults(run=run_up)
@@ -106,12 +112,14 @@ def run_up(arguments: argparse.Namespace) -> int:
     stopped.install()
     directory = arguments.dir or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
     system = _system(arguments, directory)
+    config = _supervision(arguments.config_dir)
     _check_models(vars(arguments).get("environment.models", {}))
     with Supervisor(system, directory / "logs", clock=clock) as supervisor:
         supervisor.start(stopped)
         _log.info("running; logs in %s", directory / "logs")
         _log.info("ask it: gfm status --connect %s --run %s", arguments.listen, arguments.run_name)
-        _watch(supervisor, clock, stopped)
+        if not stopped():
+            _keep(supervisor, Keeper(supervisor, config, clock), clock, stopped)
     return 0
 
 
@@ -123,14 +131,22 @@ def _check_models(paths: Mapping[CommandKind, str]) -> None:
         read_robot(paths, partial(_log.info, "%s"))
 
 
-def _watch(supervisor: Supervisor, clock: Clock, stopped: StopSignal) -> None:
+def _keep(
+    supervisor: Supervisor, keeper: Keeper, clock: Clock, stopped: Callable[[], bool]
+) -> None:
     told_ns = clock.now_ns()
     while not stopped():
-        supervisor.check()
+        keeper.step()
         if clock.now_ns() - told_ns > _TELL_NS:
-            _log.info("%s", summary_line(summary(statuses(supervisor.transport))))
+            found = statuses(supervisor.transport, timeout_s=_TELL_TIMEOUT_S)
+            _log.info("%s", "; ".join((summary_line(summary(found)), *keeper.missing)))
             told_ns = clock.now_ns()
         clock.sleep_until_ns(clock.now_ns() + _CHECK_NS)
+
+
+def _supervision(folder: Path | None) -> SupervisionConfig:
+    path = None if folder is None else folder / "supervisor.toml"
+    return read_config(SupervisionConfig, path if path is not None and path.exists() else None, {})
 
 
 def _system(arguments: argparse.Namespace, directory: Path) -> SystemSpec:
@@ -141,8 +157,10 @@ def _system(arguments: argparse.Namespace, directory: Path) -> SystemSpec:
         raise BadInputError(f"--config-dir {settings}: expected a folder")
     env = environment_arguments(arguments)
     checkpoints = ("--checkpoint-dir", str(directory / "checkpoints"))
+    replay = ("--folder", str(directory / "replay"))
     processes = [
-        replay_process(settings_of(settings, "replay")),
+        router_process(),
+        replay_process((*settings_of(settings, "replay"), *replay)),
         learner_process((*settings_of(settings, "learner"), *env, *checkpoints)),
         *actor_processes(arguments.actors, arguments.seed, (*settings_of(settings, "actor"), *env)),
     ]
@@ -190,18 +208,20 @@ def add_status_parser(subparsers: Subparsers) -> None:
 
 def run_status(arguments: argparse.Namespace) -> int:
     """Prints what a running system says of itself."""
-    found = _answers(arguments.connect, arguments.run_name)
-    sums = summary(found)
+    found, kept = _answers(arguments.connect, arguments.run_name)
+    missing = missing_of(found, kept)
+    sums = summary(found, missing)
     if arguments.json:
         sys.stdout.write(json.dumps(sums, indent=2) + "\n")
     else:
         console = Console()
-        console.print(status_table(found))
+        console.print(status_table(found, missing))
         console.print(summary_line(sums), highlight=False)
     return 0
 
 
-def _answers(endpoint: str, run: str) -> list[Status]:
+def _answers(endpoint: str, run: str) -> tuple[list[Status], list[Status]]:
+    """Returns what services say, and what their keeper says of them."""
     try:
         transport = ZenohTransport.open(run=run, connect=[endpoint], timeout_s=_STATUS_TIMEOUT_S)
     except UnreachableError as exc:
@@ -210,9 +230,10 @@ def _answers(endpoint: str, run: str) -> list[Status]:
         ) from exc
     with transport:
         found = statuses(transport, timeout_s=_STATUS_TIMEOUT_S)
-    if not found:
+        kept = keeper_statuses(transport, timeout_s=_STATUS_TIMEOUT_S)
+    if not found and not kept:
         raise BadInputError(f"no service of run {run!r} at {endpoint}; name another with --run")
-    return found
+    return found, kept
 
 
 def add_router_parser(subparsers: Subparsers) -> None:
@@ -221,17 +242,19 @@ def add_router_parser(subparsers: Subparsers) -> None:
         "router", help="run a router that services connect to", description=_ROUTER
     )
     add_endpoint(parser, "--listen", "where to listen")
+    parser.add_argument(
+        "--heartbeat", default="", metavar="FILE", help="touch this while all is well"
+    )
     parser.set_defaults(run=run_router)
 
 
 def run_router(arguments: argparse.Namespace) -> int:
     """Routes until told to stop."""
-    start_logging("info")
-    name = unique_name("router")
-    config = ServiceConfig(run=arguments.run_name, listen=arguments.listen, name=name)
-    with open_transport(config) as transport:
-        stopped = StopSignal()
-        stopped.install()
-        _log.info("listening on %s", arguments.listen)
-        run_service(RouterService(name), transport, MonotonicClock(), stopped)
+    config = ServiceConfig(
+        run=arguments.run_name,
+        listen=arguments.listen,
+        name=unique_name("router"),
+        heartbeat=arguments.heartbeat,
+    )
+    serve(config, build_router)
     return 0

@@ -1,13 +1,19 @@
-"""A router and nothing else, for systems whose hub is no service (containers, several hosts)."""
+"""The router through which all processes of a run speak, as a process that does nothing else.
+
+No service's work, however long, keeps others from hearing one another then.
+"""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Sequence
 from typing import final
 
 from typing_extensions import override
 
-from gfm.core import Status
-from gfm.service import Service, make_status
+from gfm.core import Clock, Status
+from gfm.service import Service, ServiceConfig, make_parser, make_status, service_main
+from gfm.transport import Transport
 
 
 @final
@@ -28,3 +34,18 @@ class RouterService(Service):
     @override
     def close(self) -> None:
         """Nothing to finish."""
+
+
+def build(config: ServiceConfig, _transport: Transport, _clock: Clock) -> Service:
+    """Returns the service that the settings describe."""
+    return RouterService(config.name)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Routes until told to stop: the process that a supervisor starts."""
+    parser = make_parser("gfm-router", "Routes what all processes of a run say.", listens=True)
+    return service_main(parser, ServiceConfig, build, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

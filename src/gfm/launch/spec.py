@@ -23,6 +23,7 @@ LOCKSTEP = ("--clock", "lockstep")
 """What a simulated robot and its bridge are both told where time shall pass with commands only."""
 
 _MODULES = {
+    "router": "gfm.launch.router",
     "replay": "gfm_replay",
     "learner": "gfm_learner",
     "actor": "gfm_actor",
@@ -94,9 +95,14 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
+def router_process() -> ProcessSpec:
+    """Returns the hub: a process that does nothing but route."""
+    return _process("router", "router", (), hub=True)
+
+
 def replay_process(arguments: Iterable[str] = ()) -> ProcessSpec:
-    """Returns the replay service, which is also the hub."""
-    return _process("replay", "replay", arguments, hub=True)
+    """Returns the replay service."""
+    return _process("replay", "replay", arguments)
 
 
 def learner_process(arguments: Iterable[str] = ()) -> ProcessSpec:

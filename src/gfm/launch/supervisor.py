@@ -107,6 +107,12 @@ class Supervisor:
         for child in self._children:
             child.check()
 
+    def restart(self, dead: ChildProcess) -> None:
+        """Starts a process that has ended again; does not wait until it answers."""
+        dead.finish(self._stop_timeout_s)
+        again = ChildProcess(dead.spec, self.spec.arguments(dead.spec), self._log_dir)
+        self._children[self._children.index(dead)] = again
+
     def stop(self) -> None:
         """Stops every process, role by role in STOP_ORDER; those of one role at the same time."""
         if self._transport is not None:
