@@ -1,0 +1,102 @@
+"""What the containers are told: who is started again, when one is unwell, and what it may use."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gfm.launch.spec import START_ORDER
+from gfm.launch.supervision import DEADLINES_S
+from gfm.service import read_config
+from gfm_replay.config import ReplayConfig
+
+yaml = pytest.importorskip("yaml")
+
+DOCKER = Path(__file__).resolve().parents[2] / "docker"
+COMPOSE = yaml.safe_load((DOCKER / "compose.yaml").read_text())
+SERVICES = {name: one for name, one in COMPOSE["services"].items() if "profiles" not in one}
+
+
+def test_every_role_has_a_container():
+    assert sorted(SERVICES) == sorted(START_ORDER)
+
+
+@pytest.mark.parametrize("role", START_ORDER)
+def test_a_service_is_started_again_and_bounded_in_what_it_uses(role):
+    service = SERVICES[role]
+    assert service["restart"] == "unless-stopped"
+    assert service["init"]
+    assert service["read_only"]
+    assert service["tmpfs"] == ["/tmp:size=64m,mode=1777"]
+    assert service["pids_limit"] > 0
+    assert {"mem_limit", "cpus"} <= service.keys()
+
+
+@pytest.mark.parametrize("role", START_ORDER)
+def test_a_service_is_unwell_after_the_same_silence_in_compose_image_and_on_a_machine(role):
+    assert SERVICES[role]["healthcheck"]["test"] == ["CMD", "healthy", f"{DEADLINES_S[role]:g}"]
+    stage = stage_of(SERVICES[role]["build"]["target"])
+    assert f'CMD ["healthy", "{DEADLINES_S[role]:g}"]' in stage
+    assert '"--heartbeat", "/tmp/heartbeat"]' in stage
+
+
+def stage_of(target: str) -> str:
+    """Returns the part of the Dockerfile that ends in an image."""
+    text = (DOCKER / "Dockerfile").read_text()
+    return text.split(f" AS {target}\n", 1)[1].split("\nFROM ", 1)[0]
+
+
+def test_volumes_that_are_mounted_are_declared():
+    mounted = {v for service in SERVICES.values() for v in service.get("volumes", [])}
+    named = {volume.split(":")[0] for volume in mounted if not volume.startswith("$")}
+    assert named <= COMPOSE["volumes"].keys()
+    assert "replay" in named
+
+
+@pytest.mark.parametrize("folder", sorted((DOCKER / "settings").iterdir()), ids=lambda p: p.name)
+def test_replay_keeps_each_environment_s_sequences_apart_on_its_volume(folder):
+    config = read_config(ReplayConfig, folder / "replay.toml", {})
+    assert config.folder == f"/replay/{folder.name}"
+    assert "replay:/replay" in SERVICES["replay"]["volumes"]
+
+
+@pytest.fixture
+def sleeper(tmp_path) -> Iterator[subprocess.Popen[bytes]]:
+    """Yields a process that does nothing and does not end by SIGTERM; its heartbeat is `beat`."""
+    with subprocess.Popen(
+        ["sh", "-c", "trap 'echo told' TERM; echo up; while :; do sleep 0.1; done"],
+        stdout=subprocess.PIPE,
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"up\n"
+        (tmp_path / "beat").write_text(f"{process.pid}\n")
+        yield process
+        process.kill()
+
+
+def check(beat: Path, age_s: float) -> int:
+    """Returns the status of the check of a service that is told after 30 s of silence."""
+    if beat.exists():
+        os.utime(beat, (time.time() - age_s,) * 2)
+    command = [str(DOCKER / "healthy"), "30", str(beat)]
+    return subprocess.run(command, check=False, capture_output=True).returncode
+
+
+def test_a_service_that_beats_is_healthy_and_one_that_starts_is_left_alone(sleeper, tmp_path):
+    assert check(tmp_path / "beat", 20.0) == 0
+    assert check(tmp_path / "none yet", 0.0) == 1
+    assert sleeper.poll() is None
+
+
+def test_a_service_that_is_silent_is_told_to_stop_and_then_killed(sleeper, tmp_path):
+    assert check(tmp_path / "beat", 40.0) == 1
+    assert sleeper.stdout.readline() == b"told\n"
+    assert sleeper.poll() is None
+    assert check(tmp_path / "beat", 50.0) == 1
+    assert sleeper.wait(30.0) == -signal.SIGKILL
