@@ -165,7 +165,11 @@ def started_replay() -> subprocess.Popen[str]:
 
 
 def started(*argv: str, until: str) -> subprocess.Popen[str]:
-    process = subprocess.Popen([sys.executable, "-m", *argv], stderr=subprocess.PIPE, text=True)
+    return started_python("-m", *argv, until=until)
+
+
+def started_python(*argv: str, until: str) -> subprocess.Popen[str]:
+    process = subprocess.Popen([sys.executable, *argv], stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
     while until not in (line := process.stderr.readline()):
         assert line, "it ended"
@@ -211,3 +215,44 @@ def test_a_bare_router_answers_for_itself(capsys):
         process.terminate()
         assert process.wait(30) == 0
     assert json.loads(capsys.readouterr().out)["processes"][0]["role"] == "router"
+
+
+LONG_STEP = """
+import sys, time
+from pathlib import Path
+from gfm.service import Service, ServiceConfig, make_status, serve
+
+class Slow(Service):
+    def step(self):
+        print("begun", file=sys.stderr, flush=True)
+        while not Path(sys.argv[2]).exists():
+            time.sleep(0.01)
+        return True
+
+    def status(self):
+        return make_status("learner", "slow", note="learning")
+
+    def close(self):
+        pass
+
+serve(ServiceConfig(listen=sys.argv[1], name="slow"), lambda *_: Slow())
+"""
+
+
+def test_a_service_in_a_long_step_answers_and_hears_that_it_shall_stop(tmp_path, capsys):
+    address, over = free_endpoint(), tmp_path / "over"
+
+    def note() -> str:
+        assert run_command("status", "--json", "--connect", address) == 0
+        return json.loads(capsys.readouterr().out)["services"][0]["note"]
+
+    process = started_python("-c", LONG_STEP, address, str(over), until="begun")
+    assert note().startswith("learning; in one step for ")
+    process.send_signal(signal.SIGTERM)
+    assert process.stderr is not None
+    assert "SIGTERM: stopping" in process.stderr.readline()
+    assert note().endswith("told to stop, after this step")
+    assert process.poll() is None
+    over.touch()
+    assert process.wait(30) == 0
+    process.stderr.close()
