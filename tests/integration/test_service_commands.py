@@ -98,6 +98,14 @@ def test_up_refuses_what_cannot_be_before_it_starts_anything(argv, message, monk
     assert not (tmp_path / "up").exists()
 
 
+def test_up_refuses_settings_of_its_supervision_before_it_starts_anything(monkeypatch, tmp_path):
+    monkeypatch.setattr("gfm.launch.commands.StopSignal.install", lambda _self: None)
+    (tmp_path / "supervisor.toml").write_text("most_deaths = 0\n")
+    with pytest.raises(ConfigError, match=r"supervisor.toml: Expected `int` >= 1"):
+        run_command("up", "--dir", str(tmp_path / "up"), "--config-dir", str(tmp_path))
+    assert not (tmp_path / "up").exists()
+
+
 def test_up_passes_the_environment_on_to_actors_and_learner():
     argv = ["--env", "gfm_fit", "--model", "velocity=v.xml", "--model", "effort=e.xml"]
     argv += ["--recording", "a.mcap", "--recording", "b.mcap", "--horizon", "7"]

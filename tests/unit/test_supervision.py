@@ -230,7 +230,7 @@ def test_settings_that_cannot_be_are_refused(tmp_path, text, message):
     [
         (0, "ended with status 0"),
         (1, "ended with status 1: error: no answer from replay"),
-        (-9, "killed by SIGKILL"),
+        (-9, "ended by signal 9 (Killed)"),
     ],
 )
 def test_an_end_is_told_by_its_signal_or_by_the_last_line_of_an_error(status, words):

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
 from rich.console import Console
 
 from gfm.core import (
@@ -61,7 +62,7 @@ Starts a learning system as processes of this machine: router, replay, learner, 
 --robot, a simulated robot with its bridge. What dies or hangs is started again; what dies again and
 again is given up, and the last of its kind ends the system. Ctrl-C ends all of them, in order.
 """
-_STATUS = "Asks every service of a running system how it is, and says so."
+_STATUS = "Asks every service of a running system how it is, and says so, and who is missing."
 _ROUTER = "Runs the router that services connect to, for systems that `gfm up` does not start."
 _CHECK_NS = 200_000_000
 _TELL_NS = 10_000_000_000
@@ -113,6 +114,7 @@ def run_up(arguments: argparse.Namespace) -> int:
     directory = arguments.dir or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
     system = _system(arguments, directory)
     config = _supervision(arguments.config_dir)
+    _log.info("supervision: %s", msgspec.json.encode(config).decode())
     _check_models(vars(arguments).get("environment.models", {}))
     with Supervisor(system, directory / "logs", clock=clock) as supervisor:
         supervisor.start(stopped)

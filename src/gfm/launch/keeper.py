@@ -24,6 +24,8 @@ SUPERVISOR_KEY = "supervisor"
 """Under this and a process's name its keeper says how it does, also while it cannot say so."""
 
 _LONGEST_LOOK_S = 1.0
+"""What counts of the time between two looks: five times what `gfm up` lets pass."""
+
 _LONGEST_WHY = 200
 
 
@@ -31,8 +33,8 @@ _LONGEST_WHY = 200
 class Keeper:
     """Starts again what dies and stops what hangs, as `gfm.launch.policy` decides.
 
-    What it does besides looks at the clock: silence counts only as far as this process itself has
-    looked. One that was stopped, or starved on a busy machine, blames nobody for that time.
+    Silence counts only as far as this process itself has looked: while it was stopped, or starved
+    on a busy machine, others may have been so, too.
     """
 
     def __init__(self, supervisor: Supervisor, config: SupervisionConfig, clock: Clock) -> None:
@@ -118,7 +120,7 @@ def cause(status: int, last_lines: Sequence[str]) -> str:
         last_lines: Of its log; an error's last line says what it was.
     """
     if status < 0:
-        return f"killed by {signal.Signals(-status).name}"
+        return f"ended by signal {-status} ({signal.strsignal(-status)})"
     last = f": {last_lines[-1][:_LONGEST_WHY]}" if status > 0 and last_lines else ""
     return f"ended with status {status}{last}"
 
