@@ -43,7 +43,7 @@ def test_a_service_is_unwell_after_the_same_silence_in_compose_image_and_on_a_ma
     assert SERVICES[role]["healthcheck"]["test"] == ["CMD", "healthy", f"{DEADLINES_S[role]:g}"]
     stage = stage_of(SERVICES[role]["build"]["target"])
     assert f'CMD ["healthy", "{DEADLINES_S[role]:g}"]' in stage
-    assert '"--heartbeat", "/tmp/heartbeat"]' in stage
+    assert '"--heartbeat-file", "/tmp/heartbeat"]' in stage
 
 
 def stage_of(target: str) -> str:

@@ -245,7 +245,7 @@ def add_router_parser(subparsers: Subparsers) -> None:
     )
     add_endpoint(parser, "--listen", "where to listen")
     parser.add_argument(
-        "--heartbeat", default="", metavar="FILE", help="touch this while all is well"
+        "--heartbeat-file", default="", metavar="FILE", help="touch this while all is well"
     )
     parser.set_defaults(run=run_router)
 
@@ -256,7 +256,7 @@ def run_router(arguments: argparse.Namespace) -> int:
         run=arguments.run_name,
         listen=arguments.listen,
         name=unique_name("router"),
-        heartbeat=arguments.heartbeat,
+        heartbeat_file=arguments.heartbeat_file,
     )
     serve(config, build_router)
     return 0

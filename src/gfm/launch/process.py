@@ -38,7 +38,7 @@ class ChildProcess:
         self._beat_path = log_dir / f"{spec.name}.beat"
         self._beaten_ns = 0
         set_aside(self.log_path)
-        told = (*arguments, "--heartbeat", str(self._beat_path))
+        told = (*arguments, "--heartbeat-file", str(self._beat_path))
         with self.log_path.open("wb") as log:
             self._popen = subprocess.Popen(
                 [sys.executable, "-m", "gfm.launch.child", spec.module, *told],

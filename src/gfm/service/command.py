@@ -78,7 +78,7 @@ def _add_connection_flags(parser: argparse.ArgumentParser, *, listens: bool) -> 
     )
     group.add_argument("--name", help="unique name within the run (default: from host and pid)")
     group.add_argument(
-        "--heartbeat", metavar="FILE", help="touch this while all is well, for a supervisor"
+        "--heartbeat-file", metavar="FILE", help="touch this while all is well, for a supervisor"
     )
 
 
@@ -119,7 +119,7 @@ def serve(config: Config, build: Callable[[Config, Transport, Clock], Service]) 
     start_logging(config.log_level)
     _log.info("settings: %s", msgspec.json.encode(config).decode())
     clock = MonotonicClock()
-    heartbeat = make_heartbeat(config.heartbeat, clock)
+    heartbeat = make_heartbeat(config.heartbeat_file, clock)
     with open_transport(config) as transport, suppress(StopRequested):
         stopped = StopSignal()
         stopped.install()

@@ -33,7 +33,7 @@ class ServiceConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         listen: Endpoint on which this process is itself the router; empty means it is a client.
         wait_s: How long to wait for the router at the start.
         name: Unique within the run; empty means made from host and process id.
-        heartbeat: File that the service's loop touches twice a second; empty for none.
+        heartbeat_file: File that the service's loop touches twice a second; empty for none.
         log_level: Least severe event that is logged.
     """
 
@@ -42,7 +42,7 @@ class ServiceConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     listen: str = ""
     wait_s: float = 30.0
     name: str = ""
-    heartbeat: str = ""
+    heartbeat_file: str = ""
     log_level: LogLevel = "info"
 
     def __post_init__(self) -> None:
