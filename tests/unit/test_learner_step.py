@@ -40,8 +40,9 @@ def batch(seed=0, sequences=8, steps=4, **changes):
         "discount": np.ones((sequences, steps), np.float32),
         "log_prob": draw(steps) - 2.0,
     }
-    versions = np.zeros(sequences, np.int64)
-    return Batch(spec_digest=SPEC.digest, weights_version=versions, **(arrays | changes))
+    none = np.zeros(sequences, np.int64)
+    weights = {"weights_life": none, "weights_version": none}
+    return Batch(spec_digest=SPEC.digest, **weights, **(arrays | changes))
 
 
 def learn(state, batches, settings=SMALL, seed=0):
