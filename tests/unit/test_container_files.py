@@ -100,3 +100,19 @@ def test_a_service_that_is_silent_is_told_to_stop_and_then_killed(sleeper, tmp_p
     assert sleeper.poll() is None
     assert check(tmp_path / "beat", 50.0) == 1
     assert sleeper.wait(30.0) == -signal.SIGKILL
+
+
+def test_the_engine_is_sent_every_file_that_images_copy():
+    let_through = {
+        line[1:]
+        for line in (DOCKER.parent / ".dockerignore").read_text().splitlines()
+        if line[:1] == "!"
+    }
+    copied = [
+        name
+        for line in (DOCKER / "Dockerfile").read_text().splitlines()
+        if line.startswith("COPY ") and "--from" not in line
+        for name in line.split()[1:-1]
+    ]
+    assert "docker/healthy" in copied
+    assert [name for name in copied if name.rstrip("/") not in let_through] == []
