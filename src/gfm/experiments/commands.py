@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators
+from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators, add_topics
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -143,18 +143,7 @@ def add_diagnose_parser(subparsers: Subparsers) -> None:
         metavar="RECORDING",
         help="what errors are measured on (default: the last recording, or the end of a lone one)",
     )
-    parser.add_argument(
-        "--joint-states",
-        default="/joint_states",
-        metavar="TOPIC",
-        help="measurements (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--command",
-        default="/joint_command",
-        metavar="TOPIC",
-        help="commands (default: %(default)s)",
-    )
+    add_topics(parser)
     parser.add_argument(
         "--gfm",
         nargs="+",

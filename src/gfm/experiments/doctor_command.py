@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators
+from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators, add_topics
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -55,18 +55,7 @@ def add_parser(subparsers: Subparsers) -> None:
         metavar="RECORDING",
         help="what errors would be measured on",
     )
-    parser.add_argument(
-        "--joint-states",
-        default="/joint_states",
-        metavar="TOPIC",
-        help="measurements (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--command",
-        default="/joint_command",
-        metavar="TOPIC",
-        help="commands (default: %(default)s)",
-    )
+    add_topics(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     parser.set_defaults(run=run)
 

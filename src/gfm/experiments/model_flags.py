@@ -1,4 +1,4 @@
-"""Flags about models that several commands share."""
+"""Flags about models and recordings that several commands share."""
 
 from __future__ import annotations
 
@@ -16,4 +16,20 @@ def add_actuators(parser: argparse._ActionsContainer) -> None:
         "--actuators",
         metavar="RULE",
         help="what joints without an actuator get: position:kp=50,kv=1, velocity:kv=5 or torque",
+    )
+
+
+def add_topics(parser: argparse._ActionsContainer) -> None:
+    """Adds --joint-states and --command: where a recording has what."""
+    parser.add_argument(
+        "--joint-states",
+        default="/joint_states",
+        metavar="TOPIC",
+        help="measurements (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--command",
+        default="/joint_command",
+        metavar="TOPIC",
+        help="commands (default: %(default)s)",
     )

@@ -13,7 +13,7 @@ def overview_lines(seen: Overview) -> Iterator[str]:
     kind = f", {seen.command_kind} commands" if seen.command_kind else ""
     begin = "" if seen.begin_ns is None else f", from {seen.begin_ns * 1e-9:.6f} s of its clock"
     yield f"  {seen.duration_s:.3f} s{begin}{kind}"
-    yield f"  profile {seen.profile or 'none'}, written by {seen.library or 'nobody who says so'}"
+    yield f"  profile {seen.profile or 'none'}, written by {seen.writer or 'nobody who says so'}"
     width = max((len(one.topic) for one in seen.topics), default=0)
     kinds = max((len(one.type) for one in seen.topics), default=0)
     for one in seen.topics:

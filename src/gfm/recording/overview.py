@@ -77,7 +77,7 @@ class Overview:
         path: As given.
         bytes: Its size.
         profile: Of MCAP.
-        library: That wrote it.
+        writer: Software that wrote it.
         complete: Whether it is whole, and undamaged.
         damaged_chunks: That cannot be read.
         lost_bytes: Behind what can be read.
@@ -92,7 +92,7 @@ class Overview:
     path: str
     bytes: int
     profile: str
-    library: str
+    writer: str
     complete: bool
     damaged_chunks: int
     lost_bytes: int
@@ -141,7 +141,7 @@ def overview(
         path=str(path),
         bytes=path.stat().st_size,
         profile=raw.profile,
-        library=raw.library,
+        writer=raw.writer,
         complete=raw.complete,
         damaged_chunks=raw.damaged_chunks,
         lost_bytes=raw.lost_bytes,

@@ -42,7 +42,7 @@ class RawRecording:
 
     Attributes:
         profile: Of its header.
-        library: That wrote it.
+        writer: Software that wrote it.
         schemas: By their number.
         channels: By their number.
         messages: In file order.
@@ -55,7 +55,7 @@ class RawRecording:
     """
 
     profile: str = ""
-    library: str = ""
+    writer: str = ""
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     messages: list[Message] = field(default_factory=list)
@@ -165,7 +165,7 @@ def write_raw(path: Path, raw: RawRecording, about: Mapping[str, Mapping[str, st
     """
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=_CHUNK_BYTES)
-        writer.start(raw.profile, raw.library)
+        writer.start(raw.profile, raw.writer)
         for record, entries in about.items():
             writer.add_metadata(record, dict(entries))
         for one in raw.attachments:
@@ -201,8 +201,8 @@ def _registered(writer: Writer, raw: RawRecording) -> dict[int, int]:
 
 def _take(raw: RawRecording, record: McapRecord) -> None:
     match record:
-        case Header():
-            raw.profile, raw.library = record.profile, record.library
+        case Header(profile=profile, library=writer):
+            raw.profile, raw.writer = profile, writer
         case Chunk():
             _take_chunk(raw, record)
         case Metadata():
