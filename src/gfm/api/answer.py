@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
@@ -27,8 +26,6 @@ from gfm.report.files import forget_effects, write_texts
 
 #: Characters of a line where a diagnosis is printed into a string.
 _COLUMNS = 100
-
-Say = Callable[[str], object]
 
 
 @final
