@@ -9,7 +9,7 @@ import pytest
 from gfm.core import CommandKind
 from gfm.diagnosis.data.segmentation import make_problem
 from gfm.diagnosis.inference.constants import UNWEIGHED
-from gfm.diagnosis.inference.fitting import fit, measured
+from gfm.diagnosis.inference.fitting import Fit, fit, measured
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.clock import OutOfTimeError
 from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
@@ -108,9 +108,14 @@ def test_what_one_hypothesis_gains_another_loses(rubbing):
     assert gain.nats <= 1.001 * nominal.room.nats or gain.error > 0.0
 
 
-def test_every_number_of_an_effect_is_a_parameter():
-    wave = instance("cogging_torque", amplitude=0.1, per_revolution=12.0, phase=0.0)
-    assert parameters_of([wave, instance("armature", inertia=0.1)]) == 4
+def test_every_number_of_an_effect_that_is_something_is_a_parameter():
+    wave = instance("cogging_torque", amplitude=0.1, per_revolution=12.0, phase=0.7)
+    spring = instance("joint_spring", stiffness=0.1, rest_angle=0.002)
+    columns = 100.0 * np.eye(8)[:, :4]  # an amount is known to a hundredth
+    fitted = Fit(effects=(wave, spring), jacobian=columns, residual=np.ones(8))
+    assert parameters_of([wave], fitted) == 3  # the number of periods was found among many
+    assert parameters_of([spring], fitted) == 1  # rest is at zero, to within its error
+    assert parameters_of([wave, spring], fitted) == 4
 
 
 def test_derivatives_belong_to_the_effect_whose_amounts_they_are_by(rubbing):
@@ -327,3 +332,19 @@ def test_an_effect_whose_rivals_were_not_weighed_stays_and_less_speaks_for_it(ru
     assert search.steps == []
     (evidence,) = support(here, search, compared).values()
     assert evidence.rival.errors == pytest.approx(UNWEIGHED * evidence.without.errors)
+
+
+def test_what_can_do_more_than_an_effect_and_predicts_no_better_is_no_rival(rubbing):
+    here = rubbing.with_effects(instance("coulomb_friction", torque=0.1))
+    stribeck = instance("stribeck_friction", static_excess=0.1, stribeck_velocity=0.5)
+
+    def richer(_instance, rest, _search):
+        return [measured(rest.problem, (stribeck,))]
+
+    def as_simple(_instance, rest, _search):
+        return [measured(rest.problem, (instance("viscous_friction", coefficient=0.05),))]
+
+    for rivals, told in ((richer, None), (as_simple, "viscous_friction")):
+        (compared,) = exchange(here, rubbing.search(), rivals)[1]
+        rival = compared.rival
+        assert (rival and rival.new[0].effect.name) == told

@@ -309,6 +309,18 @@ def test_what_acts_now_and_then_is_not_blamed_on_what_acts_always():
     assert not np.allclose(predictive(few, found).spectrum, predictive(few, known).spectrum)
 
 
+@pytest.mark.parametrize(("nats", "clear"), [(2.0, False), (7.9, False), (8.1, True)])
+def test_few_nats_are_not_clear_however_alike_blocks_are(nats, clear):
+    """One of two predictions of the same variance right: the log ratio varies by twice its mean."""
+    told = score._summed(np.full(10, nats / 10.0), common=0.0)
+    assert told.error == pytest.approx(np.sqrt(2.0 * nats))
+    assert told.clear is clear
+    rng = np.random.default_rng(0)
+    there = rng.standard_normal((20_000, 4)) + np.sqrt(nats / 2.0)
+    ratio = 0.5 * (there**2 - (there - np.sqrt(nats / 2.0)) ** 2).sum(axis=1)
+    assert np.var(ratio) == pytest.approx(2.0 * ratio.mean(), rel=0.05)
+
+
 def test_a_discrepancy_that_all_blocks_share_makes_the_standard_error_larger():
     """Two hypotheses that differ in what each leaves: the same everywhere, beside much or none."""
     rng, layout = np.random.default_rng(0), recorded(recordings=4, segments=5)

@@ -22,7 +22,7 @@ from gfm.effects import EffectInstance
 #: Less motion or time than this says nothing about dynamics.
 LEAST_MOTION_RAD, LEAST_TIME_S, LEAST_RATE_HZ = 0.01, 1.5, 10.0
 #: Recorded time in which effects are looked for, and on which amounts are settled, s.
-SEARCHED_S, SETTLED_S = 24.0, 36.0
+SEARCHED_S, SETTLED_S = 24.0, 48.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +86,8 @@ def find_by_itself(
     report("measuring the nominal model")
     short = make_problem(specs, recordings, given=given, placed=known, most_s=SEARCHED_S)
     long, lack = short, _lacking(recordings)
-    if any(LONG[kind] > SHORT[kind] for kind in specs):
+    recorded_s = sum(one.duration_s for one in recordings)
+    if any(LONG[kind] > SHORT[kind] for kind in specs) or recorded_s > SEARCHED_S:
         long = make_problem(
             specs,
             recordings,

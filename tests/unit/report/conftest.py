@@ -186,7 +186,6 @@ def make_chain(joints=JOINTS, name="coulomb_friction", where=("right_j1",), riva
                         joints=where,
                         errors=0.0,
                         told_by="slow motion over the whole range",
-                        more_parameters=1,
                     ),
                 ),
                 shown_by="reversals",

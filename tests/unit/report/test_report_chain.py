@@ -67,7 +67,7 @@ def test_a_page_shows_every_step_in_figures(diagnosis_with):
         "Of 85 simulated robots",
         "2 of 4 amounts have an interval",
         "The balance is even",
-        "equal, with more parameters: joint spring (right_j1)",
+        "equal: joint spring (right_j1)",
         "5400 ± 310",
         "The search ended because no candidate predicts clearly better.",
         "without drag",

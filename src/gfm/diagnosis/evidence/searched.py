@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 from gfm.diagnosis.inference.constants import CLEARLY
 from gfm.diagnosis.inference.fitting import at_bound
-from gfm.diagnosis.search.hypothesis import parameters_of
 from gfm.diagnosis.search.naming import Placed, describe, twins
 from gfm.diagnosis.search.trace import Move, SearchResult, Step
 from gfm.effects import EffectInstance
@@ -130,12 +129,10 @@ class Alternative(Placed):
         errors: By how many standard errors the named effect predicts better; 0 for the same law
             under another name.
         told_by: The motion that shows it, in words.
-        more_parameters: How many more it has.
     """
 
     errors: float
     told_by: str
-    more_parameters: int = 0
 
     @property
     def equal(self) -> bool:
@@ -180,7 +177,6 @@ def _alternatives(instance: EffectInstance, found: SearchResult) -> tuple[Altern
             *other.key,
             errors=errors,
             told_by=other.effect.shown_by,
-            more_parameters=max(parameters_of([other]) - parameters_of([instance]), 0),
         )
         for other, errors in sorted(others, key=lambda one: one[1])
         if errors < CLEARLY

@@ -293,12 +293,15 @@ def difference(blocks: Blocks, one: Predictive, other: Predictive) -> Difference
 
 
 def _summed(by_block: Array, common: float) -> Difference:
-    """Returns the sum over blocks, shape (B,), with its error: the larger of two estimates.
+    """Returns the sum over blocks, shape (B,), with its error: the largest of three estimates.
 
-    How blocks differ, and what (Vuong 1989) as many independent coefficients make.
+    How blocks differ, what (Vuong 1989) as many independent coefficients make, and what noise alone
+    makes: where one of two predictions is right, the logarithm of their likelihood ratio has a
+    variance of twice its mean.
     """
+    nats = float(by_block.sum())
     apart = len(by_block) * float(np.var(by_block, ddof=1)) if len(by_block) > 1 else 0.0
-    return Difference(float(by_block.sum()), float(np.sqrt(max(apart, common))))
+    return Difference(nats, float(np.sqrt(max(apart, common, 2.0 * abs(nats)))))
 
 
 def room(blocks: Blocks, one: Predictive) -> Difference:

@@ -12,7 +12,7 @@ from typing_extensions import TypeVar
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.constants import INEXACT_SHARE, LEAST_DISCREPANCY
-from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit, mean_square, measured
+from gfm.diagnosis.inference.fitting import ROUGH, Fit, amounts, fit, mean_square, measured
 from gfm.diagnosis.inference.score import Difference, Predictive, difference, predictive, room
 from gfm.diagnosis.residuals.problem import Problem, unsettled
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
@@ -112,9 +112,18 @@ def nominal_hypothesis(problem: P) -> Hypothesis[P]:
     return Hypothesis(problem=problem, fit=fitted, nominal=problem.joint_costs(fitted.residual))
 
 
-def parameters_of(effects: Sequence[EffectInstance]) -> int:
-    """Returns how many numbers effects have; a number of periods, found among many, counts too."""
-    return sum(len(e.effect.parameters) for e in effects)
+def parameters_of(effects: Sequence[EffectInstance], fitted: Fit) -> int:
+    """Returns how many numbers some effects of a fit have.
+
+    One that is nothing to within its own standard error is none: a robot that moves in a plane
+    knows nothing of gravity across it. A number of periods, found among many, counts too.
+    """
+    left = np.sqrt(fitted.cost)
+    told = np.abs(amounts(fitted.effects)) * np.linalg.norm(fitted.jacobian, axis=0) > left
+    owners = [fitted.effects[i].key for i in fitted.owners]
+    keys = {e.key for e in effects}
+    seen = sum(bool(shows) for key, shows in zip(owners, told, strict=True) if key in keys)
+    return seen + sum(len(e.effect.fixed) for e in effects)
 
 
 def settled_hypothesis(

@@ -10,7 +10,7 @@ from typing import Generic
 from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.hypothesis import Of
+from gfm.diagnosis.search.hypothesis import Of, parameters_of
 from gfm.effects import EffectInstance, Key
 
 
@@ -37,6 +37,11 @@ class Tried:
     new: tuple[EffectInstance, ...]
     fit: Fit
     gain: Difference
+
+    @property
+    def parameters(self) -> int:
+        """How many numbers the new effects have, see `parameters_of`."""
+        return parameters_of(self.new, self.fit)
 
 
 @dataclass(frozen=True, kw_only=True)

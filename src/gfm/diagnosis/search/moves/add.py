@@ -8,7 +8,7 @@ from dataclasses import replace
 from gfm.diagnosis.inference.fitting import ROUGH, Fit, at_bound, fit
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import Hypothesis, P, parameters_of
+from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import Screened, is_whole, open_to, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
@@ -145,10 +145,10 @@ def best_of(before: Hypothesis, tried: Sequence[Tried]) -> Tried | None:
     if not clear:
         return None
     best = max(clear, key=lambda one: one.gain.nats)
-    there, count = _after(before, best), parameters_of(best.new)
-    fewer = [one for one in clear if parameters_of(one.new) < count]
+    there, count = _after(before, best), best.parameters
+    fewer = [one for one in clear if one.parameters < count]
     simpler = [one for one in fewer if not there.over(one.fit).clear]
-    return min(simpler, key=lambda o: (parameters_of(o.new), -o.gain.nats), default=best)
+    return min(simpler, key=lambda one: (one.parameters, -one.gain.nats), default=best)
 
 
 def worth_more(before: Hypothesis, best: Tried | None) -> bool:

@@ -117,11 +117,13 @@ class Compared:
     Attributes:
         instance: The effect.
         rival: The hypothesis with the best rival in its place; None where nothing rivals it.
+        more: How many parameters that has more than the effect.
         weighed: Whether there was time for its rivals.
     """
 
     instance: EffectInstance
     rival: Tried | None = None
+    more: int = 0
     weighed: bool = True
 
     @property
@@ -132,21 +134,27 @@ class Compared:
         """
         if self.rival is None or any(map(at_bound, self.rival.new)):
             return False
-        gain, more = self.rival.gain, parameters_of(self.rival.new) - parameters_of([self.instance])
-        if more > 0:
+        gain = self.rival.gain
+        if self.more > 0:
             return gain.clear
-        return gain.notable if more == 0 else not (-gain).clear
+        return gain.notable if self.more == 0 else not (-gain).clear
 
 
 def _compared(
     here: Hypothesis[P], instance: EffectInstance, rivals: RivalsOf[P], search: Search[P]
 ) -> Compared:
-    """Returns an effect of a hypothesis beside the best of its rivals."""
+    """Returns an effect of a hypothesis beside the best of its rivals.
+
+    What has more parameters has to predict better by more than chance: it can do more.
+    """
     others = tuple(e for e in here.effects if e is not instance)
     fits = rivals(instance, replace(here, fit=here.fitted(others)), search)
     tried = [Tried(new=f.effects[-1:], fit=f, gain=-here.over(f)) for f in fits]
-    best = max(tried, key=lambda one: one.gain.nats, default=None)
-    return Compared(instance=instance, rival=best)
+    count = parameters_of([instance], here.fit)
+    as_simple = [one for one in tried if one.parameters <= count or one.gain.notable]
+    best = max(as_simple, key=lambda one: one.gain.nats, default=None)
+    more = best.parameters - count if best else 0
+    return Compared(instance=instance, rival=best, more=more)
 
 
 def exchange(
