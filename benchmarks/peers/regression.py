@@ -17,8 +17,9 @@ from pysindy.optimizers import FROLS, STLSQ
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.signals import smooth_states
-from gfm.diagnosis.search.candidates import TorqueView, torque_views
+from gfm.diagnosis.search.candidates import torque_views
+from gfm.signals.smoothing import smooth_states
+from gfm.signals.torques import TorqueView
 from gfm.sim.plant import make_plant
 from peers.case import Case, Named
 

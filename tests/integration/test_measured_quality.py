@@ -12,8 +12,8 @@ import pytest
 from gfm.api.models import load_specs
 from gfm.api.refusals import check_usable
 from gfm.core import RecordingError, Trajectory
-from gfm.diagnosis.data.quality.examine import findings_of
-from gfm.diagnosis.data.quality.lateness import delays
+from gfm.signals.examine import findings_of
+from gfm.signals.lateness import delays
 from gfm.sim.plant import make_plant
 
 pytestmark = pytest.mark.slow

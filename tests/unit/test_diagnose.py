@@ -8,10 +8,10 @@ import pytest
 
 from gfm.core import CommandKind, ConfigError, Trajectory, UnknownNameError
 from gfm.diagnosis.data.segmentation import in_model_order, make_problem
-from gfm.diagnosis.data.signals import smooth_states
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.output.result import Verdict
 from gfm.effects import EffectInstance, effect_library
+from gfm.signals.smoothing import smooth_states
 from pendulum import DAMPING, MODEL, PERIOD_S, STIFFNESS, swung
 
 NOISE = 3e-4

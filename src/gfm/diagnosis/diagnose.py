@@ -12,7 +12,7 @@ import numpy as np
 
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.diagnosis.changes import what_changed
-from gfm.diagnosis.data.quality.examine import all_findings, doubts
+from gfm.diagnosis.data.findings import all_findings
 from gfm.diagnosis.data.segmentation import (
     WHOLE,
     all_segments,
@@ -36,6 +36,7 @@ from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.trace import parts_of
 from gfm.effects import EffectInstance, Scope
 from gfm.excitation.blind_spots import blind_spots
+from gfm.signals.examine import doubts
 from gfm.sim.learned import LearnedForces
 from gfm.sim.passive import with_idle_drives
 from gfm.sim.plant import native_spec

@@ -130,7 +130,7 @@ def _summary(trajectory: Trajectory) -> str:
 
 def _copies(trajectory: Trajectory) -> Iterator[str]:
     """Yields a warning where commands are the measurements themselves."""
-    from gfm.diagnosis.data.quality.echoes import echoed
+    from gfm.signals.echoes import echoed
 
     found = echoed(trajectory)
     if found:

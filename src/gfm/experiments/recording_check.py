@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gfm.core import BadInputError, RecordingError, Trajectory
-from gfm.diagnosis.data.quality import channels, echoes
-from gfm.diagnosis.data.quality.finding import Finding
 from gfm.recording import read_recording
 from gfm.recording.overview import Overview, overview
+from gfm.signals import channels, echoes
+from gfm.signals.finding import Finding
 
 PART = ".mcap.part"
 

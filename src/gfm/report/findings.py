@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from gfm.diagnosis.data.quality.finding import EVERYWHERE, Finding
 from gfm.report import words
+from gfm.signals.finding import EVERYWHERE, Finding
 
 
 @dataclass(frozen=True, kw_only=True)

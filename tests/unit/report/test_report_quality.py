@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from gfm.diagnosis.data.quality.finding import Finding
 from gfm.excitation.blind_spots import BlindSpot
 from gfm.report import diagnosis_html, diagnosis_json
 from gfm.report.findings import finding_amount, gathered
 from gfm.report.words import some
+from gfm.signals.finding import Finding
 
 
 def finding(**changes: object) -> Finding:

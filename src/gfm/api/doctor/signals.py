@@ -12,11 +12,11 @@ from gfm.api.doctor.lines import doubt, refusal, some, well
 from gfm.api.objections import Objection, dead_positions, objection_to, same_measurements
 from gfm.api.recordings import Files
 from gfm.core import CommandKind, Trajectory
-from gfm.diagnosis.data.quality.examine import findings_of
-from gfm.diagnosis.data.quality.finding import Finding
 from gfm.diagnosis.found import LEAST_RATE_HZ, LEAST_TIME_S
 from gfm.report.checks import Check
 from gfm.report.findings import finding_amount, gathered
+from gfm.signals.examine import findings_of
+from gfm.signals.finding import Finding
 from gfm.sim.plant import Plant
 
 RATES, UNITS, QUALITY, OVERLAP, TIME = (

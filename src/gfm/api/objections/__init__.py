@@ -1,7 +1,7 @@
 """Why a recording cannot be used with a model, whatever a command would do with it.
 
 Short checks, one a property, each with its threshold explained beside it. What only puts results in
-doubt is a finding of the diagnosis (`gfm.diagnosis.data.quality`).
+doubt is a finding of the diagnosis (`gfm.signals`).
 """
 
 from gfm.api.objections.channels import dead_positions

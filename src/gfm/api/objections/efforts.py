@@ -22,9 +22,9 @@ import numpy as np
 from gfm.api.objections.objection import Objection
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.limits import OPPOSITE
-from gfm.diagnosis.data.signals import correlation, smooth_states
-from gfm.diagnosis.search.candidates import TorqueView
+from gfm.signals.limits import OPPOSITE
+from gfm.signals.smoothing import correlation, smooth_states
+from gfm.signals.torques import TorqueView
 
 #: How many times larger than the other a torque that is measured, or asked for, is at most.
 COMPARABLE = 3.0

@@ -8,7 +8,7 @@ from gfm.api.objections import channels, units
 from gfm.api.objections.efforts import wrong_effort
 from gfm.api.objections.objection import Objection
 from gfm.core import Trajectory
-from gfm.diagnosis.data.quality.limits import views_of
+from gfm.signals.limits import views_of
 from gfm.sim.plant import Plant
 
 #: Torques are judged on so many measurements at most: enough to know a sign by.

@@ -13,8 +13,8 @@ import numpy as np
 from gfm.api.objections.objection import Objection
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.channels import FOLLOWS, velocity_ratios
-from gfm.diagnosis.data.signals import correlation, slope, smooth_states
+from gfm.signals.channels import FOLLOWS, velocity_ratios
+from gfm.signals.smoothing import correlation, slope, smooth_states
 from gfm.sim.kinematics import along
 from gfm.sim.plant import Plant
 

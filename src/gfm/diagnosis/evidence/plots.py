@@ -16,8 +16,9 @@ from gfm.core.checks import Array
 from gfm.diagnosis.evidence.torques import without_law
 from gfm.diagnosis.output.result import EvidencePlot, Series
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.candidates import TorqueView, has_law, joined, torque_views
+from gfm.diagnosis.search.candidates import torque_views
 from gfm.effects import EffectInstance
+from gfm.signals.torques import TorqueView, has_law, joined
 
 #: Points of a cloud at most.
 MOST_POINTS = 1500

@@ -19,11 +19,12 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.signals import smooth_states
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.candidates import TorqueView, has_law, joined, torque_views
+from gfm.diagnosis.search.candidates import torque_views
 from gfm.effects import EffectInstance
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
+from gfm.signals.smoothing import smooth_states
+from gfm.signals.torques import TorqueView, has_law, joined
 
 #: Length of a block, s: short beside a motion, long beside the noise of accelerations.
 BLOCK_S = 0.1

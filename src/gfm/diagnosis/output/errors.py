@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.signals import rms
 from gfm.diagnosis.output.result import ErrorSummary, RecordingSummary
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance
+from gfm.signals.smoothing import rms
 
 
 @dataclass(frozen=True, kw_only=True)

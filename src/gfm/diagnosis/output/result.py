@@ -11,13 +11,13 @@ from enum import StrEnum
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.finding import Finding
 from gfm.diagnosis.evidence.links import EvidenceChain
 from gfm.diagnosis.learned import LearnedReport
 from gfm.diagnosis.output.changes import Changes
 from gfm.diagnosis.search.naming import Placed
 from gfm.effects import EffectInstance, find_effect
 from gfm.excitation.blind_spots import BlindSpot
+from gfm.signals.finding import Finding
 
 SCHEMA = "gfm.diagnosis/1"
 

@@ -7,7 +7,7 @@ import pytest
 
 from gfm.api.objections import dead_positions
 from gfm.api.objections.channels import stuck_effort, stuck_position
-from gfm.diagnosis.data.quality import channels, echoes
+from gfm.signals import channels, echoes
 
 T = 0.01 * np.arange(1000)
 WAVE = 0.5 * np.sin(3.0 * T)

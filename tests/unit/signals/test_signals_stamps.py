@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gfm.api.objections.units import absurd_rate
-from gfm.diagnosis.data.quality import channels
+from gfm.signals import channels
 
 PERIOD_S = 0.01
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gfm.diagnosis.data.quality import limits
+from gfm.signals import limits
 
 T = 0.01 * np.arange(1000)
 WAVE = 0.5 * np.sin(3.0 * T)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from gfm.diagnosis.data.quality.examine import timing_of
-from gfm.diagnosis.data.quality.lateness import delays
+from gfm.signals.examine import timing_of
+from gfm.signals.lateness import delays
 
 FINE_S, PERIOD_S = 0.001, 0.01
 FINE = FINE_S * np.arange(25_000)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gfm.api.objections.efforts import wrong_effort
-from gfm.diagnosis.data.quality.limits import doubtful_efforts, views_of
+from gfm.signals.limits import doubtful_efforts, views_of
 
 FRICTION = 0.5
 

@@ -14,8 +14,8 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.core.noise import noise_std
 from gfm.core.rounding import resolution
-from gfm.diagnosis.data.quality.finding import Finding, findings
-from gfm.diagnosis.data.signals import correlation, slope, smooth_states
+from gfm.signals.finding import Finding, findings
+from gfm.signals.smoothing import correlation, slope, smooth_states
 
 #: Standard deviation of the period, as a share of it, from which accelerations suffer.
 JITTER = 0.10

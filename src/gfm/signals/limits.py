@@ -15,9 +15,9 @@ from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.core.noise import noise_std
 from gfm.core.rounding import resolution
-from gfm.diagnosis.data.quality.finding import Finding, findings
-from gfm.diagnosis.data.signals import correlation, smooth_states
-from gfm.diagnosis.search.candidates import TorqueView, torque_view
+from gfm.signals.finding import Finding, findings
+from gfm.signals.smoothing import correlation, smooth_states
+from gfm.signals.torques import TorqueView, torque_view
 from gfm.sim.plant import Plant
 
 #: Share of the measurements that must lie in a plateau, and how much fuller than the next level

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gfm.diagnosis.data.signals import rms, smooth_states, starts_at_rest
+from gfm.signals.smoothing import rms, smooth_states, starts_at_rest
 
 TIME_S = 0.01 * np.arange(40.0)
 

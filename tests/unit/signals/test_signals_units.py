@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gfm.api.objections import objection_to, units
-from gfm.diagnosis.data.quality.channels import odd_velocities
+from gfm.signals.channels import odd_velocities
 
 DEGREES = 180.0 / np.pi
 KINDS = ("position", "velocity", "effort")

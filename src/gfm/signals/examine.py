@@ -11,12 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from gfm.core import CommandKind, Trajectory
-from gfm.diagnosis.data.quality import channels, echoes, limits
-from gfm.diagnosis.data.quality.finding import EVERYWHERE, Finding
-from gfm.diagnosis.data.quality.lateness import Delays, delays
-from gfm.diagnosis.residuals.problem import Problem
-from gfm.effects import EffectInstance
-from gfm.sim.plant import Plant, make_plant
+from gfm.signals import channels, echoes, limits
+from gfm.signals.finding import EVERYWHERE, Finding
+from gfm.signals.lateness import Delays, delays
+from gfm.sim.plant import Plant
 
 #: What lies so many of its errors from zero, and as many seconds, is told.
 ERRORS, LEAST_S = 3.0, 1e-3
@@ -52,67 +50,9 @@ def findings_of(recording: Trajectory, plant: Plant) -> tuple[Finding, ...]:
     )
 
 
-def all_findings(
-    problem: Problem,
-    recordings: Sequence[Trajectory],
-    holdout: Sequence[Trajectory],
-    effects: Sequence[EffectInstance] = (),
-) -> tuple[Finding, ...]:
-    """Returns the findings of a diagnosis: of each recording, and of what they say together.
-
-    Lateness is measured on what the problem is made of; held-out recordings are only examined.
-
-    Args:
-        problem: Of `recordings`, in segments as long as they can be.
-        recordings: What effects are looked for in.
-        holdout: What errors are measured on.
-        effects: What corrects the model.
-    """
-    plants = {kind: make_plant(spec, problem.joints) for kind, spec in problem.specs.items()}
-    each = [
-        finding
-        for recording in (*recordings, *holdout)
-        for finding in findings_of(recording, plants[recording.command_kind])
-    ]
-    unseen = [
-        Finding(
-            joint=name,
-            what="driven in the model, never recorded: taken to stand still at",
-            value=position,
-            unit="",
-            consequence="fix the joint in the model where the robot held it",
-        )
-        for name, position in problem.still.items()
-    ]
-    parts, models = as_recordings(problem), [(), effects] if effects else [()]
-    told = [problem.predictions([one])[0] for one in models]
-    # What breaks off predicts nothing.
-    known = [[np.where(p.diverged, np.nan, p.position) for p in one] for one in told]
-    return (*unseen, *each, *timing_of(recordings, *(delays(parts, one) for one in known)))
-
-
 def doubts(findings: Iterable[Finding], recording: str = EVERYWHERE) -> tuple[str, ...]:
     """Returns what puts a recording in doubt, in words; by default what is said of all."""
     return tuple(f.words for f in findings if f.doubtful and f.recording == recording)
-
-
-def as_recordings(problem: Problem) -> list[Trajectory]:
-    """Returns the segments of a problem as recordings."""
-    return [
-        Trajectory(
-            name=f"segment {i}",
-            joint_names=problem.joints,
-            stamp_ns=np.round(1e9 * segment.time_s).astype(np.int64),
-            position=segment.position,
-            velocity=None,
-            effort=segment.effort,
-            command_kind=segment.kind,
-            command_stamp_ns=np.round(1e9 * segment.command_time_s).astype(np.int64),
-            command=segment.command,
-            servo_gain=dict(zip(problem.joints, segment.servo_gain.tolist(), strict=True)),
-        )
-        for i, segment in enumerate(problem.segments)
-    ]
 
 
 def timing_of(recordings: Sequence[Trajectory], *late: Delays) -> tuple[Finding, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.quality.finding import Finding, findings
+from gfm.signals.finding import Finding, findings
 
 #: Measurements that equal the command, as a share, from which it is an echo; and how exactly.
 ECHO, EXACTLY = 0.95, 1e-6

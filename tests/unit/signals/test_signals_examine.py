@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.data.quality.examine import all_findings, doubts, findings_of
+from gfm.diagnosis.data.findings import all_findings
 from gfm.diagnosis.data.segmentation import make_problem
+from gfm.signals.examine import doubts, findings_of
 
 MODEL = """
 <mujoco>

@@ -30,7 +30,7 @@ from scipy.stats import linregress, median_abs_deviation
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.signals import SMOOTHING_S, evenly
+from gfm.signals.smoothing import SMOOTHING_S, evenly
 
 #: Length of the segments whose lateness is measured one by one, s.
 BLOCK_S = 3.0

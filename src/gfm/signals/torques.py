@@ -1,0 +1,120 @@
+"""Recordings seen as torques, by the model's inverse dynamics.
+
+Shape letters: T measurements, J joints.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from gfm.core import Trajectory
+from gfm.core.checks import Array
+from gfm.effects import EffectInstance, Motion
+from gfm.signals.smoothing import smooth_states
+from gfm.sim.commands import commands_between
+from gfm.sim.compensation import compensation_error
+from gfm.sim.plant import Plant, with_servo_gain
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueView:
+    """One recording seen as torques: what drives the joints and what the model says is needed.
+
+    Of `joints`, all of shape (T, J); `missing` is needed minus drive: the generalized force that
+    the model lacks along the measured motion; `served` is what the servo gives beside the model's
+    gravity compensation. Where the drive was not measured, it is what the model's own servo would
+    do, and `served` what the motion takes.
+    """
+
+    joints: tuple[str, ...]
+    position: Array
+    velocity: Array
+    drive: Array
+    missing: Array
+    served: Array
+
+    @property
+    def needed(self) -> Array:
+        """What the motion takes."""
+        return self.missing + self.drive
+
+    def law(self, instance: EffectInstance) -> Array:
+        """Returns the torque of an effect's law, N m, shape (T, J); zero where it has none."""
+        torque = np.zeros_like(self.missing)
+        if has_law(instance):
+            first, *second = (self.joints.index(name) for name in instance.joints)
+            motion = Motion(
+                position=self.position[:, first],
+                velocity=self.velocity[:, first],
+                drive=self.drive[:, first],
+                other_velocity=self.velocity[:, second[0]] if second else None,
+            )
+            torque[:, first] = instance.effect.torque(motion, instance.values)
+            torque[:, second] = -torque[:, [first] * len(second)]
+        return torque
+
+
+def joined(views: Sequence[TorqueView]) -> TorqueView:
+    """Returns what the views of several recordings say, one after the other."""
+    names = ("position", "velocity", "drive", "missing", "served")
+    q, v, drive, missing, served = (np.concatenate([getattr(w, n) for w in views]) for n in names)
+    return replace(views[0], position=q, velocity=v, drive=drive, missing=missing, served=served)
+
+
+def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
+    """Returns a recording seen as torques, by the model's continuous inverse dynamics.
+
+    The drive is the measured effort, where there is one; else that of the model, at the servo gains
+    of the recording, with what its gravity compensation does wrong.
+    """
+    q, v, a = smooth_states(recording.time_s, recording.position)
+    gain = np.array([recording.servo_gain.get(name, 1.0) for name in plant.joints])
+    kind = recording.command_kind
+    model = copy.copy(with_servo_gain(plant.model, plant.actuator, kind, gain))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    data = mujoco.MjData(model)
+    command = _mean_commands(plant, recording)
+    needed, drive, compensation = np.empty_like(q), np.empty_like(q), np.zeros_like(q)
+    compensated = model.jnt_actgravcomp[model.dof_jntid[plant.dof]] > 0
+    for i in range(len(q)):
+        data.qpos[plant.qpos], data.qvel[plant.dof], data.qacc[plant.dof] = q[i], v[i], a[i]
+        data.ctrl[plant.actuator] = command[i]
+        mujoco.mj_inverse(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        needed[i] = data.qfrc_inverse[plant.dof]
+        drive[i] = data.qfrc_actuator[plant.dof]
+        compensation[i, compensated] = data.qfrc_gravcomp[plant.dof][compensated]
+    if recording.effort is not None:
+        drive = recording.effort
+    elif (wrong := compensation_error(plant, q)) is not None:
+        drive += wrong.force[:, plant.dof]
+    return TorqueView(
+        joints=plant.joints,
+        position=q,
+        velocity=v,
+        drive=drive,
+        missing=needed - drive,
+        served=(needed if recording.effort is None else drive) - compensation,
+    )
+
+
+def _mean_commands(plant: Plant, recording: Trajectory) -> Array:
+    """Returns the mean command around each measurement, over the time between two, shape (T, J).
+
+    Measurements and commands are in step with each other: the command at a measurement would always
+    be the beginning, or the end, of a step in which a servo's torque falls as the joint follows.
+    """
+    half_s = 0.5 * float(np.median(np.diff(recording.time_s)))
+    return commands_between(plant, recording, recording.time_s - half_s, recording.time_s + half_s)
+
+
+def has_law(instance: EffectInstance) -> bool:
+    """Returns whether an effect is a force of position, velocity and drive."""
+    nothing = np.zeros(1)
+    motion = Motion(position=nothing, velocity=nothing, drive=nothing, other_velocity=nothing)
+    return bool(instance.joints) and instance.effect.torque(motion, instance.values) is not None
