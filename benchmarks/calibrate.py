@@ -23,11 +23,12 @@ from known_truth.robots import Array
 from known_truth.told import Told, all_told
 from scipy.optimize import minimize
 
-FEATURES = ("constant", "z_without", "z_rival", "left", "apart")
+from gfm.diagnosis.inference.constants import EXACT
+
+FEATURES = ("constant", "z_without", "z_rival", "apart", "grows")
 #: Weight of the squares of all amounts but the constant: without it they run away where right and
 #: wrong names can be parted without error. As much as a single name's.
 _RIDGE = 1.0
-_LEAST_LEFT = 1e-6
 #: Percentile, for `UNWEIGHED`, of the shares of what speaks for names against their best rivals.
 _LOWER_QUARTILE = 25.0
 #: Confidences of nought and one would cost infinitely much where they are wrong.
@@ -39,14 +40,14 @@ def features(evidence: Mapping[str, Any] | None) -> Array | None:
     figures = [(evidence or {}).get(name) for name in FEATURES[1:]]
     if any(value is None or not math.isfinite(value) for value in figures):
         return None
-    z_without, z_rival, left, apart = (float(value) for value in figures if value is not None)
+    z_without, z_rival, apart, grows = (float(value) for value in figures if value is not None)
     return np.array(
         [
             1.0,
             math.log1p(max(z_without, 0.0)),
             math.log1p(max(z_rival, 0.0)),
-            math.log10(max(left, _LEAST_LEFT)),
             math.sqrt(max(apart, 0.0)),
+            math.log10(max(grows, EXACT)),
         ]
     )
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from known_truth.told import Told
 
-PLANTED = np.array([-1.0, 1.5, 0.8, -0.5, -0.7])
+PLANTED = np.array([-1.0, 1.5, 0.8, -0.7, -0.5])
 
 
 def evidence(rng):
@@ -15,8 +15,8 @@ def evidence(rng):
     return {
         "z_without": float(rng.uniform(-2.0, 30.0)),
         "z_rival": float(rng.uniform(-2.0, 10.0)),
-        "left": float(10.0 ** rng.uniform(-5.0, 0.0)),
         "apart": float(rng.exponential(2.0)),
+        "grows": float(10.0 ** rng.uniform(-4.0, 0.0)),
     }
 
 
@@ -58,15 +58,17 @@ def test_names_that_can_be_parted_without_error_give_finite_constants():
 
 
 def test_features_stay_within_their_limits():
-    row = calibrate.features({"z_without": -3.0, "z_rival": np.e - 1.0, "left": 0.0, "apart": 0.25})
-    assert row == pytest.approx([1.0, 0.0, 1.0, -6.0, 0.5])
+    row = calibrate.features(
+        {"z_without": -3.0, "z_rival": np.e - 1.0, "grows": 0.0, "apart": 0.25}
+    )
+    assert row == pytest.approx([1.0, 0.0, 1.0, 0.5, -4.0])
 
 
 @pytest.mark.parametrize("value", [None, float("nan"), float("inf")])
 def test_evidence_that_lacks_a_figure_is_none(value):
     assert calibrate.features(evidence(np.random.default_rng(1)) | {"apart": value}) is None
     assert calibrate.features(None) is None
-    assert calibrate.features({"left": 0.1}) is None
+    assert calibrate.features({"grows": 0.1}) is None
 
 
 def test_guessing_costs_ln_2_and_certain_errors_much_but_not_infinitely():

@@ -32,15 +32,15 @@ FRICTION, SPRING, DRAG = (
 PROBLEM = problem(np.zeros((len(TIME_S), 1)))
 
 
-def speaking(errors=40.0, rival=10.0, left=1e-3, apart=0.01, by=SPRING):
+def speaking(errors=40.0, rival=10.0, apart=0.01, grows=1e-3, by=SPRING):
     """What speaks for an effect: standard errors over without it and over its rival, and so on."""
     over = None if rival is None else Difference(5.0 * rival, 5.0)
     return Evidence(
-        without=Difference(5.0 * errors, 5.0), rival=over, by=by, left=left, apart=apart
+        without=Difference(5.0 * errors, 5.0), rival=over, by=by, apart=apart, grows=grows
     )
 
 
-STRONG, WEAK = speaking(), speaking(errors=2.1, rival=0.0, left=0.9, apart=1.0)
+STRONG, WEAK = speaking(), speaking(errors=2.1, rival=0.0, apart=1.0, grows=0.9)
 
 
 def found(evidence, *effects, cost=1.0, steps=(), equals=None):
@@ -65,8 +65,8 @@ def found(evidence, *effects, cost=1.0, steps=(), equals=None):
     [
         ("errors", [0.5, 3.0, 10.0, 100.0]),
         ("rival", [0.0, 1.0, 3.0, 30.0]),
-        ("left", [1.0, 0.3, 0.01, 1e-5]),
         ("apart", [3.0, 1.0, 0.1, 0.0]),
+        ("grows", [1.0, 0.3, 0.01, 1e-5]),
     ],
 )
 def test_a_name_is_surer_the_more_speaks_for_it(figure, better):
@@ -102,8 +102,8 @@ def test_names_have_their_figures_and_the_strongest_stands_first():
     assert second.evidence == {
         "nats": 200.0,
         "z_without": 40.0,
-        "left": 1e-3,
         "apart": 0.01,
+        "grows": 1e-3,
         "z_rival": 10.0,
     }
     assert named_effects(result, ()) == ()

@@ -254,8 +254,8 @@ def rivalled(named, rival, errors):
         without=Difference(50.0, 5.0),
         rival=Difference(5.0 * errors, 5.0),
         by=rival,
-        left=0.01,
         apart=0.01,
+        grows=0.01,
     )
     return found_in(effects=(named,), evidence={named.key: told})
 

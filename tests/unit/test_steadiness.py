@@ -5,7 +5,7 @@ import pytest
 
 from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.inference.score import BLOCK_S, SegmentShape, blocks_of
-from gfm.diagnosis.inference.steadiness import apart
+from gfm.diagnosis.inference.steadiness import apart, grows
 
 COUNT, BLOCK = 2400, 100
 ONE = np.array([True])
@@ -85,3 +85,29 @@ def test_one_effect_is_told_beside_another_that_does_not_hold():
     holds, fades = np.eye(2, dtype=bool)
     assert told(x, measured, holds) < 0.05
     assert told(x, measured, fades) > 0.3
+
+
+def grown(law, effect, size=0.1):
+    """What share of an effect's response more is left where it does much, of one fitted to a law."""
+    x = speeds()
+    column, measured = effect(x), law(x)[:, 0] + noise(0, size)
+    amount = float(np.linalg.lstsq(column, measured, rcond=None)[0][0])
+    response = amount * column[:, 0]
+    return grows(measured - response, response, recorded(4), [0])
+
+
+@pytest.mark.parametrize("size", [0.1, 1.0])
+def test_a_law_that_holds_leaves_no_more_where_it_does_much(size):
+    assert grown(lambda x: 2.0 * x, lambda x: x, size) < 2e-3 * max(size, 0.1)
+
+
+def test_what_a_law_of_another_form_misses_grows_with_what_it_does():
+    assert grown(np.sinh, lambda x: x) > 0.1
+    assert grown(lambda x: x + 0.1 * x**3, lambda x: x) > 0.01
+
+
+def test_what_is_left_grows_by_the_squares_that_are_more():
+    strength = np.repeat(np.where(np.arange(24) % 2, 2.0, 1.0), BLOCK)
+    left = np.where(strength > 1.0, 0.5, 0.3)
+    assert grows(left, strength, recorded(4), [0]) == pytest.approx((0.25 - 0.09) / 4.0)
+    assert grows(left[::-1], strength, recorded(4), [0]) == 0.0

@@ -1,8 +1,9 @@
-"""Whether parts of the data tell the same amounts.
+"""Whether a law holds in all parts of the data.
 
-A law that holds has the same amounts early and late, in large motions and in small ones. One that
-only comes near to what acts is fitted to each part anew. How sure a fit is of amounts does not tell
-the two apart: with little noise both are sure. By what share of itself an effect differs does.
+A law that holds has the same amounts early and late, in large motions and in small ones, and leaves
+as much where it acts strongly as where it hardly acts. One that only comes near to what acts is
+fitted to each part anew, and what it misses grows with what it does. How sure a fit is of amounts
+does not tell the two apart: with little noise both are sure.
 
 Shape letters: N numbers of a residual, P parameters, B blocks, E effects.
 """
@@ -45,6 +46,28 @@ def apart(fitted: Fit, blocks: Blocks, own: NDArray[np.bool_], response: Array) 
         beyond = max(float(change @ square @ change) - float(np.trace(square @ covariance)), 0.0)
         shares.append(float(np.sqrt(beyond / max(size, 1.0))))
     return max(shares)
+
+
+def grows(left: Array, response: Array, blocks: Blocks, joints: Sequence[int]) -> float:
+    """Returns by what share of what an effect does more is left where it does much.
+
+    Of squares: in the half of the blocks in which it does most, beyond what is left in the others.
+
+    Args:
+        left: The residual, shape (N,).
+        response: What the effect changes in it, shape (N,).
+        blocks: How both are divided.
+        joints: On which it acts, by their numbers.
+    """
+    rows = [piece[:, :, joints] for piece in blocks.pieces]
+    square, strength = (
+        np.array([np.mean(one[piece] ** 2) for piece in rows]) for one in (left, response)
+    )
+    order = np.argsort(strength, kind="stable")
+    weak, strong = order[: len(order) // 2], order[len(order) // 2 :]
+    below = float(np.mean(square[weak])) if len(weak) else 0.0
+    beyond = max(float(np.mean(square[strong])) - below, 0.0)
+    return beyond / max(float(np.mean(strength[strong])), 1e-12)
 
 
 def _parts(

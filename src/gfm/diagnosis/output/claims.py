@@ -15,6 +15,7 @@ from gfm.diagnosis.inference.constants import (
     ADEQUATE_RATIO,
     ADEQUATE_SHARE,
     CONFIDENCE,
+    EXACT,
     LEAST_CONFIDENCE,
 )
 from gfm.diagnosis.inference.fitting import amounts, free_parameters
@@ -81,8 +82,8 @@ def features(evidence: Evidence) -> np.ndarray:
         [
             np.log1p(max(evidence.without.errors, 0.0)),
             np.log1p(max(rival.errors, 0.0)),
-            np.log10(max(evidence.left, 1e-6)),
             np.sqrt(evidence.apart),
+            np.log10(max(evidence.grows, EXACT)),
         ]
     )
 
@@ -136,8 +137,8 @@ def _figures(evidence: Evidence) -> dict[str, float]:
     told = {
         "nats": evidence.without.nats,
         "z_without": evidence.without.errors,
-        "left": evidence.left,
         "apart": evidence.apart,
+        "grows": evidence.grows,
     }
     return told if evidence.rival is None else {**told, "z_rival": evidence.rival.errors}
 

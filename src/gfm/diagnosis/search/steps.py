@@ -11,12 +11,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from gfm.diagnosis.inference.constants import UNWEIGHED
 from gfm.diagnosis.inference.fitting import acting, along_valley, always, each_without, measured
 from gfm.diagnosis.inference.score import Difference
-from gfm.diagnosis.inference.steadiness import apart
+from gfm.diagnosis.inference.steadiness import apart, grows
 from gfm.diagnosis.residuals.outliers import slopes
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.moves.reduce import (
@@ -110,44 +108,41 @@ def support(
     For those that a few segments judge, what spoke for them there: all others know nothing of it.
     """
     rivals = {one.instance.key: one for one in compared}
-    left, parts = _left(here), _apart(here)
+    steady = _steadiness(here)
     told = {}
     for without, instance in gains_of_each(here):
         beside = rivals.get(instance.key, Compared(instance=instance))
         rival = -beside.rival.gain if beside.rival else None
         unweighed = Difference(UNWEIGHED * without.nats, without.error)
+        parts, left = steady[instance.key]
         told[instance.key] = Evidence(
             without=search.held.get(instance.key, without),
             rival=rival if beside.weighed else unweighed,
             by=beside.rival.new[0] if beside.rival else None,
-            left=left[instance.key],
-            apart=parts[instance.key],
+            apart=parts,
+            grows=left,
         )
     return told
 
 
-def _left(here: Hypothesis) -> dict[Key, float]:
-    """Returns the share of the squared gap that is left where each effect acts."""
-    plain, joints, told = here.problem.plain(), here.problem.joints, dict[Key, float]()
-    costs = [plain.joint_costs(r) for r in plain.residuals([(), here.effects])]
-    before, after = np.maximum(np.stack(costs) - 1.0, 1e-9)
-    for instance in here.effects:
-        local = instance.effect.scope in (Scope.JOINT, Scope.PAIR)
-        rows = [joints.index(name) for name in (instance.joints if local else joints)]
-        told[instance.key] = float(after[rows].sum() / before[rows].sum())
-    return told
+def _steadiness(here: Hypothesis) -> dict[Key, tuple[float, float]]:
+    """Returns for each effect by what share of itself it differs between parts of the data.
 
-
-def _apart(here: Hypothesis) -> dict[Key, float]:
-    """Returns by what share of itself each effect differs between parts of the data."""
-    fitted, blocks = here.fit, here.problem.blocks
+    And by what share of what it does more is left on its joints where it does much.
+    """
+    fitted, blocks, joints = here.fit, here.problem.blocks, here.problem.joints
     sets = [fitted.effects, *each_without(fitted.effects)]
     whole, *rest = here.problem.plain().residuals(sets)
     weights = slopes(fitted.residual, here.problem.limits())
-    told, steady = dict[Key, float](), always(fitted)
+    told, steady = dict[Key, tuple[float, float]](), always(fitted)
     for i, (instance, without) in enumerate(zip(fitted.effects, rest, strict=True)):
         own = fitted.owners == i
         beside = own | steady  # what acts now and then, a part may not know
         known = replace(fitted, jacobian=fitted.jacobian[:, beside])
-        told[instance.key] = apart(known, blocks, own[beside], (without - whole) * weights)
+        local = instance.effect.scope in (Scope.JOINT, Scope.PAIR)
+        where = [joints.index(name) for name in (instance.joints if local else joints)]
+        told[instance.key] = (
+            apart(known, blocks, own[beside], (without - whole) * weights),
+            grows(whole, without - whole, blocks, where),
+        )
     return told

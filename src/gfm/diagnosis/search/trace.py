@@ -92,15 +92,15 @@ class Evidence:
         rival: By how much it predicts better than with the best rival in its place; None where
             nothing rivals it.
         by: That rival.
-        left: Share of the squared gap, on its joints, that the whole hypothesis leaves.
         apart: By what share of itself it differs between parts of the data, beyond chance.
+        grows: By what share of what it does, in squares, more is left where it does much.
     """
 
     without: Difference
     rival: Difference | None
     by: EffectInstance | None
-    left: float
     apart: float
+    grows: float
 
 
 @dataclass(frozen=True, kw_only=True)
