@@ -23,7 +23,7 @@ from known_truth.robots import Array
 from known_truth.told import Told, all_told
 from scipy.optimize import minimize
 
-from gfm.diagnosis.inference.constants import EXACT
+from gfm.diagnosis.inference.constants import INEXACT_SHARE
 
 FEATURES = ("constant", "z_without", "z_rival", "apart", "grows")
 #: Weight of the squares of all amounts but the constant: without it they run away where right and
@@ -47,7 +47,7 @@ def features(evidence: Mapping[str, Any] | None) -> Array | None:
             math.log1p(max(z_without, 0.0)),
             math.log1p(max(z_rival, 0.0)),
             math.sqrt(max(apart, 0.0)),
-            math.log10(max(grows, EXACT)),
+            math.log10(max(grows, INEXACT_SHARE)),
         ]
     )
 

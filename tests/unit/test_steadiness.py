@@ -88,7 +88,7 @@ def test_one_effect_is_told_beside_another_that_does_not_hold():
 
 
 def grown(law, effect, size=0.1):
-    """What share of an effect's response more is left where it does much, of one fitted to a law."""
+    """By what share of an effect more is left where it does much, if it is fitted to a law."""
     x = speeds()
     column, measured = effect(x), law(x)[:, 0] + noise(0, size)
     amount = float(np.linalg.lstsq(column, measured, rcond=None)[0][0])

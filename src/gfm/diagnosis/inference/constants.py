@@ -23,15 +23,13 @@ DEGREES_OF_FREEDOM = 4.0
 #: rival; by what share of itself it differs between parts of the data; and by what share of what
 #: it does, in squares, more is left where it does much.
 CONFIDENCE = (-4.24, 0.83, 0.33, -1.18, -1.03)
-#: Such a share below which a law is exact: to a hundredth of what it does.
-EXACT = 1e-4
 #: Share of what speaks for an effect that is taken to speak for it against its best rival, where
 #: no time was left to weigh one.
 UNWEIGHED = 0.63
 #: Confidence from which on a name is given: below it is a suspect.
 LEAST_CONFIDENCE = 0.5
-#: Share of a joint's squared gap that laws may leave by not being quite exact: nothing is
-#: looked for in it.
+#: Share, in squares, of what laws that hold do, that they may leave by not being quite exact: a
+#: hundredth in amplitude. Nothing is looked for in it, and it speaks against no name.
 INEXACT_SHARE = 1e-4
 #: Held-out error, in noise floors, up to which a model is adequate, or share of the squared gap
 #: that it leaves. They decide no name, but the verdict.

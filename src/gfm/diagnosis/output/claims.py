@@ -15,7 +15,7 @@ from gfm.diagnosis.inference.constants import (
     ADEQUATE_RATIO,
     ADEQUATE_SHARE,
     CONFIDENCE,
-    EXACT,
+    INEXACT_SHARE,
     LEAST_CONFIDENCE,
 )
 from gfm.diagnosis.inference.fitting import amounts, free_parameters
@@ -83,7 +83,7 @@ def features(evidence: Evidence) -> np.ndarray:
             np.log1p(max(evidence.without.errors, 0.0)),
             np.log1p(max(rival.errors, 0.0)),
             np.sqrt(evidence.apart),
-            np.log10(max(evidence.grows, EXACT)),
+            np.log10(max(evidence.grows, INEXACT_SHARE)),
         ]
     )
 
