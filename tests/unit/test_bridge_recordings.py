@@ -247,6 +247,7 @@ def test_foxglove_s_layout_names_fields_that_are_recorded(tmp_path: Path) -> Non
     assert sorted(placed) == sorted(panels)
     values = [one["value"] for panel in panels.values() for one in panel.get("paths", [])]
     assert len(values) > 40
+    assert {f"/bridge/safety.{one.name.lower()}" for one in Reason if one} <= set(values)
     for value in values:
         topic, _, fields = value.partition(".")
         # The velocity session fills no position command.
@@ -263,6 +264,7 @@ def test_plotjuggler_s_layout_names_series_that_are_recorded(tmp_path: Path) -> 
     }
     curves = [c.get("name", "") for c in Xml.parse(LAYOUTS / "plotjuggler.xml").iter("curve")]
     assert len(curves) > 60
+    assert {f"/bridge/safety/{one.name.lower()}" for one in Reason if one} <= set(curves)
     for curve in curves:
         topic = next(topic for topic in known if curve.startswith(f"{topic}/"))
         fields = curve.removeprefix(f"{topic}/").split("/")
