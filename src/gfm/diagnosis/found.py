@@ -22,7 +22,7 @@ from gfm.effects import EffectInstance
 #: Less motion or time than this says nothing about dynamics.
 LEAST_MOTION_RAD, LEAST_TIME_S, LEAST_RATE_HZ = 0.01, 1.5, 10.0
 #: Recorded time in which effects are looked for, and on which amounts are settled, s.
-SEARCHED_S, SETTLED_S = 24.0, 48.0
+SEARCHED_S, SETTLED_S = 24.0, 36.0
 
 
 @dataclass(frozen=True, kw_only=True)
