@@ -1,5 +1,6 @@
 """The messages between processes: name, version, fields, units; msgpack encode and decode."""
 
+from gfm_wire.channels import CHANNELS, Permissions, Role, permissions
 from gfm_wire.codec import MAX_BYTES, Stamp, decode, decode_stamped, encode
 from gfm_wire.control import (
     Ack,
@@ -29,6 +30,7 @@ from gfm_wire.kinds import Reason
 from gfm_wire.schemas import SCHEMAS, Message
 
 __all__ = [
+    "CHANNELS",
     "MAX_BYTES",
     "SCHEMAS",
     "Ack",
@@ -36,6 +38,7 @@ __all__ = [
     "EnvironmentRequest",
     "Message",
     "NotReady",
+    "Permissions",
     "PlaceObject",
     "PowerAction",
     "PowerRobot",
@@ -48,6 +51,7 @@ __all__ = [
     "RobotClock",
     "RobotExchange",
     "RobotStates",
+    "Role",
     "RunEnvironment",
     "SampleRequest",
     "ScaleSpeed",
@@ -59,4 +63,5 @@ __all__ = [
     "decode",
     "decode_stamped",
     "encode",
+    "permissions",
 ]

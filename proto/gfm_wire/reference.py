@@ -7,36 +7,11 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+from gfm_wire.channels import CHANNELS, WHO, Channel, Role, permissions
 from gfm_wire.codec import MAX_BYTES, MAX_ITEMS
 from gfm_wire.kinds import DTYPES, Reason
 from gfm_wire.schema import Schema
 from gfm_wire.schemas import SCHEMAS
-
-_KEYS = (
-    ("replay/insert", "question", "Sequence", "SequenceAck or NotReady", "actors ask replay"),
-    ("replay/sample", "question", "SampleRequest", "Batch or NotReady", "the learner asks replay"),
-    ("weights", "broadcast", "Weights", "", "the learner, after an update"),
-    ("weights/current", "question", "WeightsRequest", "Weights", "late joiners ask the learner"),
-    (
-        "run/environment",
-        "question",
-        "EnvironmentRequest",
-        "RunEnvironment",
-        "actors and replay ask",
-    ),
-    ("robot/command", "question", "Command", "Observation", "a policy asks the robot bridge"),
-    ("robot/observation", "broadcast", "Observation", "", "the robot bridge, each tick"),
-    ("robot/record", "question", "RecordStart", "Ack", "whoever records asks the bridge"),
-    ("robot/record", "question", "RecordStop", "RecordDone", "whoever records asks the bridge"),
-    ("robot/object", "question", "PlaceObject", "Ack or ByHand", "driver to robot bridge"),
-    ("robot/stop", "question", "StopRobot", "Ack", "whoever sees that the robot must stop"),
-    ("robot/speed", "question", "ScaleSpeed", "Ack", "whoever wants it slower, or at rest"),
-    ("robot/power", "question", "PowerRobot", "Ack", "a person switches the robot's drives"),
-    ("robot/release", "question", "ReleaseRobot", "Ack", "the driver lets go of the robot"),
-    ("sawyer/exchange", "question", "RobotExchange", "RobotStates", "bridge to simulated robot"),
-    ("status/ROLE/NAME", "question", "StatusRequest", "Status", "every service answers"),
-    ("supervisor/NAME", "question", "StatusRequest", "Status", "`gfm up`, of a process it keeps"),
-)
 
 _INTRODUCTION = f"""\
 # The wire
@@ -140,8 +115,34 @@ the answer to a sequence asks to send it again later: the disk is full. All who 
 `replay/insert` are asked: a second service takes nothing away from the first, and shows in
 `replays_changed` of the actors.
 
-None of this is authentication: `sender` is what a sender says of itself, and whoever serves
-`weights/current` can be the learner. Keep strangers off the network.
+None of this is authentication: `sender` is what a sender says of itself. Who may send at all is
+another matter ([below](#who-may-speak)).
+"""
+
+_WHO_MAY_SPEAK = """\
+## Who may speak
+
+Without certificates whoever reaches the router may say and hear everything. A router that was given
+none therefore listens on this machine alone, unless it is told `--insecure`.
+
+With certificates (`gfm certs --out DIR`, then `--certs DIR` for every process;
+[containers.md](containers.md#certificates)) every connection is encrypted, both sides prove who
+they are, and the router lets each say and hear what the table of [keys](#keys) allows its role, in
+every run. It drops all else. The router's rules are made of that table, which by role is:
+"""
+
+_WHAT_IT_IS_WORTH = """\
+- A role is the common name of a certificate. Processes of one role are not told apart: `sender`,
+  the actor of a sequence and the NAME in a key remain what a process says of itself, also in
+  `refused_from_SENDER`. What a receiver knows is the role: no other could have asked under that
+  key.
+- zenoh hands a message to its receiver with nothing about the sender that the sender could not
+  choose. The certificate is known to the router alone, which counts its connections by role
+  (`connected_ROLE` in its status).
+- What is dropped is dropped in silence: a broadcast does not arrive, a question finds nobody who
+  answers, and no counter shows it. `rejected_` and `refused_` count what came through.
+- Each role may still flood those whom it may ask.
+- The router reads everything, and whoever has the authority's key can be anybody.
 """
 
 
@@ -149,16 +150,35 @@ def reference_page() -> str:
     """Returns docs/wire.md."""
     reasons = _table(("word", "what was wrong"), [(f"`{r}`", _REASONS[r]) for r in Reason])
     keys = _table(
-        ("key", "kind", "message", "answer", "who"), [(f"`{key}`", *rest) for key, *rest in _KEYS]
+        ("key", "kind", "message", "answer", "asked or published by", "answered or heard by"),
+        [row for channel in CHANNELS for row in _channel(channel)],
+    )
+    roles = _table(
+        ("role", "who that is", "publishes", "hears", "asks", "answers"),
+        [_role(role) for role in Role],
     )
     checks = _table(("message", "who checks", "not taken where it"), _CHECKS)
     messages = "\n".join(_message(schema) for schema in SCHEMAS)
     return (
         f"{_INTRODUCTION}\n{reasons}\n{_BELIEVED}\n{checks}\n{_IDENTITY}\n"
+        f"{_WHO_MAY_SPEAK}\n{roles}\n{_WHAT_IT_IS_WORTH}\n"
         f"## Keys\n\n{keys}\n## Messages\n\n"
         "Shape letters: T transitions, B sequences, O observation size, A action size, J joints.\n"
         f"\n{messages}"
     )
+
+
+def _channel(channel: Channel) -> list[tuple[str, ...]]:
+    """Returns a row for each message of a key."""
+    roles = (", ".join(sorted(channel.speakers)), ", ".join(sorted(channel.listeners)))
+    return [(f"`{channel.key}`", channel.kind, *pair, *roles) for pair in channel.messages]
+
+
+def _role(role: Role) -> tuple[str, ...]:
+    """Returns the row of a role."""
+    may = permissions(role)
+    lists = (may.publishes, may.hears, may.asks, may.answers)
+    return (role, WHO[role], *(", ".join(f"`{key}`" for key in keys) for keys in lists))
 
 
 def _message(schema: Schema[Any]) -> str:
