@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import partialmethod
 from pathlib import Path
 
 import mujoco
@@ -29,12 +29,12 @@ from gfm.experiments.drive import Driver
 from gfm.experiments.drive_policy import DriveRequest, drive_policy
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for
 from gfm.experiments.person import Person
-from gfm.launch import free_endpoint
+from gfm.launch import RunAddress, free_endpoint
 from gfm.policies import shipped_policy
 from gfm.recording import read_recording
 from gfm.recording.weights_file import read_weights
 from gfm.sim.sawyer import JOINT_NAMES, READY
-from gfm.transport import MemoryHub, MemoryTransport, ZenohTransport
+from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.__main__ import build as build_bridge
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.limits import Reason
@@ -405,8 +405,8 @@ def test_what_the_robot_cannot_hide_is_one_line_and_leaves_nothing(
 def test_a_robot_that_is_not_there_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    impatient = partial(ZenohTransport.open, timeout_s=0.5)
-    monkeypatch.setattr(ZenohTransport, "open", impatient)
+    impatient = partialmethod(RunAddress.open, timeout_s=0.5)
+    monkeypatch.setattr(RunAddress, "open", impatient)
     endpoint = free_endpoint()
     words = ["drive", "--task", "position", "--connect", endpoint, "--out", str(tmp_path / "out")]
     assert main(words) == 1

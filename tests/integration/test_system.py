@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
+from certificates import certificates
 from gfm.core import Command, CommandKind, MonotonicClock
 from gfm.launch import (
     LOCKSTEP,
@@ -27,7 +29,7 @@ from gfm.launch import (
 from gfm.recording import read_recording
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import Transport, ask
-from gfm_wire import Message, RecordDone, RecordStart, RecordStop
+from gfm_wire import Message, RecordDone, RecordStart, RecordStop, Role
 
 MODELS = Path(__file__).parents[2] / "models"
 PERIOD_S = 0.02
@@ -78,10 +80,12 @@ def is_running(pid: int) -> bool:
     return True
 
 
-def test_the_whole_system_drives_records_and_fits_on_this_machine(tmp_path):
+@pytest.mark.parametrize("secure", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_the_whole_system_drives_records_and_fits_on_this_machine(tmp_path, secure):
     system = SystemSpec(
         run="system",
-        endpoint=free_endpoint(),
+        endpoint=free_endpoint(secure=secure),
+        certs=str(certificates(tmp_path / "certs")) if secure else "",
         processes=(
             router_process(),
             replay_process(("--min-size", "32")),
@@ -90,7 +94,8 @@ def test_the_whole_system_drives_records_and_fits_on_this_machine(tmp_path):
     )
     with Supervisor(system, tmp_path / "logs") as supervisor:
         supervisor.start()
-        recording = record_a_motion(supervisor.transport)
+        with system.address.open(Role.DRIVER, name="test") as driver:
+            recording = record_a_motion(driver)
         model = f"velocity={MODELS / 'sawyer_velocity.xml'}"
         env = ("--env", "gfm_fit", "--recording", str(recording), "--model", model)
         supervisor.add(

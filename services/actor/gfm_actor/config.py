@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import zlib
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
 from gfm.core import ConfigError
 from gfm.envs.registry import EnvironmentSettings, episode_steps
 from gfm.service import ServiceConfig
+from gfm_wire import Role
 
 Count = Annotated[int, Meta(ge=1)]
 Positive = Annotated[float, Meta(gt=0.0)]
@@ -33,6 +34,8 @@ class ActorConfig(ServiceConfig, frozen=True, kw_only=True):
         seed: Of the environment's episodes and of the sampled actions; None makes one from the
             name, so that actors that were started alike do not act alike.
     """
+
+    role: ClassVar[Role] = Role.ACTOR
 
     env: str = "gfm_fit"
     environment: EnvironmentSettings = EnvironmentSettings()

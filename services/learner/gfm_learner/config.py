@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
@@ -10,6 +10,7 @@ from gfm.envs.registry import EnvironmentSettings
 from gfm.rl.learner import Count, LearnerSettings
 from gfm.rl.mpo import Positive
 from gfm.service import ServiceConfig
+from gfm_wire import Role
 
 
 class LearnerConfig(ServiceConfig, frozen=True, kw_only=True):
@@ -34,6 +35,8 @@ class LearnerConfig(ServiceConfig, frozen=True, kw_only=True):
         device: Of torch.
         seed: Of first weights and sampled actions.
     """
+
+    role: ClassVar[Role] = Role.LEARNER
 
     env: str = "gfm_fit"
     environment: EnvironmentSettings = EnvironmentSettings()

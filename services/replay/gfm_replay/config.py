@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from gfm.core import ConfigError
 from gfm.service import ServiceConfig
+from gfm_wire import Role
 
 
 class ReplayConfig(ServiceConfig, frozen=True, kw_only=True):
@@ -21,6 +24,8 @@ class ReplayConfig(ServiceConfig, frozen=True, kw_only=True):
         folder: Where sequences are kept in files, for this process and those after it; empty keeps
             them in memory.
     """
+
+    role: ClassVar[Role] = Role.REPLAY
 
     capacity_mib: int = 256
     min_size: int = 64

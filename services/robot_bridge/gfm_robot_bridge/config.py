@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Literal
+from typing import ClassVar, Literal
 
 import msgspec
 
@@ -11,7 +11,7 @@ from gfm import __version__
 from gfm.core import ConfigError
 from gfm.service import ServiceConfig
 from gfm_robot_bridge.limits import Bounds, Limits
-from gfm_wire import RobotClock
+from gfm_wire import RobotClock, Role
 
 #: Speeds are commanded up to this part of what is allowed: when others change speed, a joint whose
 #: servo is soft exceeds its setpoint (by 12 % in the worst of many tries in the simulated arm).
@@ -77,6 +77,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             between two motions, short enough for a person to wait for.
         watchdog_periods: Silence after which the robot is made to hold (wall clock only).
     """
+
+    role: ClassVar[Role] = Role.ROBOT_BRIDGE
 
     robot: Literal["sim", "mirror", "sawyer"] = "sim"
     ros: str = ""

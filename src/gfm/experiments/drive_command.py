@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gfm.experiments.policy_flags import add_policy_flags
+from gfm.launch.flags import add_certs
 from gfm.launch.spec import ENGINES
 
 if TYPE_CHECKING:
@@ -77,6 +78,7 @@ def add_robot_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--run", dest="run_name", default="default", help="name of that run (default: %(default)s)"
     )
+    add_certs(parser)
     parser.add_argument(
         "--goals", type=int, default=10, metavar="N", help="only the first of them (default: 10)"
     )
@@ -107,6 +109,7 @@ def request_of(arguments: argparse.Namespace) -> DriveRequest:
         real_time=arguments.real_time,
         connect=arguments.connect,
         run_name=arguments.run_name,
+        certs=arguments.certs,
         goals=arguments.goals,
         trials=arguments.trials,
         seed=arguments.seed,

@@ -25,6 +25,7 @@ from gfm.experiments.drive import Driver
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for, policy_path
 from gfm.experiments.person import Keyboard, Person
 from gfm.launch import (
+    RunAddress,
     Supervisor,
     SystemSpec,
     free_endpoint,
@@ -38,7 +39,8 @@ from gfm.report.evaluation import REASONS, Evaluation, evaluation_texts, print_e
 from gfm.report.files import write_texts
 from gfm.service import StopSignal
 from gfm.sim.sawyer import JOINT_NAMES
-from gfm.transport import Transport, ZenohTransport
+from gfm.transport import Transport
+from gfm_wire import Role
 
 _WAIT_S = 30.0
 _SIMULATED = {"sim": "on a simulated robot", "drake": "on a simulated robot in Drake"}
@@ -58,6 +60,7 @@ class DriveRequest:
         real_time: Whether its time passes by itself.
         connect: Router of a run whose robot to drive; empty to start a simulated one.
         run_name: Name of that run.
+        certs: Folder of certificates by which it speaks; empty for none.
         goals: The first so many are tried.
         trials: Attempts per goal.
         seed: Of robot and starts.
@@ -74,6 +77,7 @@ class DriveRequest:
     real_time: bool = False
     connect: str = ""
     run_name: str = "default"
+    certs: str = ""
     goals: int = RADIAL_GOALS
     trials: int = 5
     seed: int = 0
@@ -208,9 +212,8 @@ def _robot(
 ) -> Iterator[tuple[Transport, Callable[[], None] | None]]:
     """Yields a connection to a robot's run, and what to do while waiting for it."""
     if request.connect:
-        with ZenohTransport.open(
-            run=request.run_name, name="drive", connect=(request.connect,)
-        ) as transport:
+        address = RunAddress(run=request.run_name, endpoint=request.connect, certs=request.certs)
+        with address.open(Role.DRIVER, name="drive") as transport:
             yield transport, None
         return
     with Supervisor(_system(request), request.out / "logs", clock=clock) as supervisor:

@@ -13,6 +13,8 @@ from rich.console import Console
 
 from gfm.core import CommandKind, ConfigError
 from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators
+from gfm.launch.address import RunAddress
+from gfm.launch.flags import add_certs
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -149,6 +151,7 @@ def _add_robot(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="name of the bridge's run (default: %(default)s)",
     )
+    add_certs(group)
     group.add_argument(
         "--control-hz",
         type=float,
@@ -192,12 +195,17 @@ def run(arguments: argparse.Namespace) -> int:
             speed=joint_values("--max-velocity", arguments.max_velocity),
             acceleration=joint_values("--max-acceleration", arguments.max_acceleration),
         ),
-        endpoint=arguments.connect,
-        run_name=arguments.run_name,
+        robot=_address(arguments),
         actuators=arguments.actuators,
     )
     excite(request, Console(), Console(file=sys.stderr))
     return 0
+
+
+def _address(arguments: argparse.Namespace) -> RunAddress | None:
+    if not arguments.connect:
+        return None
+    return RunAddress(run=arguments.run_name, endpoint=arguments.connect, certs=arguments.certs)
 
 
 def joint_values(flag: str, words: Sequence[str]) -> dict[str, float]:

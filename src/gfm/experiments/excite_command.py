@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,10 +25,12 @@ from gfm.excitation.plan import Plan
 from gfm.excitation.programme import FAMILIES, Family
 from gfm.excitation.safety import SafetyCheck
 from gfm.experiments.drive import Driven, drive
+from gfm.launch import RunAddress
 from gfm.report import PlanReport, write_plan
 from gfm.report.files import write_texts
 from gfm.report.words import joints_title
-from gfm.transport import Transport, ZenohTransport
+from gfm.transport import Transport
+from gfm_wire import Role
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +48,7 @@ class ExciteRequest:
         period_s: Between two commands.
         clearance_m: Distance to keep.
         wishes: Limits beyond those in the models.
-        endpoint: Of the robot bridge's run; None to plan only.
-        run_name: Of the bridge's run.
+        robot: The run of the robot's bridge; None to plan only.
         actuators: What joints without an actuator get.
     """
 
@@ -62,8 +62,7 @@ class ExciteRequest:
     period_s: float = 0.02
     clearance_m: float = 0.01
     wishes: Wishes
-    endpoint: str | None = None
-    run_name: str = "default"
+    robot: RunAddress | None = None
     actuators: str | None = None
 
     def __post_init__(self) -> None:
@@ -92,10 +91,10 @@ def excite(request: ExciteRequest, answer: Console, progress: Console) -> None:
         words=command_line(),
     )
     model, report = excitation.model, excitation.report
-    if request.endpoint is None:
+    if request.robot is None:
         paths = excitation.save(request.out)
     else:
-        with _connected(request.endpoint, request.run_name) as transport:
+        with request.robot.open(Role.DRIVER, name="excite") as transport:
             paths, report = drive_plan(
                 transport, MonotonicClock(), report, request, model=model, progress=progress
             )
@@ -103,12 +102,6 @@ def excite(request: ExciteRequest, answer: Console, progress: Console) -> None:
     print_plan(answer, report, request.models, request.actuators)
     for path in paths[:2]:
         answer.print(Text(str(path)), soft_wrap=True)
-
-
-@contextmanager
-def _connected(endpoint: str, run_name: str) -> Iterator[Transport]:
-    with ZenohTransport.open(run=run_name, name="excite", connect=(endpoint,)) as transport:
-        yield transport
 
 
 def drive_plan(

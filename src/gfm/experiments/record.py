@@ -10,8 +10,8 @@ from gfm.core import ConfigError, MonotonicClock
 from gfm.excitation.motion import Motion, Purpose
 from gfm.excitation.waypoints import motions
 from gfm.experiments.drive import drive, sawyer_ranges
-from gfm.launch.flags import add_endpoint
-from gfm.transport import ZenohTransport
+from gfm.launch.flags import add_endpoint, address_of
+from gfm_wire import Role
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -48,9 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Drives and records; says where each recording is."""
     chosen = chosen_motions(arguments)
     clock = MonotonicClock()
-    with ZenohTransport.open(
-        run=arguments.run_name, name="record", connect=(arguments.connect,)
-    ) as transport:
+    with address_of(arguments).open(Role.DRIVER, name="record") as transport:
         for driven in drive(transport, clock, chosen):
             sys.stdout.write(f"{driven.path}: {driven.reports} measurements\n")
             sys.stdout.flush()

@@ -1,5 +1,6 @@
 """Starts, watches and stops the services as processes of this machine."""
 
+from gfm.launch.address import RunAddress
 from gfm.launch.keeper import Keeper
 from gfm.launch.spec import (
     LOCKSTEP,
@@ -20,6 +21,7 @@ __all__ = [
     "LOCKSTEP",
     "Keeper",
     "ProcessSpec",
+    "RunAddress",
     "SupervisionConfig",
     "Supervisor",
     "SystemSpec",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import logging
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -24,8 +25,10 @@ from gfm.core import (
     Status,
     UnreachableError,
 )
-from gfm.launch.flags import add_endpoint
+from gfm.launch.address import RunAddress
+from gfm.launch.flags import add_endpoint, address_of
 from gfm.launch.keeper import Keeper
+from gfm.launch.router import RouterConfig
 from gfm.launch.router import build as build_router
 from gfm.launch.spec import (
     ENGINES,
@@ -47,10 +50,10 @@ from gfm.launch.survey import (
     summary,
     summary_line,
 )
-from gfm.service import ServiceConfig, StopSignal, read_config, serve, start_logging
+from gfm.service import StopSignal, read_config, serve, start_logging
 from gfm.service.config import unique_name
 from gfm.service.environment_flags import add_environment_flags
-from gfm.transport import ZenohTransport
+from gfm_wire import Role
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -113,13 +116,14 @@ def run_up(arguments: argparse.Namespace) -> int:
     stopped.install()
     directory = arguments.dir or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
     system = _system(arguments, directory)
+    _check_credentials(system)
     config = _supervision(arguments.config_dir)
     _log.info("supervision: %s", msgspec.json.encode(config).decode())
     _check_models(vars(arguments).get("environment.models", {}))
     with Supervisor(system, directory / "logs", clock=clock) as supervisor:
         supervisor.start(stopped)
         _log.info("running; logs in %s", directory / "logs")
-        _log.info("ask it: gfm status --connect %s --run %s", arguments.listen, arguments.run_name)
+        _log.info("ask it: gfm status %s", shlex.join(system.address.flags))
         if not stopped():
             _keep(supervisor, Keeper(supervisor, config, clock), clock, stopped)
     return 0
@@ -170,7 +174,20 @@ def _system(arguments: argparse.Namespace, directory: Path) -> SystemSpec:
         recordings = ("--recordings", str(directory / "recordings"))
         bridge = (*settings_of(settings, "robot_bridge"), *recordings)
         processes += robot_processes(bridge, settings_of(settings, "robot"), arguments.robot)
-    return SystemSpec(run=arguments.run_name, endpoint=arguments.listen, processes=tuple(processes))
+    address = address_of(arguments)
+    return SystemSpec(
+        run=address.run,
+        endpoint=address.router,
+        processes=tuple(processes),
+        certs=address.certs,
+        insecure=arguments.insecure,
+    )
+
+
+def _check_credentials(system: SystemSpec) -> None:
+    """Refuses certificates that a process of the system could not use."""
+    for role in (*(process.role for process in system.processes), Role.SUPERVISOR):
+        system.address.credentials(Role(role))
 
 
 def environment_arguments(arguments: argparse.Namespace) -> tuple[str, ...]:
@@ -210,7 +227,7 @@ def add_status_parser(subparsers: Subparsers) -> None:
 
 def run_status(arguments: argparse.Namespace) -> int:
     """Prints what a running system says of itself."""
-    found, kept = _answers(arguments.connect, arguments.run_name)
+    found, kept = _answers(address_of(arguments))
     missing = missing_of(found, kept)
     sums = summary(found, missing)
     if arguments.json:
@@ -222,19 +239,22 @@ def run_status(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _answers(endpoint: str, run: str) -> tuple[list[Status], list[Status]]:
+def _answers(address: RunAddress) -> tuple[list[Status], list[Status]]:
     """Returns what services say, and what their keeper says of them."""
     try:
-        transport = ZenohTransport.open(run=run, connect=[endpoint], timeout_s=_STATUS_TIMEOUT_S)
+        transport = address.open(Role.WATCHER, timeout_s=_STATUS_TIMEOUT_S)
     except UnreachableError as exc:
         raise BadInputError(
-            f"no system at {endpoint}: start one with `gfm up`, or name another with --connect"
+            f"no system at {address.router}: start one with `gfm up`, or name another with "
+            "--connect"
         ) from exc
     with transport:
         found = statuses(transport, timeout_s=_STATUS_TIMEOUT_S)
         kept = keeper_statuses(transport, timeout_s=_STATUS_TIMEOUT_S)
     if not found and not kept:
-        raise BadInputError(f"no service of run {run!r} at {endpoint}; name another with --run")
+        raise BadInputError(
+            f"no service of run {address.run!r} at {address.router}; name another with --run"
+        )
     return found, kept
 
 
@@ -252,9 +272,12 @@ def add_router_parser(subparsers: Subparsers) -> None:
 
 def run_router(arguments: argparse.Namespace) -> int:
     """Routes until told to stop."""
-    config = ServiceConfig(
-        run=arguments.run_name,
-        listen=arguments.listen,
+    address = address_of(arguments)
+    config = RouterConfig(
+        run=address.run,
+        listen=address.router,
+        certs=address.certs,
+        insecure=arguments.insecure,
         name=unique_name("router"),
         heartbeat_file=arguments.heartbeat_file,
     )

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import argparse
 
-from gfm.service import DEFAULT_ENDPOINT
+from gfm.launch.address import RunAddress
+from gfm.service.command import CERTS_HELP, ENDPOINT_DEFAULTS, INSECURE_HELP
 
 
 def add_endpoint(parser: argparse.ArgumentParser, flag: str, meaning: str) -> None:
-    """Adds a flag for a router's endpoint, and `--run`."""
+    """Adds a flag for a router's endpoint, `--run` and `--certs`.
+
+    Args:
+        parser: Gets them.
+        flag: `--connect`, or `--listen` of a command that starts the router.
+        meaning: What its help says.
+    """
     parser.add_argument(
-        flag, default=DEFAULT_ENDPOINT, metavar="ENDPOINT", help=f"{meaning} (default: %(default)s)"
+        flag,
+        dest="endpoint",
+        default="",
+        metavar="ENDPOINT",
+        help=f"{meaning} (default: {ENDPOINT_DEFAULTS})",
     )
     # Not `run`: that is where the parsers keep the function to call.
     parser.add_argument(
@@ -20,3 +31,16 @@ def add_endpoint(parser: argparse.ArgumentParser, flag: str, meaning: str) -> No
         metavar="NAME",
         help="name of the run; runs that share a router don't meet (default: %(default)s)",
     )
+    add_certs(parser)
+    if flag == "--listen":
+        parser.add_argument("--insecure", action="store_true", default=False, help=INSECURE_HELP)
+
+
+def add_certs(parser: argparse._ActionsContainer) -> None:
+    """Adds `--certs`."""
+    parser.add_argument("--certs", default="", metavar="DIR", help=CERTS_HELP)
+
+
+def address_of(arguments: argparse.Namespace) -> RunAddress:
+    """Returns the run that the flags of `add_endpoint` name."""
+    return RunAddress(run=arguments.run_name, endpoint=arguments.endpoint, certs=arguments.certs)

@@ -9,9 +9,9 @@ import sys
 from typing import TYPE_CHECKING
 
 from gfm.core import ConfigError, MonotonicClock
-from gfm.launch.flags import add_endpoint
-from gfm.transport import ZenohTransport, ask
-from gfm_wire import Message, PowerAction, PowerRobot, ScaleSpeed, StopRobot
+from gfm.launch.flags import add_endpoint, address_of
+from gfm.transport import ask
+from gfm_wire import Message, PowerAction, PowerRobot, Role, ScaleSpeed, StopRobot
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -46,9 +46,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Tells the robot's bridge, and says what it did."""
     key, message = question(arguments.what, arguments.scale, arguments.because)
     name = f"{getpass.getuser()}@{socket.gethostname()}"
-    with ZenohTransport.open(
-        run=arguments.run_name, name=name, connect=(arguments.connect,), timeout_s=_TIMEOUT_S
-    ) as transport:
+    # Whoever watches may stop; all else takes a driver.
+    role = Role.WATCHER if isinstance(message, StopRobot) else Role.DRIVER
+    with address_of(arguments).open(role, name=name, timeout_s=_TIMEOUT_S) as transport:
         waits_s = _POWER_TIMEOUT_S if isinstance(message, PowerRobot) else _TIMEOUT_S
         ask(transport, key, message, timeout_s=waits_s, clock=MonotonicClock())
     sys.stdout.write(f"{_done(message)}\n")

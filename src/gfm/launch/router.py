@@ -6,22 +6,36 @@ No service's work, however long, keeps others from hearing one another then.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from typing import final
+from collections.abc import Callable, Mapping, Sequence
+from typing import ClassVar, final
 
 from typing_extensions import override
 
 from gfm.core import Clock, Status
 from gfm.service import Service, ServiceConfig, make_parser, make_status, service_main
-from gfm.transport import Transport
+from gfm.transport import ZenohTransport
+from gfm_wire import Role
+
+
+class RouterConfig(ServiceConfig, frozen=True, kw_only=True):
+    """Settings of the router."""
+
+    role: ClassVar[Role] = Role.ROUTER
 
 
 @final
 class RouterService(Service):
-    """Only says that it is there: zenoh routes by itself."""
+    """Only says that it is there, and who else: zenoh routes by itself."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, connected: Callable[[], Mapping[str, int]]) -> None:
+        """Is ready at once.
+
+        Args:
+            name: Unique within the run.
+            connected: Returns how many connections there are, by role.
+        """
         self._name = name
+        self._connected = connected
 
     @override
     def step(self) -> bool:
@@ -29,22 +43,23 @@ class RouterService(Service):
 
     @override
     def status(self) -> Status:
-        return make_status("router", self._name, note="routing")
+        gauges = {f"connected_{role}": float(n) for role, n in self._connected().items()}
+        return make_status("router", self._name, gauges=gauges, note="routing")
 
     @override
     def close(self) -> None:
         """Nothing to finish."""
 
 
-def build(config: ServiceConfig, _transport: Transport, _clock: Clock) -> Service:
+def build(config: RouterConfig, transport: ZenohTransport, _clock: Clock) -> Service:
     """Returns the service that the settings describe."""
-    return RouterService(config.name)
+    return RouterService(config.name, transport.connected)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Routes until told to stop: the process that a supervisor starts."""
     parser = make_parser("gfm-router", "Routes what all processes of a run say.", listens=True)
-    return service_main(parser, ServiceConfig, build, argv)
+    return service_main(parser, RouterConfig, build, argv)
 
 
 if __name__ == "__main__":

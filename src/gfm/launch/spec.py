@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gfm.core import ConfigError
+from gfm.launch.address import RunAddress
+from gfm.transport import check_endpoints
 
 START_ORDER = ("router", "replay", "learner", "robot", "robot_bridge", "actor")
 """Whoever is asked comes before whoever asks."""
@@ -63,11 +65,16 @@ class SystemSpec:
         run: The run's name.
         endpoint: Where the hub listens and everybody else connects.
         processes: Exactly one of them is the hub.
+        certs: Folder of certificates by which all of them speak; empty for none.
+        insecure: Whether anybody may come in, where the hub listens beyond this machine and there
+            are no certificates.
     """
 
     run: str
     endpoint: str
     processes: tuple[ProcessSpec, ...]
+    certs: str = ""
+    insecure: bool = False
 
     def __post_init__(self) -> None:
         names = [process.name for process in self.processes]
@@ -76,10 +83,18 @@ class SystemSpec:
         hubs = [process.name for process in self.processes if process.hub]
         if len(hubs) != 1:
             raise ConfigError(f"hubs {', '.join(hubs) or 'none'}: expected exactly one")
+        check_endpoints((self.endpoint,), (), secure=bool(self.certs), insecure=self.insecure)
+
+    @property
+    def address(self) -> RunAddress:
+        """Where the run is."""
+        return RunAddress(run=self.run, endpoint=self.endpoint, certs=self.certs)
 
     def arguments(self, process: ProcessSpec) -> tuple[str, ...]:
         """Returns the whole command line of a process of this system."""
-        joining = ("--listen" if process.hub else "--connect", self.endpoint)
+        certs = ("--certs", self.certs) if self.certs else ()
+        insecure = ("--insecure",) if self.insecure and process.hub else ()
+        joining = ("--listen" if process.hub else "--connect", self.endpoint, *certs, *insecure)
         return ("--run", self.run, *joining, "--name", process.name, *process.arguments)
 
 
@@ -88,11 +103,11 @@ def in_order(processes: Iterable[ProcessSpec], roles: Sequence[str]) -> list[Pro
     return sorted(processes, key=lambda process: roles.index(process.role))
 
 
-def free_endpoint() -> str:
-    """Returns a loopback endpoint that was free a moment ago."""
+def free_endpoint(*, secure: bool = False) -> str:
+    """Returns a loopback endpoint that was free a moment ago; a secure one needs certificates."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        return f"{'tls' if secure else 'tcp'}/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def router_process() -> ProcessSpec:

@@ -12,8 +12,8 @@ from typing import Self, final
 from gfm.core import Clock, MonotonicClock, RefusedError, UnreachableError
 from gfm.launch.process import ChildProcess
 from gfm.launch.spec import START_ORDER, STOP_ORDER, ProcessSpec, SystemSpec, in_order
-from gfm.transport import PendingReply, Transport, ZenohTransport
-from gfm_wire import StatusRequest
+from gfm.transport import PendingReply, Transport
+from gfm_wire import Role, StatusRequest
 
 _POLL_NS = 50_000_000
 _ASK_S = 1.0
@@ -132,9 +132,7 @@ class Supervisor:
         while self._transport is None:
             self._check_start("the hub", deadline_ns)
             try:
-                self._transport = ZenohTransport.open(
-                    run=self.spec.run, connect=[self.spec.endpoint], timeout_s=0.0
-                )
+                self._transport = self.spec.address.open(Role.SUPERVISOR, timeout_s=0.0)
             except UnreachableError:
                 yield
         for child in children:

@@ -9,13 +9,12 @@ from gfm.service.command import (
     service_main,
     start_logging,
 )
-from gfm.service.config import DEFAULT_ENDPOINT, ServiceConfig, read_config
+from gfm.service.config import ServiceConfig, read_config
 from gfm.service.loop import run_service
 from gfm.service.service import RunningService, Service, make_status
 from gfm.service.signals import StopSignal
 
 __all__ = [
-    "DEFAULT_ENDPOINT",
     "RunningService",
     "Service",
     "ServiceConfig",

@@ -17,14 +17,22 @@ import msgspec
 from msgspec.structs import replace
 
 from gfm.core import BadInputError, Clock, GfmError, MonotonicClock
-from gfm.service.config import DEFAULT_ENDPOINT, LogLevel, ServiceConfig, read_config, unique_name
+from gfm.service.config import LogLevel, ServiceConfig, read_config, unique_name
 from gfm.service.heartbeat import make_heartbeat
 from gfm.service.loop import run_service
 from gfm.service.service import Service
 from gfm.service.signals import StopRequested, StopSignal
-from gfm.transport import Transport, ZenohTransport
+from gfm.transport import ZenohTransport, default_endpoint
 
 _log = logging.getLogger(__name__)
+
+ENDPOINT_DEFAULTS = (
+    f"{default_endpoint(secure=False)}, with certificates {default_endpoint(secure=True)}"
+)
+CERTS_HELP = "certificates of `gfm certs`, by which all prove who they are (default: none)"
+INSECURE_HELP = (
+    "listen beyond this machine without certificates: anybody there may read, publish, command"
+)
 
 Config = TypeVar("Config", bound=ServiceConfig)
 
@@ -65,13 +73,17 @@ def _add_connection_flags(parser: argparse.ArgumentParser, *, listens: bool) -> 
     group.add_argument(
         "--connect",
         metavar="ENDPOINT",
-        help=f"the run's router (default: {DEFAULT_ENDPOINT})",
+        help=f"the run's router (default: {ENDPOINT_DEFAULTS})",
     )
+    group.add_argument("--certs", metavar="DIR", help=CERTS_HELP)
     if listens:
         group.add_argument(
             "--listen",
             metavar="ENDPOINT",
-            help=f"be the run's router here, for example {DEFAULT_ENDPOINT}",
+            help=f"be the run's router here, for example {default_endpoint(secure=False)}",
+        )
+        group.add_argument(
+            "--insecure", action="store_true", default=argparse.SUPPRESS, help=INSECURE_HELP
         )
     group.add_argument(
         "--wait-s", type=float, metavar="SECONDS", help="how long to wait for the router"
@@ -101,20 +113,22 @@ def open_transport(config: ServiceConfig) -> ZenohTransport:
         listen=config.listen_endpoints,
         connect=config.connect_endpoints,
         timeout_s=config.wait_s,
+        credentials=config.credentials(),
+        insecure=config.insecure,
     )
 
 
 def service_main(
     parser: argparse.ArgumentParser,
     config_type: type[Config],
-    build: Callable[[Config, Transport, Clock], Service],
+    build: Callable[[Config, ZenohTransport, Clock], Service],
     argv: Sequence[str] | None = None,
 ) -> int:
     """Runs one service process from its command line to its exit status."""
     return exit_status(lambda: serve(parse_config(parser, config_type, argv), build))
 
 
-def serve(config: Config, build: Callable[[Config, Transport, Clock], Service]) -> None:
+def serve(config: Config, build: Callable[[Config, ZenohTransport, Clock], Service]) -> None:
     """Joins the run that the settings name and runs what `build` makes of them until a signal."""
     start_logging(config.log_level)
     _log.info("settings: %s", msgspec.json.encode(config).decode())

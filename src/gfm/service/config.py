@@ -11,14 +11,13 @@ import socket
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar
 
 import msgspec
 
 from gfm.core import BadInputError, ConfigError
-
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-"""Where a run's router is looked for unless another place is named."""
+from gfm.transport import Credentials, check_endpoints, default_endpoint, read_credentials
+from gfm_wire import Role
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 _NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")
@@ -29,17 +28,25 @@ class ServiceConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
     Attributes:
         run: The run to join; runs that share a router don't meet.
-        connect: The router's endpoint; empty means DEFAULT_ENDPOINT, or none where `listen` is set.
+        role: What it is to others, which its certificate names; a watcher may do least.
+        connect: The router's endpoint; empty means this machine's, or none where `listen` is set.
         listen: Endpoint on which this process is itself the router; empty means it is a client.
+        certs: Folder of certificates, as `gfm certs` makes it, by which all speak; empty for none.
+        insecure: Whether anybody may come in, where `listen` is beyond this machine and there are
+            no certificates.
         wait_s: How long to wait for the router at the start.
         name: Unique within the run; empty means made from host and process id.
         heartbeat_file: File that the service's loop touches twice a second; empty for none.
         log_level: Least severe event that is logged.
     """
 
+    role: ClassVar[Role] = Role.WATCHER
+
     run: str = "default"
     connect: str = ""
     listen: str = ""
+    certs: str = ""
+    insecure: bool = False
     wait_s: float = 30.0
     name: str = ""
     heartbeat_file: str = ""
@@ -52,6 +59,12 @@ class ServiceConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
             )
         if self.wait_s < 0:
             raise ConfigError(f"wait_s is {self.wait_s}, expected at least 0")
+        check_endpoints(
+            self.listen_endpoints,
+            self.connect_endpoints,
+            secure=bool(self.certs),
+            insecure=self.insecure,
+        )
 
     @property
     def listen_endpoints(self) -> tuple[str, ...]:
@@ -63,7 +76,17 @@ class ServiceConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         """Which router to join: one endpoint, or none where this process is the router."""
         if self.connect:
             return (self.connect,)
-        return () if self.listen else (DEFAULT_ENDPOINT,)
+        return () if self.listen else (default_endpoint(secure=bool(self.certs)),)
+
+    def credentials(self) -> Credentials | None:
+        """Returns what this process shows of itself, a router's where it listens; None: nothing.
+
+        Raises:
+            BadInputError: they cannot be used.
+        """
+        if not self.certs:
+            return None
+        return read_credentials(Path(self.certs), Role.ROUTER if self.listen else self.role)
 
 
 def unique_name(prog: str) -> str:

@@ -2,12 +2,15 @@
 
 from gfm.transport.asking import ask
 from gfm.transport.bodies import QUEUED_REQUESTS
+from gfm.transport.credentials import Credentials, read_credentials
+from gfm.transport.endpoints import check_endpoints, default_endpoint
 from gfm.transport.memory import MemoryHub, MemoryTransport
 from gfm.transport.port import PendingReply, Request, Server, Subscription, Transport
 from gfm.transport.zenoh import ZenohTransport
 
 __all__ = [
     "QUEUED_REQUESTS",
+    "Credentials",
     "MemoryHub",
     "MemoryTransport",
     "PendingReply",
@@ -17,4 +20,7 @@ __all__ = [
     "Transport",
     "ZenohTransport",
     "ask",
+    "check_endpoints",
+    "default_endpoint",
+    "read_credentials",
 ]

@@ -8,11 +8,11 @@ busy service never stalls its link.
 
 from __future__ import annotations
 
-import json
 import logging
 import re
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import final
@@ -21,26 +21,18 @@ import zenoh
 from typing_extensions import override
 from zenoh.handlers import FifoChannel, Handler, RingChannel
 
-from gfm.core import BadInputError, ConfigError, GfmError, UnreachableError, WireError
+from gfm.core import ConfigError, GfmError, UnreachableError, WireError
 from gfm.transport.bodies import LONGEST_REASON, QUEUED_REQUESTS, Bodies
+from gfm.transport.credentials import Credentials
+from gfm.transport.endpoints import check_endpoints
 from gfm.transport.port import PendingReply, Request, Server, Subscription, Transport
 from gfm.transport.replies import BodyReply
+from gfm.transport.sessions import connected_session, listening_session
 from gfm_wire import Message, Refusal
 
 _log = logging.getLogger(__name__)
 
-_SETTINGS = {
-    "scouting/multicast/enabled": False,
-    # A blocked put closes the link after this time without a word; the default is 5 s.
-    "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,
-    "transport/link/tx/lease": 4_000,
-    "transport/link/rx/max_message_size": 256 * 1024 * 1024,
-    # Off: containers that share a hub do not share /dev/shm.
-    "transport/shared_memory/enabled": False,
-}
-_ENDPOINT = re.compile(r"tcp/(?:[^/\s:]+|\[[0-9a-fA-F:]+\]):\d{1,5}")
 _RUN = re.compile(r"[A-Za-z0-9._-]{1,64}")
-_RETRY_S = 0.2
 _CLOSE_S = 3.0
 
 
@@ -68,6 +60,8 @@ class ZenohTransport(Transport):
         listen: Sequence[str] = (),
         connect: Sequence[str] = (),
         timeout_s: float = 10.0,
+        credentials: Credentials | None = None,
+        insecure: bool = False,
     ) -> ZenohTransport:
         """Returns a connection: a router where `listen` is given, else a client of `connect`.
 
@@ -77,17 +71,31 @@ class ZenohTransport(Transport):
             listen: Endpoints such as `tcp/127.0.0.1:7447`.
             connect: Endpoints of the router, the first that answers is taken.
             timeout_s: How long to wait for the router.
+            credentials: With them every link is by TLS, both sides verify each other, and a router
+                lets nobody say or hear but what `gfm_wire.CHANNELS` allows. None: anybody may.
+            insecure: Whether a router without credentials may listen beyond loopback.
 
         Raises:
-            ConfigError: an endpoint or the run's name is malformed, or there is no endpoint.
-            BadInputError: an address to listen on is not free.
+            ConfigError: an endpoint or the run's name is malformed, there is no endpoint, or one
+                lets anybody in.
+            BadInputError: an address to listen on is not free, or the two sides of a link do not
+                believe each other.
             UnreachableError: no router answered in time.
         """
-        _check(run, listen, connect)
+        if not _RUN.fullmatch(run):
+            raise ConfigError(f"run {run!r}: expected 1 to 64 letters, digits, dots, dashes or _")
+        check_endpoints(listen, connect, secure=credentials is not None, insecure=insecure)
         session = (
-            _listening(listen, connect) if listen else _connected(connect, timeout_s=timeout_s)
+            listening_session(listen, connect, credentials)
+            if listen
+            else connected_session(connect, credentials, timeout_s=timeout_s)
         )
         return cls(session, run, name)
+
+    def connected(self) -> Counter[str]:
+        """Returns how many links this router has, by the role of the other side's certificate."""
+        roles = (link.auth_identifier for link in self._session.info.links())
+        return Counter(role for role in roles if role is not None)
 
     @override
     def publish(self, key: str, message: Message) -> None:
@@ -264,50 +272,3 @@ class _ZenohServer(Server):
                 continue
             return request
         return None
-
-
-def _check(run: str, listen: Sequence[str], connect: Sequence[str]) -> None:
-    if not _RUN.fullmatch(run):
-        raise ConfigError(f"run {run!r}: expected 1 to 64 letters, digits, dots, dashes or _")
-    if not listen and not connect:
-        raise ConfigError("no endpoint: give one to listen on or one to connect to")
-    for endpoint in (*listen, *connect):
-        if not _ENDPOINT.fullmatch(endpoint):
-            raise ConfigError(f"endpoint {endpoint!r}: expected tcp/HOST:PORT")
-
-
-def _config(mode: str, listen: Sequence[str], connect: Sequence[str]) -> zenoh.Config:
-    config = zenoh.Config()
-    endpoints = {"listen/endpoints": list(listen), "connect/endpoints": list(connect)}
-    for key, value in {"mode": mode, **_SETTINGS, **endpoints}.items():
-        config.insert_json5(key, json.dumps(value))
-    return config
-
-
-def _listening(listen: Sequence[str], connect: Sequence[str]) -> zenoh.Session:
-    config = _config("router", listen, connect)
-    try:
-        return zenoh.open(config)
-    except zenoh.ZError as exc:
-        raise BadInputError(f"cannot listen on {', '.join(listen)}: {_cause(exc)}") from exc
-
-
-def _cause(error: Exception) -> str:
-    text = str(error)
-    found = re.search(r"Address already in use|Permission denied|Cannot assign requested", text)
-    return found.group().lower() if found else text.split(" at /")[0]
-
-
-def _connected(connect: Sequence[str], *, timeout_s: float) -> zenoh.Session:
-    began_s = time.monotonic()
-    explained = False
-    while True:
-        try:
-            return zenoh.open(_config("client", (), connect))
-        except zenoh.ZError as exc:
-            if time.monotonic() - began_s >= timeout_s:
-                raise UnreachableError(f"a router at {', '.join(connect)}", timeout_s) from exc
-        if not explained:
-            _log.info("waiting up to %.0f s for a router at %s", timeout_s, ", ".join(connect))
-            explained = True
-        time.sleep(_RETRY_S)

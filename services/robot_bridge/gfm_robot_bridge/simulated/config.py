@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from gfm.core import ConfigError
 from gfm.service import ServiceConfig
 from gfm_robot_bridge.simulated.hidden import GivenEffect, check_choice, given, needs_object
-from gfm_wire import RobotClock
+from gfm_wire import RobotClock, Role
 
 
 class SimulatedConfig(ServiceConfig, frozen=True, kw_only=True):
@@ -28,6 +28,8 @@ class SimulatedConfig(ServiceConfig, frozen=True, kw_only=True):
         sealed: File to write what is hidden to; empty writes none.
         period_s: Between two sensor reports.
     """
+
+    role: ClassVar[Role] = Role.ROBOT
 
     engine: Literal["mujoco", "drake"] = "mujoco"
     clock: RobotClock = RobotClock.WALL
