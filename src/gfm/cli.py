@@ -142,6 +142,12 @@ SUBCOMMANDS = (
         adder="add_router_parser",
         summary="run a router that services connect to",
     ),
+    Subcommand(
+        name="certs",
+        module="gfm.launch.certs_command",
+        adder="add_parser",
+        summary="make certificates for a system's processes",
+    ),
 )
 
 
