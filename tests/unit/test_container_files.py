@@ -8,6 +8,7 @@ import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,12 +16,14 @@ from gfm.launch.spec import START_ORDER
 from gfm.launch.supervision import DEADLINES_S
 from gfm.service import read_config
 from gfm_replay.config import ReplayConfig
+from gfm_wire import Role
 
 yaml = pytest.importorskip("yaml")
 
 DOCKER = Path(__file__).resolve().parents[2] / "docker"
 COMPOSE = yaml.safe_load((DOCKER / "compose.yaml").read_text())
-SERVICES = {name: one for name, one in COMPOSE["services"].items() if "profiles" not in one}
+SERVICES = {name: one for name, one in COMPOSE["services"].items() if "restart" in one}
+COMMANDS = {"status": Role.WATCHER, "record": Role.DRIVER}
 
 
 def test_every_role_has_a_container():
@@ -50,6 +53,43 @@ def stage_of(target: str) -> str:
     """Returns the part of the Dockerfile that ends in an image."""
     text = (DOCKER / "Dockerfile").read_text()
     return text.split(f" AS {target}\n", 1)[1].split("\nFROM ", 1)[0]
+
+
+def told(service: dict[str, Any]) -> str:
+    """Returns the command line that compose gives, or else the image's own."""
+    given = service.get("command") or service.get("entrypoint")
+    if given is None:
+        given = stage_of(service["build"]["target"]).split("\nCMD ")[1]
+    return given if isinstance(given, str) else " ".join(given)
+
+
+@pytest.mark.parametrize("name", [*SERVICES, *COMMANDS])
+def test_everybody_speaks_by_certificates_and_has_those_of_its_role_alone(name):
+    service = COMPOSE["services"][name]
+    words = told(service)
+    assert "tls/" in words
+    assert "--certs" in words
+    assert "tcp/" not in words
+    mounted = [volume for volume in service["volumes"] if volume.startswith("certs-")]
+    role = COMMANDS.get(name, name)
+    assert mounted == [f"certs-{role}:/certs/{role}:ro"]
+
+
+def test_certificates_are_made_before_anybody_needs_them_for_every_role_and_the_router_s_host():
+    certs = COMPOSE["services"]["certs"]
+    assert certs["entrypoint"] == ["gfm", "certs", "--out", "/certs", "--host", "router"]
+    folders = ["authority", *Role]
+    assert sorted(certs["volumes"]) == sorted(f"certs-{one}:/certs/{one}" for one in folders)
+    assert {f"certs-{one}" for one in folders} <= COMPOSE["volumes"].keys()
+    condition = {"certs": {"condition": "service_completed_successfully"}}
+    assert SERVICES["router"]["depends_on"] == condition
+    others = [service for name, service in SERVICES.items() if name != "router"]
+    assert all("router" in service["depends_on"] for service in others)
+
+
+def test_every_image_has_folders_that_volumes_of_certificates_belong_to_its_user_in():
+    runtime = stage_of("runtime").replace("\\\n", " ").split()
+    assert {"authority", *Role} <= {word.rstrip(";") for word in runtime}
 
 
 def test_volumes_that_are_mounted_are_declared():
