@@ -172,7 +172,7 @@ class ReleaseRobot:
 
 @dataclass(frozen=True, kw_only=True)
 class StopRobot:
-    """Tells the robot bridge to stop the robot: its driver has to begin again. Anybody may.
+    """Tells the robot bridge to stop the robot: its driver has to begin again.
 
     Attributes:
         reason: Why, for whoever drives.
@@ -183,7 +183,7 @@ class StopRobot:
 
 @dataclass(frozen=True, kw_only=True)
 class ScaleSpeed:
-    """Tells the robot bridge at which part of the commanded speed to go. Anybody may slow it down.
+    """Tells the robot bridge at which part of the commanded speed to go.
 
     Attributes:
         scale: 0 to 1; 0 is a soft stop, after which the driver may go on.

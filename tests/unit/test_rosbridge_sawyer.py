@@ -260,8 +260,13 @@ def test_what_cannot_be_done_is_answered_by_a_status(op, words) -> None:
         ({"task": "pose"}, "task is pose, expected none"),
         ({"loss": 1.5}, "loss is 1.5, expected 0 to 1"),
         ({"ros": "here"}, "ros is 'here', expected HOST:PORT"),
+        ({"ros": "0.0.0.0:9090"}, "ros is 0.0.0.0:9090, where anybody on the network may drive"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(settings, words) -> None:
     with pytest.raises(ConfigError, match=words):
         RosbridgeConfig(**settings)
+
+
+def test_it_listens_for_everybody_where_that_is_meant() -> None:
+    assert RosbridgeConfig(ros="0.0.0.0:9090", insecure=True).ros == "0.0.0.0:9090"

@@ -49,7 +49,7 @@ def check_endpoints(
             f"({', '.join(connect)}): expected one of these, a router connects to nobody"
         )
     for endpoint in listen:
-        if not secure and not insecure and not is_loopback(endpoint):
+        if not (secure or insecure or is_loopback(host_and_port(endpoint)[0])):
             raise ConfigError(
                 f"endpoint {endpoint!r} without certificates lets anybody on the network read, "
                 "publish and command: expected tls/HOST:PORT with --certs, an address of this "
@@ -75,9 +75,8 @@ def host_and_port(endpoint: str) -> tuple[str, int]:
     return match["host"].strip("[]"), int(match["port"])
 
 
-def is_loopback(endpoint: str) -> bool:
-    """Returns whether only processes of this machine can connect to an endpoint."""
-    host, _ = host_and_port(endpoint)
+def is_loopback(host: str) -> bool:
+    """Returns whether only processes of this machine can connect to a host's name or address."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import logging
 import sys
 from collections.abc import Sequence
@@ -35,6 +36,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     group = parser.add_argument_group("line")
     group.add_argument(
         "--ros", metavar="HOST:PORT", help="where to listen (default: 127.0.0.1:9090)"
+    )
+    group.add_argument(
+        "--insecure",
+        action="store_true",
+        default=argparse.SUPPRESS,
+        help="listen beyond this machine: anybody there may drive it, a rosbridge asks nobody",
     )
     group.add_argument("--latency-s", type=float, metavar="S", help="of messages, each way")
     group.add_argument("--jitter-s", type=float, metavar="S", help="beyond that, at most")

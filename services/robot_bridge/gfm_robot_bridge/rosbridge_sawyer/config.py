@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gfm.core import ConfigError
+from gfm.transport import is_loopback
 from gfm_robot_bridge.config import address
 from gfm_robot_bridge.simulated.config import SimulatedConfig
 from gfm_wire import RobotClock
@@ -29,7 +30,12 @@ class RosbridgeConfig(SimulatedConfig, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        address(self.ros)
+        host, _ = address(self.ros)
+        if not self.insecure and not is_loopback(host):
+            raise ConfigError(
+                f"ros is {self.ros}, where anybody on the network may drive: expected an address "
+                "of this machine alone (127.0.0.1), or --insecure where that is meant"
+            )
         if self.clock != RobotClock.WALL:
             raise ConfigError(f"clock is {self.clock}, expected wall: ROS has no other")
         if self.task != "none":
