@@ -29,7 +29,7 @@ WHO = {
     Role.ROBOT: "the simulated robot",
     Role.ROBOT_BRIDGE: "`gfm-robot-bridge`",
     Role.DRIVER: "`gfm record`, `gfm excite`, `gfm drive`, `gfm robot`",
-    Role.WATCHER: "`gfm status`, `gfm robot stop`",
+    Role.WATCHER: "`gfm status`, `gfm metrics`, `gfm robot stop`",
     Role.SUPERVISOR: "`gfm up`",
 }
 

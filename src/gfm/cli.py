@@ -131,6 +131,12 @@ SUBCOMMANDS = (
         summary="ask a running system how it is",
     ),
     Subcommand(
+        name="metrics",
+        module="gfm.launch.metrics_command",
+        adder="add_parser",
+        summary="serve a running system's numbers to Prometheus",
+    ),
+    Subcommand(
         name="robot",
         module="gfm.launch.robot_command",
         adder="add_parser",

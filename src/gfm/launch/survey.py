@@ -127,7 +127,9 @@ def status_table(found: Sequence[Status], missing: Sequence[Missing] | None = No
     table = Table("role", "name", "pid", "host", "number", "", "note", show_lines=True)
     for status in found:
         rows = [(name, f"{count:,}") for name, count in status.counters.items() if count]
-        rows += [(n, f"{status.gauges[n]:.4g}") for n in _TABLE_GAUGES if n in status.gauges]
+        links = sorted(name for name in status.gauges if name.startswith("connected_"))
+        shown = [*(name for name in _TABLE_GAUGES if name in status.gauges), *links]
+        rows += [(n, f"{status.gauges[n]:.4g}") for n in shown]
         names, values = (
             ("\n".join(column) for column in zip(*rows, strict=True)) if rows else ("", "")
         )

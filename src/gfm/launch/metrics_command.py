@@ -1,0 +1,105 @@
+"""The command `gfm metrics`."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import re
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from gfm.core import BadInputError, ConfigError
+from gfm.launch.flags import add_endpoint, address_of
+from gfm.service import StopSignal, start_logging
+from gfm.transport import is_loopback
+from gfm_wire import Role
+
+if TYPE_CHECKING:
+    from prometheus_client.registry import Collector
+
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+
+_log = logging.getLogger(__name__)
+
+_DESCRIPTION = """\
+Serves what the services of a running system say of themselves to Prometheus, at /metrics: it asks
+them whenever it is asked. Names carry units (seconds, bytes); labels say whose they are.
+"""
+_DEFAULT = "127.0.0.1:9464"
+_PLACE = re.compile(r"(?P<host>[^/\s:]+|\[[0-9a-fA-F:]+\]):(?P<port>\d{1,5})")
+_ASK_S = 3.0
+_LOOK_S = 0.2
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Adds `gfm metrics`."""
+    parser = subparsers.add_parser(
+        "metrics", help="serve a running system's numbers to Prometheus", description=_DESCRIPTION
+    )
+    parser.add_argument(
+        "--http", default=_DEFAULT, metavar="HOST:PORT", help="where (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--insecure",
+        action="store_true",
+        help="serve beyond this machine: anybody there may read, without certificates",
+    )
+    add_endpoint(parser, "--connect", "the system's router")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serves until told to stop."""
+    host, port = place(arguments.http, insecure=arguments.insecure)
+    try:
+        from gfm.launch.prometheus import RunCollector
+    except ModuleNotFoundError as exc:
+        if exc.name is None or exc.name.partition(".")[0] != "prometheus_client":
+            raise
+        raise ConfigError(
+            "metrics need the package prometheus_client: pip install 'gfm-sim2real[metrics]'"
+        ) from exc
+    start_logging("info")
+    stopped = StopSignal()
+    with address_of(arguments).open(Role.WATCHER, name="metrics") as transport:
+        stopped.install()
+        _serve(RunCollector(transport, timeout_s=_ASK_S), host, port, stopped)
+    return 0
+
+
+def place(text: str, *, insecure: bool) -> tuple[str, int]:
+    """Returns host and port of HOST:PORT.
+
+    Raises:
+        ConfigError: it is none, or lets everybody read where that was not said.
+    """
+    match = _PLACE.fullmatch(text)
+    if match is None or int(match["port"]) > 65535:
+        raise ConfigError(f"--http {text!r}: expected HOST:PORT")
+    host = match["host"].strip("[]")
+    if not insecure and not is_loopback(host):
+        raise ConfigError(
+            f"--http {text} lets anybody on the network read: expected an address of this machine "
+            "alone (127.0.0.1), or --insecure where that is meant"
+        )
+    return host, int(match["port"])
+
+
+def _serve(collector: Collector, host: str, port: int, stopped: Callable[[], bool]) -> None:
+    from prometheus_client import CollectorRegistry, start_http_server
+
+    registry = CollectorRegistry()
+    registry.register(collector)
+    try:
+        server, thread = start_http_server(port, host, registry)
+    except OSError as exc:
+        raise BadInputError(f"cannot listen on {host}:{port}: {exc.strerror}") from exc
+    _log.info("serving http://%s:%d/metrics", host, server.server_port)
+    try:
+        while not stopped():
+            time.sleep(_LOOK_S)
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
