@@ -74,9 +74,11 @@ def _add_counters(
 ) -> None:
     for counter, count in counters.items():
         is_sender = counter.startswith(_SENDER)
-        name = "gfm_refused_from" if is_sender else f"gfm_{_word(counter)}"
+        word = "refused_from" if is_sender else _word(counter)
         labels = (*_LABELS, "sender") if is_sender else _LABELS
-        family = made.setdefault(name, CounterMetricFamily(name, _meaning(name), labels=labels))
+        family = made.setdefault(
+            word, CounterMetricFamily(f"gfm_{word}", _meaning(word), labels=labels)
+        )
         sender = (counter.removeprefix(_SENDER),) if is_sender else ()
         family.add_metric((*who, *sender), float(count))
 
@@ -90,8 +92,7 @@ def _add_gauges(
         unit, factor = _UNITS.get(end, ("", 1.0))
         name = f"gfm_{word.removesuffix(end)}"
         family = made.setdefault(
-            f"{name}_{unit}",
-            GaugeMetricFamily(name, _meaning(name), labels=_LABELS, unit=unit),
+            f"{name}_{unit}", GaugeMetricFamily(name, _meaning(word), labels=_LABELS, unit=unit)
         )
         family.add_metric(who, value * factor)
 
@@ -101,5 +102,5 @@ def _word(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9_]", "_", name)
 
 
-def _meaning(name: str) -> str:
-    return f"{name.removeprefix('gfm_')}, as a service's status says"
+def _meaning(word: str) -> str:
+    return f"{word} of a service's status"
