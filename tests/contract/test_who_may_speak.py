@@ -140,11 +140,12 @@ def test_a_survey_hears_every_service_under_its_own_role_alone(join):
     assert answerers(pending, servers) == set()
 
 
-def raw_session(address: RunAddress, **tls: object) -> zenoh.Session:
-    """Returns a session of somebody who has only zenoh, as a client of the router."""
+def raw_session(address: RunAddress, mode: str = "client", **tls: object) -> zenoh.Session:
+    """Returns a session of somebody who has only zenoh, with the router."""
     config = zenoh.Config()
     settings = {
-        "mode": "client",
+        "mode": mode,
+        "listen/endpoints": [],
         "scouting/multicast/enabled": False,
         "connect/endpoints": [tls.pop("endpoint", address.router)],
         "transport/link/tls": tls,
@@ -154,24 +155,53 @@ def raw_session(address: RunAddress, **tls: object) -> zenoh.Session:
     return zenoh.open(config)
 
 
+def shown(folder: Path) -> dict[str, object]:
+    """Returns zenoh's settings of who shows the certificate of a folder."""
+    return {
+        "root_ca_certificate": str(folder / "authority.pem"),
+        "connect_certificate": str(folder / "certificate.pem"),
+        "connect_private_key": str(folder / "key.pem"),
+        "enable_mtls": True,
+    }
+
+
+@pytest.mark.parametrize("mode", ["client", "peer", "router"])
+def test_a_watcher_who_uses_zenoh_in_any_other_way_may_no_more(mode, address, certs, join):
+    learner, asker, replay = join(Role.LEARNER), join(Role.ACTOR), join(Role.REPLAY)
+    heard = asker.subscribe("weights", keep=100)
+    servers = {Role.REPLAY: replay.serve("replay/insert")}
+    watcher = raw_session(address, mode, **shown(certs / Role.WATCHER))
+    with watcher:
+        everything = watcher.declare_subscriber("gfm/**", zenoh.handlers.RingChannel(100))
+        questions = watcher.declare_queryable("gfm/**", zenoh.handlers.RingChannel(100))
+
+        def weights_arrived() -> bool:
+            watcher.put("gfm/test/weights", b"forged")
+            learner.publish("weights", RecordDone(path="learner", ticks=1))
+            return heard.latest() == RecordDone(path="learner", ticks=1)
+
+        def replay_answers() -> bool:
+            pending = asker.request("replay/insert", StatusRequest(), timeout_s=4.0, everybody=True)
+            return answerers(pending, servers) == {Role.REPLAY}
+
+        eventually(weights_arrived)
+        eventually(replay_answers)
+        seen = {sample.payload.to_bytes() for sample in iter(everything.try_recv, None)}
+        assert seen <= {b"forged"}  # its own
+        assert questions.try_recv() is None
+    assert not asker.rejected
+
+
 def test_nobody_connects_without_a_certificate(address, certs, tmp_path):
-    mine = certs / Role.ACTOR
-    strangers = certificates(tmp_path / "strangers") / Role.ACTOR
-    authority = {"root_ca_certificate": str(mine / "authority.pem")}
-
-    def shown(folder: Path) -> dict[str, object]:
-        return authority | {
-            "connect_certificate": str(folder / "certificate.pem"),
-            "connect_private_key": str(folder / "key.pem"),
-            "enable_mtls": True,
-        }
-
-    with raw_session(address, **shown(mine)):  # so much for how it is done
+    mine = shown(certs / Role.ACTOR)
+    strange = certificates(tmp_path / "strangers") / Role.ACTOR
+    authority = {"root_ca_certificate": mine["root_ca_certificate"]}
+    with raw_session(address, **mine):  # so much for how it is done
         pass
     attempts = [
         {"endpoint": address.router.replace("tls", "tcp")},
         authority,
-        shown(strangers),
+        shown(strange) | authority,
         shown(certs / Role.ROUTER),
     ]
     for attempt in attempts:
