@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import ssl
+import sys
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -201,6 +202,14 @@ def test_credentials_that_cannot_be_used_are_one_line(certs, spoil, message):
     with pytest.raises(BadInputError, match=message) as caught:
         read_credentials(certs, Role.ACTOR)
     assert "\n" not in str(caught.value)
+
+
+def test_without_its_package_it_says_what_to_install(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cryptography", None)
+    monkeypatch.delitem(sys.modules, "gfm.launch.certs")
+    assert main(["certs", "--out", str(tmp_path / "certs")]) == 2
+    assert capsys.readouterr().err.endswith("pip install 'gfm-sim2real[certs]'\n")
+    assert not (tmp_path / "certs").exists()
 
 
 def test_the_files_serve_openssl_too(made):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import socket
+import sys
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -150,6 +151,13 @@ def test_it_serves_what_services_say_when_it_is_asked(monkeypatch):
     assert read(texts[0])["gfm_env_steps_total", "actor", "a-0", "h"] == 70.0
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.1", port))
+
+
+def test_without_its_package_it_says_what_to_install(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "prometheus_client.core", None)
+    monkeypatch.delitem(sys.modules, "gfm.launch.prometheus")
+    assert main(["metrics"]) == 2
+    assert capsys.readouterr().err.endswith("pip install 'gfm-sim2real[metrics]'\n")
 
 
 def test_it_serves_this_machine_alone_unless_told():

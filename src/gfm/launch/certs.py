@@ -82,11 +82,11 @@ def _check_authority_is_there(folder: Path) -> None:
 @final
 @dataclass(frozen=True, kw_only=True)
 class _Authority:
-    """Who signs, and from when until when what it signs is valid."""
+    """Who signs, when, and until when what it signs is valid."""
 
     key: ec.EllipticCurvePrivateKey
     certificate: x509.Certificate
-    begin: datetime
+    now: datetime
     end: datetime
 
     def issue(
@@ -99,7 +99,7 @@ class _Authority:
         is_router = role is Role.ROUTER
         usage = ExtendedKeyUsageOID.SERVER_AUTH if is_router else ExtendedKeyUsageOID.CLIENT_AUTH
         builder = (
-            _builder(role, self.certificate.subject, key, self.begin, self.end)
+            _builder(role, self.certificate.subject, key, self.now, self.end)
             .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
             .add_extension(x509.ExtendedKeyUsage([usage]), critical=True)
             .add_extension(
@@ -119,7 +119,7 @@ def _authority(folder: Path, now: datetime, until: datetime) -> _Authority:
     if not path.exists():
         name = _name(_AUTHORITY_NAME)
         signed = (
-            _builder(_AUTHORITY_NAME, name, key, now - _BACKDATED, until)
+            _builder(_AUTHORITY_NAME, name, key, now, until)
             .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
             .add_extension(_only_signs(), critical=True)
             .add_extension(
@@ -130,7 +130,7 @@ def _authority(folder: Path, now: datetime, until: datetime) -> _Authority:
         _write_new(path, signed.public_bytes(serialization.Encoding.PEM))
     certificate = _certificate(path, key, now)
     end = min(until, certificate.not_valid_after_utc)
-    return _Authority(key=key, certificate=certificate, begin=now - _BACKDATED, end=end)
+    return _Authority(key=key, certificate=certificate, now=now, end=end)
 
 
 def _complete(folder: Path, role: Role, hosts: Sequence[str], authority: _Authority) -> bool:
@@ -160,7 +160,7 @@ def _check(
     authority: _Authority,
 ) -> None:
     """Refuses a role's certificate that would not serve."""
-    certificate = _certificate(path, key, authority.begin + _BACKDATED)
+    certificate = _certificate(path, key, authority.now)
     if certificate.subject != _name(role):
         raise _unfit(path, f"is of {certificate.subject.rfc4514_string()}, not of CN={role}")
     try:
@@ -229,7 +229,7 @@ def _builder(
     name: str,
     issuer: x509.Name,
     key: ec.EllipticCurvePrivateKey,
-    begin: datetime,
+    now: datetime,
     end: datetime,
 ) -> x509.CertificateBuilder:
     return (
@@ -238,7 +238,7 @@ def _builder(
         .issuer_name(issuer)
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
-        .not_valid_before(begin)
+        .not_valid_before(now - _BACKDATED)
         .not_valid_after(end)
     )
 
