@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterator
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -218,6 +219,17 @@ def test_whoever_is_not_believed_is_told_why_at_once(address, certs, tmp_path):
     (other / "learner/authority.pem").write_bytes((certs / "actor/authority.pem").read_bytes())
     with pytest.raises(BadInputError, match=r"router at tls/.*: it refuses: "):
         RunAddress(run="test", endpoint=address.router, certs=str(other)).open(Role.LEARNER)
+
+
+def test_certificates_that_have_expired_are_not_believed(tmp_path):
+    certs = certificates(tmp_path, age=timedelta(days=2))
+    at = RunAddress(run="test", endpoint=free_endpoint(secure=True), certs=str(certs))
+    credentials = read_credentials(certs, Role.ROUTER)
+    with (
+        ZenohTransport.open(run="test", listen=[at.endpoint], credentials=credentials),
+        pytest.raises(BadInputError, match="certificate has expired"),
+    ):
+        at.open(Role.ACTOR)
 
 
 def test_a_client_does_not_believe_who_only_poses_as_the_router(certs):
