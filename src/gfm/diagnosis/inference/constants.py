@@ -2,8 +2,8 @@
 
 All of them are figures of the score (`gfm.diagnosis.inference.score`) and of the confidence that
 is made from it; whatever else the search has as a number only decides how long it takes.
-`benchmarks/calibrate.py` fits `CONFIDENCE` and `UNWEIGHED` to robots whose truth is known: 90 names
-of 51 robots, simulated by two hands (docs/results/scored_search.md).
+`benchmarks/calibrate.py` fits `CONFIDENCE` and `UNWEIGHED` to robots whose truth is known
+(docs/results/scored_search.md).
 """
 
 from __future__ import annotations
