@@ -3,6 +3,7 @@
 from gfm_wire.channels import CHANNELS, Permissions, Role, permissions
 from gfm_wire.codec import MAX_BYTES, Stamp, decode, decode_stamped, encode
 from gfm_wire.control import (
+    PROTECTIVE_STOP,
     Ack,
     ByHand,
     EnvironmentRequest,
@@ -32,6 +33,7 @@ from gfm_wire.schemas import SCHEMAS, Message
 __all__ = [
     "CHANNELS",
     "MAX_BYTES",
+    "PROTECTIVE_STOP",
     "SCHEMAS",
     "Ack",
     "ByHand",

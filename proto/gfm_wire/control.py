@@ -9,6 +9,10 @@ from enum import StrEnum
 from gfm.core import Command, EnvironmentSpec, Observation
 from gfm.core.checks import Array, check_shapes
 
+#: How the reason of a refusal begins where a bridge stopped the arm by itself, for what the arm did
+#: and not for what somebody said: its driver may begin again.
+PROTECTIVE_STOP = "protective stop: "
+
 
 @dataclass(frozen=True, kw_only=True)
 class Ack:

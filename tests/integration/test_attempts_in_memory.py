@@ -37,13 +37,14 @@ from gfm.sim.sawyer import JOINT_NAMES, READY
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.__main__ import build as build_bridge
 from gfm_robot_bridge.config import BridgeConfig
+from gfm_robot_bridge.guard import Guard
 from gfm_robot_bridge.limits import Reason
 from gfm_robot_bridge.simulated.__main__ import build as build_robot
 from gfm_robot_bridge.simulated.cell import Cell, cell_model
 from gfm_robot_bridge.simulated.config import SimulatedConfig
 from gfm_robot_bridge.simulated.tracker import Tracker
 from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
-from gfm_wire import RobotClock
+from gfm_wire import RobotClock, StopRobot
 
 POSITION = POSITION_MATCHING.name
 
@@ -280,6 +281,36 @@ def test_a_robot_that_stops_answering_ends_an_attempt(tmp_path: Path) -> None:
     with pytest.raises(RefusedError, match="robot: no answer from sawyer/exchange within 10"):
         attempts(rig.driver, falls_silent).make(0, 0, "silent")
     assert [path.name for path in tmp_path.iterdir()] == ["silent.mcap"]
+
+
+def test_an_arm_that_the_bridge_stops_has_failed_and_is_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(Guard, "problem", lambda _guard, _seen: said.pop() if said else "")
+
+    def comes_too_near(seen: Array32) -> Array32:
+        said.append("plate and basket_floor are 4 mm apart")
+        return standing(seen)
+
+    runner = attempts(connected(tmp_path), comes_too_near)
+    for trial in (0, 1):
+        made = runner.make(0, trial, f"stopped_{trial}")
+        assert made is not None
+        assert (made.outcome, made.steps) == ("protective_stop", 2)  # the next is refused
+        assert Path(made.recording).is_file()
+
+
+def test_an_arm_that_somebody_stops_has_not_failed(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    person = MemoryTransport(rig.hub, name="person", clock=rig.time)
+
+    def is_stopped(seen: Array32) -> Array32:
+        person.request("robot/stop", StopRobot(reason="enough"), timeout_s=1.0)
+        return standing(seen)
+
+    with pytest.raises(RefusedError, match="enough"):
+        attempts(rig.driver, is_stopped).make(0, 0, "stopped")
 
 
 def test_an_object_that_is_lost_ends_an_attempt(

@@ -30,7 +30,7 @@ from gfm_robot_bridge.recorder import Recorder
 from gfm_robot_bridge.robot import Robot
 from gfm_robot_bridge.robot_line import Decision, RobotLine
 from gfm_robot_bridge.timing import Timing
-from gfm_wire import RobotClock
+from gfm_wire import PROTECTIVE_STOP, RobotClock
 
 _log = logging.getLogger(__name__)
 
@@ -311,11 +311,11 @@ class BridgeService(Service, Controls):
             return
         if self._guard is not None and (lost := self._guard.problem(newest)):
             self._counters["lost_clearances"] += 1
-            self._stop(Reason.STOPPED, lost)
+            self._stop(Reason.STOPPED, PROTECTIVE_STOP + lost)
             return
         if problem := self._following.problem(self._limiter.told, newest, passed_s):
             self._counters["stalls"] += 1
-            self._stop(Reason.STOPPED, problem)
+            self._stop(Reason.STOPPED, PROTECTIVE_STOP + problem)
 
     def _end_period(self, newest: Observation) -> None:
         """Publishes the newest report, by which the last command is answered."""

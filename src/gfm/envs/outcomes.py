@@ -27,6 +27,7 @@ class Outcome(IntEnum):
     TOOL_LEFT_WORKSPACE = 3
     OBJECT_LEFT_BASKET = 4
     DIVERGED = 5
+    PROTECTIVE_STOP = 6
 
 
 @final

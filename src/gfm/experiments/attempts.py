@@ -25,16 +25,25 @@ from gfm.experiments.person import Person
 from gfm.sim.cell import END_EFFECTOR_SITE
 from gfm.sim.kinematics import SiteKinematics, body_axes, yaw_of
 from gfm.sim.sawyer import JOINT_NAMES
+from gfm.sim.sawyer_numbers import BASKET_XYZ
+from gfm_wire import PROTECTIVE_STOP
 
 #: How long the object lies before an attempt, s: until it is at rest, and is seen there.
 _LIES_S = 0.3
 #: How long the arm takes to stop, s.
 _STOPS_S = 0.3
+#: A tool that is lower above the basket's floor, m, is lifted at first, at this speed, m/s,
+#: for so long at most, s.
+_LOW_M, _LIFT_M_S, _LIFT_S = 0.05, 0.1, 1.0
+#: How long a robot may take to be driven again, s.
+_WAIT_S = 1.0
 #: How old a pose may become, s of the robot's time.
 _LONGEST_UNSEEN_S = 1.0
 #: How far from its place the object may have been put: m, and rad where its yaw matters.
 _ASIDE_M, _TURNED_RAD = 0.02, 0.35
 _ONE = np.arange(1)
+#: A pose of the object where it makes no difference.
+_SOMEWHERE = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +146,27 @@ class AttemptRunner:
     def _above_basket(self, joints: Array) -> bool:
         """Returns whether the arm is where it shall begin; False where that was broken off."""
         interrupts = self._person.interrupts
-        return self._driver.go_to(JOINT_NAMES, joints, CONTROL_PERIOD_S, interrupts)
+        return self._lifted() and self._driver.go_to(
+            JOINT_NAMES, joints, CONTROL_PERIOD_S, interrupts
+        )
+
+    def _lifted(self) -> bool:
+        """Returns whether the tool is clear of the floor; False where that was broken off.
+
+        By speeds: a position servo first gives way under a load that it does not know, by about as
+        much as the bridge lets a clearance lose.
+        """
+        self._driver.begin(JOINT_NAMES, _WAIT_S)
+        for _ in range(round(_LIFT_S / CONTROL_PERIOD_S)):
+            qpos = self._qpos(self._driver.newest, _SOMEWHERE)
+            if self._tip.positions(qpos)[0, 2] - BASKET_XYZ[2] >= _LOW_M:
+                break
+            if self._person.interrupts():
+                return False
+            moves = self._tip.jacobian(qpos[0])[:, self._arm.model.layout.dof]
+            speed = np.linalg.pinv(moves) @ [0.0, 0.0, _LIFT_M_S]
+            self._driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed)
+        return True
 
     def _object_put_back(self, pose: Array) -> bool:
         """Returns whether the object lies where it shall begin; False where that was broken off."""
@@ -187,12 +216,14 @@ class AttemptRunner:
             if self._person.interrupts():
                 return None
             speed = np.clip(action, -1.0, 1.0) * self._arm.velocity_limit
-            told = self._driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed)
-            scene = self._scene(told)
-            view.see(*self._measured(told), scene)
+            stopped = not self._moves(speed)
+            scene = self._scene(self._driver.newest)
+            view.see(*self._measured(self._driver.newest), scene)
             path.append(scene.position[0, :2])
             reached = task.reached(scene.position, scene.axes, goals)
             failure = failures(scene, np.zeros(1, dtype=bool))
+            if stopped:
+                failure[:] = Outcome.PROTECTIVE_STOP
             outcomes.judge(reached, failure, np.array([len(path) > task.steps]))
         place, turn = task.errors(scene.position, scene.axes, goals)
         return Attempt(
@@ -204,6 +235,16 @@ class AttemptRunner:
             path=np.round(path, 5).tolist(),
         )
 
+    def _moves(self, speed: Array) -> bool:
+        """Lets the arm move for a period, rad/s, (J,); False where the bridge had to stop it."""
+        try:
+            self._driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed)
+        except RefusedError as error:
+            if str(error).startswith(PROTECTIVE_STOP):
+                return False
+            raise
+        return True
+
     def _measured(self, report: Observation) -> tuple[Array, Array]:
         return report.position[None] - self._arm.zero, report.velocity[None]
 
@@ -214,10 +255,14 @@ class AttemptRunner:
         if unseen_s > _LONGEST_UNSEEN_S:
             raise RefusedError(f"the object was last seen {unseen_s:.1f} s ago")
         pose = np.concatenate([report.object_position, report.object_quaternion])[None]
-        qpos = self._arm.model.layout.as_qpos(report.position[None], pose)
+        qpos = self._qpos(report, pose)
         return Scene(
             tip=self._tip.positions(qpos), position=pose[:, :3], axes=body_axes(pose[:, 3:])
         )
+
+    def _qpos(self, report: Observation, pose: Array) -> Array:
+        """Returns the model's positions, shape (1, nq), for an object in a pose (1, 7)."""
+        return self._arm.model.layout.as_qpos(report.position[None], pose)
 
 
 def planned(goals: int, trials: int) -> Iterator[tuple[int, int]]:

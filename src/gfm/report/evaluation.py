@@ -31,6 +31,7 @@ REASONS = {
     Outcome.TOOL_LEFT_WORKSPACE: "the tool left its workspace",
     Outcome.OBJECT_LEFT_BASKET: "the object left the basket",
     Outcome.DIVERGED: "the simulation diverged",
+    Outcome.PROTECTIVE_STOP: "the bridge stopped the arm",
 }
 #: Where on the page lies the object's path, m from the basket's centre.
 _SHOWN_M = 0.2

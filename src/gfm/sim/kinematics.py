@@ -36,6 +36,15 @@ class SiteKinematics:
             place[:] = self._data.site_xpos[self._site]
         return places
 
+    def jacobian(self, qpos: Array) -> Array:
+        """Returns how the site moves with each degree of freedom, m/rad, (3, nv), at qpos (nq,)."""
+        rows = np.empty((3, self._model.nv))
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_jacSite(self._model, self._data, rows, None, self._site)
+        return rows
+
 
 def along(plant: Plant, position: Array, velocity: Array) -> Iterator[mujoco.MjData]:
     """Yields a model's state along a motion (N, J), with passive forces and energies."""
