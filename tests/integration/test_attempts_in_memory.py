@@ -34,6 +34,7 @@ from gfm.policies import shipped_policy
 from gfm.recording import read_recording
 from gfm.recording.weights_file import read_weights
 from gfm.sim.sawyer import JOINT_NAMES, READY
+from gfm.sim.sawyer_numbers import BASKET_XYZ
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.__main__ import build as build_bridge
 from gfm_robot_bridge.config import BridgeConfig
@@ -299,6 +300,20 @@ def test_an_arm_that_the_bridge_stops_has_failed_and_is_tried_again(
         assert made is not None
         assert (made.outcome, made.steps) == ("protective_stop", 2)  # the next is refused
         assert Path(made.recording).is_file()
+
+
+def test_a_low_tool_is_lifted_before_the_way_back_and_a_high_one_stays(tmp_path: Path) -> None:
+    driver = connected(tmp_path)
+    runner = attempts(driver)
+    driver.place_object(np.array([0.6, 0.12, 0.08, 1.0, 0.0, 0.0, 0.0]))  # aside
+    low = READY + np.array([0.0, 0.08, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert driver.go_to(JOINT_NAMES, low, 0.05)
+    heights = []
+    for _ in range(2):
+        assert runner._lifted()
+        heights.append(float(runner._scene(driver.newest).tip[0, 2] - BASKET_XYZ[2]))
+    assert heights[0] >= 0.05
+    assert abs(heights[1] - heights[0]) < 5e-3
 
 
 def test_an_arm_that_somebody_stops_has_not_failed(tmp_path: Path) -> None:

@@ -360,6 +360,18 @@ def test_the_tip_is_where_mujoco_has_it():
     np.testing.assert_allclose(tip[0], data.site("end_effector").xpos, atol=1e-12)
 
 
+def test_the_tip_moves_as_its_jacobian_says():
+    tip = SiteKinematics(problem().nominal, "end_effector")
+    qpos = problem().nominal.qpos0.copy()
+    qpos[:7] = READY
+    step = np.zeros((7, len(qpos)))
+    step[:, :7] = 1e-6 * np.eye(7)
+    differences = (tip.positions(qpos + step) - tip.positions(qpos - step)) / 2e-6
+    jacobian = tip.jacobian(qpos)
+    np.testing.assert_allclose(jacobian[:, :7], differences.T, atol=1e-8)
+    np.testing.assert_array_equal(jacobian[:, 7:], 0.0)
+
+
 def test_the_objects_own_friction_counts_in_contacts():
     model = problem().nominal
     data = mujoco.MjData(model)
