@@ -18,7 +18,7 @@ from gfm.rl.learner import LearnerSettings, init_learner, policy_tensors
 from gfm.service.force_files import read_forces
 
 #: Of ten goals once, so many at least; the share that was measured is nearer to all of them.
-POLICIES = {"position": 8, "pose": 5}
+POLICIES = {"position": 8, "pose": 8}
 
 
 def policy_file(path, spec):
