@@ -89,6 +89,8 @@ def test_a_missing_effect_is_named_and_the_model_corrected(tmp_path, capsys):
     out = tmp_path / "out"
     argv = ["diagnose", *paths[:2], "--holdout", paths[2], "--model", model, "--out", str(out)]
     assert main([*argv, "--seed", "3"]) == 0
+    page = (out / "report.html").read_text()
+    assert "data:video/mp4" in page or "<p>no film: " in page
     report = json.loads((out / "report.json").read_text())
     assert report["schema"] == "gfm.diagnosis/1"
     assert report["verdict"] == "explained"
@@ -142,7 +144,17 @@ def test_what_stands_beside_the_model_is_no_gap(tmp_path, capsys):
     pair = ModelPair(xml=Path(model).read_text(), effects=(known,))
     write_texts(tmp_path, model_texts("pendulum", pair))
     out = tmp_path / "out"
-    argv = ["diagnose", *paths[:2], "--holdout", paths[2], "--model", model, "--out", str(out)]
+    argv = [
+        "diagnose",
+        "--no-film",
+        *paths[:2],
+        "--holdout",
+        paths[2],
+        "--model",
+        model,
+        "--out",
+        str(out),
+    ]
     assert main(argv) == 0
     report = json.loads((out / "report.json").read_text())
     assert (report["verdict"], report["effects"]) == ("no_gap", [])
@@ -159,7 +171,7 @@ def test_a_diagnosis_finds_no_gap_in_the_pair_that_another_one_wrote(tmp_path):
     verdicts = []
     for name in ("once", "twice"):
         out = tmp_path / name
-        argv = ["diagnose", *paths[:2], "--holdout", paths[2], "--model", nominal]
+        argv = ["diagnose", "--no-film", *paths[:2], "--holdout", paths[2], "--model", nominal]
         assert main([*argv, "--out", str(out)]) == 0
         report = json.loads((out / "report.json").read_text())
         verdicts.append((report["verdict"], [e["effect"] for e in report["effects"]]))
@@ -170,7 +182,7 @@ def test_a_diagnosis_finds_no_gap_in_the_pair_that_another_one_wrote(tmp_path):
 def test_a_model_that_is_right_has_no_gap(tmp_path):
     paths, model = files(tmp_path, 0.0, count=1)
     out = tmp_path / "out"
-    assert main(["diagnose", *paths, "--model", model, "--out", str(out)]) == 0
+    assert main(["diagnose", "--no-film", *paths, "--model", model, "--out", str(out)]) == 0
     report = json.loads((out / "report.json").read_text())
     assert report["verdict"] == "no_gap"
     assert report["effects"] == []
@@ -183,7 +195,7 @@ def test_a_second_diagnosis_replaces_the_first_one(tmp_path):
     out.mkdir()
     (out / "report.json").write_text("{}")
     (out / "mine.txt").touch()
-    assert main(["diagnose", *paths, "--model", model, "--out", str(out)]) == 0
+    assert main(["diagnose", "--no-film", *paths, "--model", model, "--out", str(out)]) == 0
     assert json.loads((out / "report.json").read_text())["verdict"] == "no_gap"
     assert (out / "mine.txt").exists()
 
@@ -237,7 +249,17 @@ def two_sets(folder: Path) -> tuple[list[str], list[str], str]:
 def test_what_changed_since_earlier_recordings_is_told_first(tmp_path, capsys):
     now, before, model = two_sets(tmp_path)
     out = tmp_path / "out"
-    argv = ["diagnose", *now[:2], "--holdout", now[2], "--since", *before, "--model", model]
+    argv = [
+        "diagnose",
+        "--no-film",
+        *now[:2],
+        "--holdout",
+        now[2],
+        "--since",
+        *before,
+        "--model",
+        model,
+    ]
     assert main([*argv, "--out", str(out)]) == 0
     report = json.loads((out / "report.json").read_text())
     told = report["changes"]
@@ -287,7 +309,7 @@ def learned_forces(folder: Path, joint: str = "a", share: float = 0.4) -> str:
 def test_learned_forces_are_named_beside_the_verdict(tmp_path, capsys):
     paths, model = files(tmp_path, 0.0, count=3)
     out = tmp_path / "out"
-    argv = ["diagnose", *paths, "--model", model, "--out", str(out)]
+    argv = ["diagnose", "--no-film", *paths, "--model", model, "--out", str(out)]
     assert main([*argv, "--gfm", learned_forces(tmp_path)]) == 0
     report = json.loads((out / "report.json").read_text())
     assert (report["verdict"], report["effects"]) == ("no_gap", [])
@@ -302,7 +324,16 @@ def test_learned_forces_are_named_beside_the_verdict(tmp_path, capsys):
 
 def test_forces_of_another_robot_and_other_files_are_refused_in_one_line(tmp_path, capsys):
     paths, model = files(tmp_path, 0.0, count=1)
-    argv = ["diagnose", *paths, "--model", model, "--out", str(tmp_path / "out"), "--gfm"]
+    argv = [
+        "diagnose",
+        "--no-film",
+        *paths,
+        "--model",
+        model,
+        "--out",
+        str(tmp_path / "out"),
+        "--gfm",
+    ]
     other = learned_forces(tmp_path, joint="b")
     assert main([*argv, other]) == 2
     (line,) = capsys.readouterr().err.splitlines()

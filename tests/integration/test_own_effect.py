@@ -124,7 +124,17 @@ def test_the_example_is_named_on_data_and_goes_on_in_the_corrected_pair(
         paths.append(tmp_path / f"run_{seed}.mcap")
         write_recording(paths[-1], recording(seed, SLOPE))
     runs, out = [str(path) for path in paths], tmp_path / "out"
-    argv = ["diagnose", *runs[:2], "--holdout", runs[2], "--model", str(model), "--out", str(out)]
+    argv = [
+        "diagnose",
+        "--no-film",
+        *runs[:2],
+        "--holdout",
+        runs[2],
+        "--model",
+        str(model),
+        "--out",
+        str(out),
+    ]
     assert main(argv) == 0
     report = json.loads((out / "report.json").read_text())
     assert [e["effect"] for e in report["effects"]] == ["cable_friction"]

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from gfm.api.films.renderer import NoFilmError
 from gfm.core import CommandKind, ObjectTrack, Trajectory
 from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings, arm_problem
 from gfm.experiments.attempts import Attempt
-from gfm.experiments.film import NoFilmError
 from gfm.experiments.transfer_films import pair_to_show, positions
 from gfm.sim.sawyer import JOINT_NAMES, READY
 

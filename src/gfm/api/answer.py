@@ -13,9 +13,13 @@ import mujoco
 import plotly.graph_objects as go
 from rich.console import Console
 
+from gfm.api.films.motion import Motion, motion_along, worst_held_out
+from gfm.api.films.overlay import film_of
+from gfm.api.films.renderer import NoFilmError
+from gfm.api.films.rerun_file import write_rrd
 from gfm.api.folders import check_folder
 from gfm.api.models import NominalModel, load_nominal, made_texts
-from gfm.core import ConfigError, UnknownNameError
+from gfm.core import ConfigError, GfmError, Trajectory, UnknownNameError
 from gfm.diagnosis.output import result
 from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, Suspect, Verdict
 from gfm.effects import EffectInstance
@@ -23,6 +27,7 @@ from gfm.report import diagnosis_snippet, print_diagnosis, words, write_diagnosi
 from gfm.report.document import error_picture, evidence
 from gfm.report.figures import SERIES_POINTS
 from gfm.report.files import forget_effects, write_texts
+from gfm.report.film import Film
 
 #: Characters of a line where a diagnosis is printed into a string.
 _COLUMNS = 100
@@ -36,10 +41,12 @@ class Diagnosis:
     Attributes:
         answer: All of it, as `report.json` has it.
         nominal: The model that was diagnosed.
+        holdout: The recordings on which errors were measured.
     """
 
     answer: result.Diagnosis
     nominal: NominalModel
+    holdout: tuple[Trajectory, ...] = ()
 
     @property
     def verdict(self) -> Verdict:
@@ -125,11 +132,52 @@ class Diagnosis:
             picture = shown[0]
         return picture.figure.update_layout(title_text=picture.title, margin_t=72)
 
-    def save(self, folder: str | Path) -> tuple[Path, ...]:
+    def motion(self) -> Motion:
+        """Returns joint positions as measured and by both models, on the worst held-out recording.
+
+        Raises:
+            ConfigError: errors were measured on no recording.
+        """
+        if not self.holdout:
+            raise ConfigError("no held-out recording; nothing moves")
+        recording = worst_held_out(self.holdout, self.answer.recordings)
+        effects = [one.instance() for one in self.effects]
+        return motion_along(self.nominal.specs, recording, effects, self.nominal.effects)
+
+    def film(self) -> Film:
+        """Returns a film of `motion`; or why there is none. Takes up to half a minute.
+
+        It needs the extra `video` and a renderer (EGL or OSMesa). Where it ends a cell, a notebook
+        shows it.
+        """
+        try:
+            motion = self.motion()
+            spec = self.nominal.specs[motion.kind]
+            return film_of(motion, spec, enlarge=self.verdict is not Verdict.NO_GAP)
+        except NoFilmError as error:
+            return Film(missing=str(error))
+        except GfmError as error:
+            return Film(missing=f"no film: {error}")
+
+    def save_motion(self, path: str | Path) -> Path:
+        """Writes `motion` as a file for Rerun: curves, residuals, and robots of sticks.
+
+        Raises:
+            ConfigError: the extra `rerun` is not installed, or nothing moves.
+        """
+        motion = self.motion()
+        write_rrd(Path(path), motion, self.nominal.specs[motion.kind].copy().compile())
+        return Path(path)
+
+    def save(self, folder: str | Path, *, film: Film | None = None) -> tuple[Path, ...]:
         """Writes report.json, report.html, corrected.xml and what else there is; returns the paths.
 
         A nominal model that is in no file as it was used becomes nominal.xml beside them. All are
         written beside `folder` first, then moved there: none is ever half there.
+
+        Args:
+            folder: Where to; made where it is missing.
+            film: To be shown in the page.
 
         Raises:
             BadInputError: a file is in the way of the folder.
@@ -140,7 +188,7 @@ class Diagnosis:
         part = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.absolute().parent))
         try:
             made = write_texts(part, made_texts(self.nominal))
-            written = (*write_diagnosis(part, self.answer), *made)
+            written = (*write_diagnosis(part, self.answer, film), *made)
             out.mkdir(exist_ok=True)
             for path in written:
                 forget_effects(out / path.name)

@@ -174,6 +174,13 @@ def add_diagnose_parser(subparsers: Subparsers) -> None:
         action="store_true",
         help="keep effects in corrected.xml that are more likely wrong than right",
     )
+    parser.add_argument(
+        "--no-film",
+        dest="film",
+        action="store_false",
+        help="leave out the film of robot and model (it takes about 10 s; extra `video`), and with "
+        "the extra `rerun` motion.rrd",
+    )
     parser.set_defaults(run=run_diagnose)
 
 
@@ -197,5 +204,6 @@ def run_diagnose(arguments: argparse.Namespace) -> int:
         since=arguments.since,
         words=command_line(),
     )
-    diagnose_files(request, arguments.out, Console(), Console(file=sys.stderr))
+    progress = Console(file=sys.stderr)
+    diagnose_files(request, arguments.out, Console(), progress, film=arguments.film)
     return 0

@@ -9,12 +9,16 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
+from gfm.api.answer import Diagnosis
 from gfm.api.diagnosis import DiagnoseRequest, diagnosed
+from gfm.api.films.rerun_file import NAME, rerun_is_here
 from gfm.api.folders import check_folder
 from gfm.report import print_diagnosis
 
 
-def diagnose_files(request: DiagnoseRequest, out: Path, answer: Console, progress: Console) -> None:
+def diagnose_files(
+    request: DiagnoseRequest, out: Path, answer: Console, progress: Console, *, film: bool = True
+) -> None:
     """Reads, diagnoses, writes and prints.
 
     Args:
@@ -22,16 +26,27 @@ def diagnose_files(request: DiagnoseRequest, out: Path, answer: Console, progres
         out: Folder to write to.
         answer: Gets the verdict.
         progress: Told what is happening.
+        film: Whether the report shows robot and model moving; with the extra `rerun` there is a
+            file for that, too.
 
     Raises:
         BadInputError: something given cannot be used; nothing was written.
     """
     check_folder(out)
-    diagnosis = diagnosed(request, partial(_say, progress, time.monotonic()))
-    paths = diagnosis.save(out)
+    say = partial(_say, progress, time.monotonic())
+    diagnosis = diagnosed(request, say)
+    paths = diagnosis.save(out)  # before the film: nothing about a film may cost an answer
+    if film:
+        say("drawing robot and model")
+        paths = (*diagnosis.save(out, film=diagnosis.film()), *_rerun_file(diagnosis, out))
     print_diagnosis(answer, diagnosis.answer)
     for path in paths:
         answer.print(Text(str(path)), soft_wrap=True)
+
+
+def _rerun_file(diagnosis: Diagnosis, out: Path) -> tuple[Path, ...]:
+    """Writes the motion for Rerun where that is installed; returns where it is."""
+    return (diagnosis.save_motion(out / NAME),) if rerun_is_here() else ()
 
 
 def _say(progress: Console, began_s: float, words: str) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from gfm.api.films.renderer import NoFilmError
 from gfm.api.provenance import command_line, provenance
 from gfm.core import BadInputError, CommandKind, ConfigError, EnvironmentSpec, Weights
 from gfm.envs.arm import ArmProblem
@@ -19,7 +20,7 @@ from gfm.envs.matching import Matching
 from gfm.envs.matching_task import TASKS
 from gfm.envs.registry import EnvironmentSettings, arm_problem, furnished
 from gfm.envs.sensing import Sensing
-from gfm.experiments.film import NoFilmError, write_film
+from gfm.experiments.film import write_film
 from gfm.policies import shipped_policy
 from gfm.recording.weights_file import read_weights
 from gfm.report.evaluation import (

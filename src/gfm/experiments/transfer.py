@@ -169,6 +169,7 @@ class _Campaign:
                 out,
                 self.console,
                 self.console,
+                film=False,  # the campaign has films of its own
             )
         found: Mapping[str, Any] = json.loads(report.read_text())
         return found

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from gfm.api.films.renderer import NoFilmError
 from gfm.api.recordings import read_recordings
 from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.envs.arm import CONTROL_PERIOD_S, ArmProblem
 from gfm.envs.matching_task import MatchingTask
 from gfm.experiments.attempts import Attempt
-from gfm.experiments.film import NoFilmError, write_film
+from gfm.experiments.film import write_film
 
 #: How an attempt ends that succeeds.
 REACHED = "reached"

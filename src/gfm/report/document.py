@@ -27,6 +27,7 @@ from gfm.report.figures import (
     points_per_series,
     series_count,
 )
+from gfm.report.film import Film
 from gfm.report.learned_document import learned_json
 from gfm.report.page import render, render_page
 
@@ -95,9 +96,9 @@ def _estimate_json(estimate: ParameterEstimate) -> dict[str, object]:
     return known if estimate.spread is None else {**known, "spread": jsonable(estimate.spread)}
 
 
-def diagnosis_html(diagnosis: Diagnosis) -> str:
+def diagnosis_html(diagnosis: Diagnosis, film: Film | None = None) -> str:
     """Returns the diagnosis as one HTML page that needs nothing beside it."""
-    limit = points_per_series(series_count(diagnosis))
+    limit = points_per_series(series_count(diagnosis), film=film is not None)
     return render_page(
         "diagnosis.html.j2",
         diagnosis=diagnosis,
@@ -106,6 +107,7 @@ def diagnosis_html(diagnosis: Diagnosis) -> str:
         bars=glance.bars(diagnosis),
         quiet=glance.quiet_joints(diagnosis),
         cards=glance.cards(diagnosis),
+        film=film,
         error_picture=error_picture(diagnosis),
         evidence=evidence(diagnosis, limit),
     )

@@ -22,6 +22,8 @@ from gfm.report import words
 SERIES_POINTS = 2000
 # Packed, plotly.js takes 1.84 of the 2 MB that a report may have, and a point about 7 bytes.
 PAGE_POINTS = 9_000
+#: Points that a page has less with a film.
+FILM_POINTS = 3_000
 
 INK = "#1f2328"
 GREY = "#6e7781"
@@ -41,9 +43,10 @@ class Picture:
     figure: go.Figure
 
 
-def points_per_series(series: int) -> int:
+def points_per_series(series: int, *, film: bool = False) -> int:
     """Returns how many points each of the page's series may keep."""
-    return max(60, min(SERIES_POINTS, PAGE_POINTS // max(1, series)))
+    points = PAGE_POINTS - (FILM_POINTS if film else 0)
+    return max(60, min(SERIES_POINTS, points // max(1, series)))
 
 
 def kept_samples(y: Array, style: str, limit: int) -> NDArray[np.intp]:

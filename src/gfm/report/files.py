@@ -9,6 +9,7 @@ from pathlib import Path
 from gfm.core import CommandKind
 from gfm.diagnosis.output.result import Diagnosis, ModelPair
 from gfm.report.document import diagnosis_html, diagnosis_json, effect_json
+from gfm.report.film import Film
 from gfm.report.ranges import ranges_toml
 from gfm.report.run import RunReport
 from gfm.report.run_document import run_html, run_json
@@ -16,9 +17,11 @@ from gfm.report.run_document import run_html, run_json
 EFFECTS_SCHEMA = "gfm.effects/1"
 
 
-def write_diagnosis(folder: Path, diagnosis: Diagnosis) -> tuple[Path, ...]:
+def write_diagnosis(
+    folder: Path, diagnosis: Diagnosis, film: Film | None = None
+) -> tuple[Path, ...]:
     """Writes the diagnosis's files into `folder`, made where it is missing; returns their paths."""
-    document, page = diagnosis_json(diagnosis), diagnosis_html(diagnosis)
+    document, page = diagnosis_json(diagnosis), diagnosis_html(diagnosis, film)
     twins = [model_texts(f"corrected_{kind}", model) for kind, model in diagnosis.twins.items()]
     models = _corrected_texts(diagnosis) | {n: text for two in twins for n, text in two.items()}
     ranges = {"ranges.toml": ranges_toml(diagnosis.changes)} if diagnosis.changes else {}

@@ -163,7 +163,9 @@ def next_steps(diagnosis: Diagnosis) -> list[str]:
 
 def _with_the_model(diagnosis: Diagnosis) -> Iterator[str]:
     verdict, error = diagnosis.verdict, diagnosis.error
-    if diagnosis.effects:
+    if diagnosis.effects and error.after > error.before:
+        yield "Keep the model: on held-out recordings the corrected one is further off."
+    elif diagnosis.effects:
         beside = " (keep corrected.effects.json beside it)" if diagnosis.corrected_effects else ""
         yield f"Use corrected.xml in place of the model{beside}."
     elif verdict is Verdict.NO_GAP:

@@ -4,7 +4,7 @@ import gzip
 import json
 import math
 import re
-from base64 import b85decode
+from base64 import b64encode, b85decode
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gfm.api.films.drawing import MOST_BYTES
 from gfm.core import CommandKind, ShapeError
 from gfm.diagnosis.output.result import (
     ErrorSummary,
@@ -36,6 +37,7 @@ from gfm.report import (
     write_run,
 )
 from gfm.report.document import effect_json, jsonable
+from gfm.report.film import Film
 from gfm.report.page import packed
 from gfm.report.words import interval
 
@@ -263,8 +265,26 @@ def test_large_pages_stay_below_two_megabytes(diagnosis_with, run_with):
     diagnosis = diagnosis_with()
     diagnosis = replace(diagnosis, plots=diagnosis.plots * 12)
     report = run_with(diagnosis=diagnosis)
-    pages = run_html(replace(report, rollouts=report.rollouts * 4)), diagnosis_html(diagnosis)
+    film = Film(mp4=bytes(MOST_BYTES))
+    pages = run_html(replace(report, rollouts=report.rollouts * 4)), diagnosis_html(diagnosis, film)
     assert max(len(page.encode()) for page in pages) < 2_000_000
+
+
+def test_a_film_stands_in_the_page_with_what_it_shows(diagnosis_with):
+    film = Film(mp4=b"film", recording=HOSTILE, length_s=2.0, slowed=4, enlarged=5, anew_s=0.5)
+    page = diagnosis_html(diagnosis_with(), film)
+    assert f'<video src="data:video/mp4;base64,{b64encode(b"film").decode()}"' in page
+    told = without_plotly(page)
+    for words in ("4 times slower", "every 0.5 s", "5 times as large"):
+        assert words in told
+    assert "alert(1)</script>" not in told
+    assert "<video" not in diagnosis_html(diagnosis_with())
+
+
+def test_a_film_that_is_not_there_says_why(diagnosis_with):
+    page = diagnosis_html(diagnosis_with(), Film(missing="no film: <it> is dark"))
+    assert "<p>no film: &lt;it&gt; is dark</p>" in page
+    assert "<video" not in page
 
 
 @settings(max_examples=50, deadline=None)

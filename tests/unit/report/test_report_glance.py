@@ -82,6 +82,12 @@ def test_every_verdict_says_first_what_to_do(diagnosis_with, verdict, effects, f
     assert next_steps(diagnosis)[0].startswith(first)
 
 
+def test_a_model_that_is_worse_on_held_out_recordings_is_not_recommended(diagnosis_with):
+    worse = ErrorSummary(before=0.03, after=0.08, noise_floor=0.001)
+    told = next_steps(diagnosis_with(verdict=Verdict.PARTLY_EXPLAINED, error=worse))
+    assert told[0].startswith("Keep the model")
+
+
 def test_what_stays_is_told_with_its_size_and_its_joint(diagnosis_with):
     diagnosis = diagnosis_with(
         verdict=Verdict.PARTLY_EXPLAINED,
