@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Sequence
@@ -10,6 +9,7 @@ from dataclasses import dataclass
 from importlib import import_module
 
 import gfm
+from gfm.parser import OneLineParser
 
 _DESCRIPTION = """\
 Closes the gap between a MuJoCo model and the robot it stands for: records the robot, finds what the
@@ -157,9 +157,9 @@ SUBCOMMANDS = (
 )
 
 
-def make_parser(chosen: str = "") -> argparse.ArgumentParser:
+def make_parser(chosen: str = "") -> OneLineParser:
     """Returns the parser of the command line; only the `chosen` subcommand has its flags."""
-    parser = argparse.ArgumentParser("gfm", description=_DESCRIPTION, epilog=_EPILOG)
+    parser = OneLineParser("gfm", description=_DESCRIPTION, epilog=_EPILOG)
     version = f"gfm {gfm.__version__}"
     # With its short name it is the longest: help of the longest command stays on its line.
     parser.add_argument("-V", "--version", action="version", version=version)

@@ -24,7 +24,7 @@ def test_it_switches_the_drives(action: PowerAction) -> None:
     [
         ("stop", 1.0, "stop has the scale 1, expected none"),
         ("enable", 1.0, "enable has the scale 1, expected none"),
-        ("speed", None, "speed has the scale None, expected 0 to 1"),
+        ("speed", None, "speed has no scale, expected 0 to 1"),
         ("speed", 1.5, r"speed has the scale 1\.5, expected 0 to 1"),
         ("speed", float("nan"), "speed has the scale nan, expected 0 to 1"),
     ],

@@ -107,7 +107,8 @@ def _load_initial(path: Path, progress: Progress) -> None:
     given = read_weights(path)
     own = Weights(version=0, created_ns=0, spec_digest="", tensors=policy_tensors(progress.state))
     if given.architecture != own.architecture:
-        raise BadInputError(f"{path}: {_first_difference(given, own)}")
+        difference = _first_difference(given, own)
+        raise BadInputError(f"{path}: {difference} (is it a policy for another task?)")
     load_policy_tensors(progress.state, given.tensors)
 
 

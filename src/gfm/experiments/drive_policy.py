@@ -43,6 +43,8 @@ from gfm.transport import Transport
 from gfm_wire import Role
 
 _WAIT_S = 30.0
+#: In a folder in which no attempt came to its end.
+_LEFT = ("logs", "recordings", "sealed.json")
 _SIMULATED = {"sim": "on a simulated robot", "drake": "on a simulated robot in Drake"}
 
 
@@ -125,7 +127,7 @@ def drive_policy(request: DriveRequest, console: Console | None = None) -> Drive
         UnreachableError: the robot does not answer.
         KeyboardInterrupt: a signal ended it; what there is is kept.
     """
-    check_folder(request.out)
+    _check_own(request.out)
     path = policy_path(request.policy or shipped_policy(request.task))
     task = TASKS[request.task]
     arm = load_arm(EvaluationRequest(task=request.task, model=request.model))
@@ -156,6 +158,17 @@ def drive_policy(request: DriveRequest, console: Console | None = None) -> Drive
     if interrupted:
         raise KeyboardInterrupt
     return Driven(attempts=kept.attempts, report=report)
+
+
+def _check_own(out: Path) -> None:
+    """Raises BadInputError where a folder to write to holds what no `gfm drive` left there."""
+    check_folder(out)
+    if out.exists() and not (out / RESULT).exists():
+        others = sorted(one.name for one in out.iterdir() if one.name not in _LEFT)
+        if others:
+            raise BadInputError(
+                f"{out}: holds {others[0]}; expected a new folder, or one of an earlier gfm drive"
+            )
 
 
 def _report(request: DriveRequest, policy: Path, kept: Kept) -> Evaluation:

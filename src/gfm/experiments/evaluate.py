@@ -143,7 +143,7 @@ def policy_for(path: Path, weights: Weights, spec: EnvironmentSpec) -> GaussianP
         raise BadInputError(
             f"policy {path}: maps {got[0]} observations to {got[1]} actions (spec "
             f"{weights.spec_digest or 'unknown'}), expected {spec.policy_size} to "
-            f"{spec.action_size} for {spec.name} (spec {spec.digest})"
+            f"{spec.action_size} for {spec.name} (spec {spec.digest}): is it for another task?"
         )
     return policy
 

@@ -77,19 +77,19 @@ def excite(request: ExciteRequest, answer: Console, progress: Console) -> None:
         UnreachableError: no bridge, or no robot behind it.
         RefusedError: the bridge said no.
     """
-    progress.print(Text("  planning", style="dim"))
-    excitation = propose(
-        load_nominal(request.models, request.actuators),
-        effects=request.effects,
-        report=request.report,
-        kinds=request.kinds,
-        seconds=request.seconds,
-        period_s=request.period_s,
-        seed=request.seed,
-        clearance_m=request.clearance_m,
-        wishes=request.wishes,
-        words=command_line(),
-    )
+    with progress.status("planning"):  # gone where something is refused: that is one line
+        excitation = propose(
+            load_nominal(request.models, request.actuators),
+            effects=request.effects,
+            report=request.report,
+            kinds=request.kinds,
+            seconds=request.seconds,
+            period_s=request.period_s,
+            seed=request.seed,
+            clearance_m=request.clearance_m,
+            wishes=request.wishes,
+            words=command_line(),
+        )
     model, report = excitation.model, excitation.report
     if request.robot is None:
         paths = excitation.save(request.out)

@@ -34,6 +34,8 @@ from gfm.experiments.progress import Phase, RunProgress
 from gfm.launch import Supervisor, SystemSpec, free_endpoint, replay_process, router_process
 from gfm.report import ModelKind
 from gfm.report.files import write_texts
+from gfm.sim.hybrid import HybridModel
+from gfm.sim.replay import make_replay
 
 SCHEMA = "gfm.fit/1"
 REPORT = "fit.json"
@@ -112,6 +114,7 @@ def fit_files(request: FitRequest, clock: Clock | None = None) -> None:
         training, held_out = training[:-1], training[-1:]
     robot = load_nominal(request.models, request.actuators)
     test, nominal = _test(robot, training, held_out)
+    _check_replays(robot, training, request.period_s)
     phases = [Phase(name=_BEGIN, expected_s=30.0), Phase(name=_COMPARE, expected_s=10.0)]
     if request.learning_s > 0.0:
         phases.insert(1, Phase(name=_LEARN, expected_s=request.learning_s))
@@ -142,14 +145,27 @@ def _test(
 ) -> tuple[JointControlTest, ModelErrors]:
     """Returns what forces are compared on, and the nominal model on it."""
     paths = [*training, *held_out]
-    check_different(paths)
     recordings = read_recordings(paths)
+    check_different(paths)
     read = list(zip(paths, recordings, strict=True))
     check_together(robot.specs, read)
     check_usable(robot.specs, read[: len(training)], read[len(training) :])
     noise = measure_noise(recordings[: len(training)])
     test = make_test(robot.specs, recordings[len(training) :], noise, robot.effects)
     return test, test.model_errors(ModelKind.NOMINAL, (), "as given")
+
+
+def _check_replays(robot: NominalModel, training: Sequence[Path], period_s: float) -> None:
+    """Raises BadInputError where a recording cannot be followed, period by period."""
+    recordings = read_recordings(training)
+    model = HybridModel(
+        models={kind: spec.copy().compile() for kind, spec in robot.specs.items()},
+        joint_names=recordings[0].joint_names,
+        control_period_s=period_s,
+        effects=robot.effects,
+    )
+    for recording in recordings:
+        make_replay(model, recording)
 
 
 def _fit(

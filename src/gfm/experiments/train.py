@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 
-from gfm.core import Clock
+from gfm.core import BadInputError, Clock
 from gfm.experiments.progress import Phase, RunProgress
 from gfm.experiments.train_config import RunFolder, TrainConfig, open_run
 from gfm.experiments.train_curves import SystemCurves, in_words
@@ -59,6 +60,7 @@ def train(
         BadInputError: the experiment cannot be used, or a service refuses its settings.
         GfmError: a service failed.
     """
+    fresh = not request.out.exists()
     config, folder = open_run(
         request.out, request.config, resume=request.resume, begin_from=request.begin_from
     )
@@ -79,6 +81,10 @@ def train(
                 supervisor.start(stopped)
             with progress.phase(_LEARN):
                 _follow(supervisor, curves, progress, config.learner_steps, clock, stopped)
+    except BadInputError:
+        if fresh:  # a service refused its settings: nothing was learned
+            shutil.rmtree(request.out)
+        raise
     finally:
         curves.close()
     console.print(f"policy: {folder.policy}", soft_wrap=True, highlight=False)

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.text import Text
 
 from gfm.api.diagnosis import DiagnoseRequest
-from gfm.api.folders import check_folder
+from gfm.api.folders import check_folder, check_new_folder
 from gfm.api.models import load_nominal
 from gfm.api.provenance import command_line, provenance
 from gfm.core import Clock, CommandKind, ConfigError
@@ -81,6 +81,8 @@ class TransferRequest:
 
     def __post_init__(self) -> None:
         check_folder(self.out)
+        if not (self.out / BEFORE).exists():
+            check_new_folder(self.out)
         if self.drive.trials < 2:
             raise ConfigError(
                 f"--trials is {self.drive.trials}, expected at least 2: the first attempts are "

@@ -110,6 +110,7 @@ def add_up_parser(subparsers: Subparsers) -> None:
 
 def run_up(arguments: argparse.Namespace) -> int:
     """Starts a system and watches it until it is told to stop."""
+    _check_environment(vars(arguments).get("env"))
     start_logging("info")
     clock = MonotonicClock()
     stopped = StopSignal()
@@ -127,6 +128,14 @@ def run_up(arguments: argparse.Namespace) -> int:
         if not stopped():
             _keep(supervisor, Keeper(supervisor, config, clock), clock, stopped)
     return 0
+
+
+def _check_environment(name: str | None) -> None:
+    """Raises UnknownNameError before anything is started; without a name settings tell."""
+    from gfm.envs.registry import check_name
+
+    if name is not None:
+        check_name(name)
 
 
 def _check_models(paths: Mapping[CommandKind, str]) -> None:

@@ -33,7 +33,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "robot", help="stop a running robot, slow it down, enable it", description=_DESCRIPTION
     )
-    parser.add_argument("what", choices=("stop", "speed", *PowerAction))
+    parser.add_argument("what", choices=("stop", "speed", *map(str, PowerAction)))
     parser.add_argument("scale", type=float, nargs="?", metavar="SCALE", help="0 to 1, of speed")
     parser.add_argument(
         "--because", default="a person said so", metavar="TEXT", help="what its driver is told"
@@ -68,7 +68,8 @@ def question(what: str, scale: float | None, because: str) -> tuple[str, Message
     if what != "speed":
         return "robot/power", PowerRobot(action=PowerAction(what))
     if scale is None or not 0.0 <= scale <= 1.0:
-        raise ConfigError(f"speed has the scale {scale}, expected 0 to 1")
+        got = "no scale" if scale is None else f"the scale {scale:g}"
+        raise ConfigError(f"speed has {got}, expected 0 to 1")
     return "robot/speed", ScaleSpeed(scale=scale)
 
 

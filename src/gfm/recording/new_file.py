@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from gfm.core import BadInputError
@@ -20,6 +20,7 @@ def new_file(path: Path) -> Iterator[Path]:
     """
     check_free(path)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    fresh = not path.parent.exists()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as exc:
@@ -35,6 +36,9 @@ def new_file(path: Path) -> Iterator[Path]:
         raise _refused(path, exc) from exc
     finally:
         part.unlink(missing_ok=True)
+        if fresh:
+            with suppress(OSError):  # the file is in it, or others are
+                path.parent.rmdir()
 
 
 def give_name(part: Path, path: Path) -> None:

@@ -71,7 +71,9 @@ def read_arrays(path: Path, expected: str) -> tuple[dict[str, Any], dict[str, ND
         meta = json.loads(str(arrays.pop(_META)))
     except FileNotFoundError as exc:
         raise BadInputError(f"{path}: no such file, expected {expected}") from exc
-    except (OSError, ValueError, KeyError, EOFError, AttributeError, zipfile.BadZipFile) as exc:
+    except ValueError as exc:  # NumPy's advice on what is no archive is to unpickle it: not here
+        raise BadInputError(f"{path}: damaged or no {expected} file") from exc
+    except (OSError, KeyError, EOFError, AttributeError, zipfile.BadZipFile) as exc:
         raise BadInputError(f"{path}: damaged or no {expected} file: {exc}") from exc
     found = meta.get("format") if isinstance(meta, dict) else None
     if found != expected:

@@ -6,7 +6,9 @@ Exit status 0: stopped as asked. 1: a peer stayed away or said no. 2: bad input.
 from __future__ import annotations
 
 import argparse
+import errno
 import logging
+import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -17,6 +19,7 @@ import msgspec
 from msgspec.structs import replace
 
 from gfm.core import BadInputError, Clock, GfmError, MonotonicClock
+from gfm.parser import OneLineParser
 from gfm.service.config import LogLevel, ServiceConfig, read_config, unique_name
 from gfm.service.heartbeat import make_heartbeat
 from gfm.service.loop import run_service
@@ -25,6 +28,7 @@ from gfm.service.signals import StopRequested, StopSignal
 from gfm.transport import ZenohTransport, default_endpoint
 
 _log = logging.getLogger(__name__)
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 ENDPOINT_DEFAULTS = (
     f"{default_endpoint(secure=False)}, with certificates {default_endpoint(secure=True)}"
@@ -51,9 +55,7 @@ def make_parser(
         listens: Whether this service can be the run's router.
         joins: Whether it joins a run at all.
     """
-    parser = argparse.ArgumentParser(
-        prog=prog, description=description, argument_default=argparse.SUPPRESS
-    )
+    parser = OneLineParser(prog=prog, description=description, argument_default=argparse.SUPPRESS)
     if joins:
         _add_connection_flags(parser, listens=listens)
     group = parser.add_argument_group("settings")
@@ -163,5 +165,11 @@ def exit_status(run: Callable[[], int | None]) -> int:
     except GfmError as error:
         sys.stderr.write(f"error: {error}\n")
         return 2 if isinstance(error, BadInputError) else 1
+    except OSError as error:
+        if error.errno not in _NO_ROOM:
+            raise
+        where = error.filename or "a file that was being written"
+        sys.stderr.write(f"error: {where}: {os.strerror(error.errno)}; expected room to write\n")
+        return 2
     except KeyboardInterrupt:
         return 130
