@@ -9,7 +9,7 @@ RUN_ARGS ?=
 export CONTAINER_ENGINE ?= docker
 IMAGES := router replay bridge robot actor learner
 
-.PHONY: help run test test-slow test-containers check format lock images clean bench-effects bench-joint-control bench-bridge bench-kills bench-fit bench-diagnosis
+.PHONY: help run test test-slow test-containers check docs format lock images clean bench-messages bench-effects bench-joint-control bench-bridge bench-kills bench-fit bench-diagnosis
 
 help:  ## say what can be made
 	@sed -En 's/^([a-z-]+):.*## (.*)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -33,11 +33,17 @@ test-slow: $(VENV)/.installed  ## run the tests that take longer
 test-containers: $(VENV)/.installed images  ## run the system in containers
 	$(BIN)/python -m pytest -m containers
 
-check: $(VENV)/.installed  ## check format, lint, imports and types
+check: $(VENV)/.installed docs  ## check format, lint, imports, types and links of the documentation
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
+
+docs: $(VENV)/.installed  ## build the documentation as a site, build/site; fails on a broken link
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
+bench-messages: $(VENV)/.installed  ## give every command bad input; writes docs/messages.md (two minutes)
+	$(BIN)/python benchmarks/messages.py
 
 bench-effects: $(VENV)/.installed  ## see whether runs name what their robots hide (20 runs)
 	$(BIN)/python benchmarks/effects_10_seeds.py
