@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gfm.api.films.renderer import NoFilmError
 from gfm.cli import main
 from gfm.core import EnvironmentSpec, UnknownNameError, Weights
 from gfm.envs.registry import EnvironmentSettings, make_environment
 from gfm.experiments import film
-from gfm.experiments.film import NoFilmError, write_film
+from gfm.experiments.film import write_film
 from gfm.policies import forces_path, shipped_policy
 from gfm.recording.weights_file import write_weights
 from gfm.rl.learner import LearnerSettings, init_learner, policy_tensors
