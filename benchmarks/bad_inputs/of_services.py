@@ -32,6 +32,27 @@ ROBOT = (
     _nobody("gfm robot", "stop", status=1),
     _nobody("gfm status"),
 )
+ACCESS = (
+    cases(
+        "gfm certs",
+        ("a host that is none", lambda: ["--out", "d", "--host", "a/b"]),
+        ("certificates that end at once", lambda: ["--out", "d", "--days", "0"]),
+        ("a folder below a file", lambda: ["--out", text("taken", "") + "/d"]),
+    )
+    + cases(
+        "gfm status",
+        ("certificates that are not there", lambda: ["--certs", "absent"]),
+    )
+    + cases(
+        "gfm router",
+        ("open to the network without certificates", lambda: ["--listen", "tcp/0.0.0.0:7447"]),
+    )
+    + cases(
+        "gfm metrics",
+        ("open to the network", lambda: ["--http", "0.0.0.0:9464"]),
+        ("an address that is none", lambda: ["--http", "here"]),
+    )
+)
 SERVICES = (
     *cases(
         "gfm-actor",
@@ -52,4 +73,4 @@ SERVICES = (
         ("a share of the speed above 1", lambda: ["--velocity-share", "2"]),
     ),
 )
-CASES: tuple[Case, ...] = (*UP, *ROBOT, *SERVICES)
+CASES: tuple[Case, ...] = (*UP, *ROBOT, *ACCESS, *SERVICES)

@@ -97,7 +97,7 @@ def _write_robots(stream: RecordingStream, motion: Motion, model: mujoco.MjModel
         where = f"robot/{name}"
         style = rr.LineStrips3D.from_fields(colors=_COLOURS[name])
         rr.log(where, style, static=True, recording=stream)
-        strips = rr.LineStrips3D.columns(strips=lines.reshape(-1, 2, 3))
+        strips = rr.LineStrips3D.columns(strips=lines.reshape(-1, 2, 3).astype(np.float32))
         columns = strips.partition([each] * pictures)
         rr.send_columns(where, [time], columns, recording=stream)
 
