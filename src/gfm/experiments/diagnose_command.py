@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -26,8 +27,8 @@ def diagnose_files(
         out: Folder to write to.
         answer: Gets the verdict.
         progress: Told what is happening.
-        film: Whether the report shows robot and model moving; with the extra `rerun` there is a
-            file for that, too.
+        film: Whether the report shows robot and models moving where something was corrected; with
+            the extra `rerun` there is a file for that, too.
 
     Raises:
         BadInputError: something given cannot be used; nothing was written.
@@ -35,11 +36,16 @@ def diagnose_files(
     check_folder(out)
     say = partial(_say, progress, time.monotonic())
     diagnosis = diagnosed(request, say)
-    paths = diagnosis.save(out)  # before the film: nothing about a film may cost an answer
-    if film:
-        say("drawing robot and model")
-        paths = (*diagnosis.save(out, film=diagnosis.film()), *_rerun_file(diagnosis, out))
+    paths = diagnosis.save(out)
     print_diagnosis(answer, diagnosis.answer)
+    _tell(answer, paths)
+    if film and diagnosis.effects:  # last: nothing about a film may cost an answer, or time
+        say("drawing robot and models")
+        diagnosis.save(out, film=diagnosis.film())
+        _tell(answer, _rerun_file(diagnosis, out))
+
+
+def _tell(answer: Console, paths: Sequence[Path]) -> None:
     for path in paths:
         answer.print(Text(str(path)), soft_wrap=True)
 
