@@ -140,11 +140,16 @@ def object_rest_position(kind: FreeObject) -> tuple[float, float, float]:
     return (x, y, z + _REST_HEIGHT[kind])
 
 
+def object_boxes(kind: FreeObject) -> tuple[Box, ...]:
+    """Returns the boxes that an object is made of."""
+    return _BRICK_BOXES if kind == "brick" else TEE_BOXES
+
+
 def add_object(spec: mujoco.MjSpec, kind: FreeObject) -> None:
     """Adds the free body `object` at the basket's centre: a brick, or a tee that shows its yaw."""
     body = spec.worldbody.add_body(name=OBJECT_BODY, pos=object_rest_position(kind))
     body.add_freejoint(name=OBJECT_BODY)
-    boxes = _BRICK_BOXES if kind == "brick" else TEE_BOXES
+    boxes = object_boxes(kind)
     for number, (half, position) in enumerate(boxes):
         body.add_geom(
             name=f"{kind}_{number}",
