@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from gfm.sim import sawyer_numbers as numbers
 from gfm.sim.cell import FreeObject, object_boxes, object_rest_position
 from gfm.tracking.cell_cameras import PLACE_OFF_M, TURN_OFF_RAD, cell_cameras, displaced
 from gfm.tracking.detect import TagDetector
@@ -35,8 +34,8 @@ STRETCH = 1000
 FAULTS = Faults(noise_px=0.3, bad_tags=0.1, lost=0.3)
 #: Limits: what a pushed object must be tracked within.
 LIMITS = {"p95_mm": 4.0, "p95_deg": 1.0, "max_mm": 15.0, "max_deg": 5.0}
-#: How far images and projections may differ: as their noise, and much less than errors are.
-LIMITS |= {"corners_rms_px": 0.3, "tags_missed": 0.03, "poses_p95_mm": 1.0, "poses_p95_deg": 0.5}
+#: How far images and projections may differ: corners as their noise, poses by half of a limit.
+LIMITS |= {"corners_rms_px": 0.3, "tags_missed": 0.03, "poses_p95_mm": 2.0, "poses_p95_deg": 0.5}
 PIXEL_NOISE = 2.0  # grey levels
 
 
@@ -78,7 +77,7 @@ class Way:
 def way(kind: FreeObject, rng: np.random.Generator) -> Way:
     """Returns a path over the basket's floor, at up to 0.3 m/s, any way round, tilted a little."""
     x, y, z = object_rest_position(kind)
-    most = np.array([0.05, 0.05, 0.01, 0.1, 0.1, 0.6])
+    most = np.array([0.03, 0.03, 0.01, 0.05, 0.05, 0.6])
     return Way(
         rest=np.array([x, y, z + 0.02, rng.uniform(-np.pi, np.pi)]),
         sizes=most * rng.uniform(0.2, 1.0, (2, 6)),
@@ -291,6 +290,8 @@ def _images_lines(found: Agreement) -> Iterator[str]:
             for v, unit in ((mm, "mm"), (degrees, "degrees"))
         )
         yield _line(f"fused poses, {name}", spans)
+        mean = ", ".join(f"{value:.2f}" for value in 1e3 * errors[:, :3].mean(axis=0))
+        yield _line(f"mean of x, y, z, {name}", f"{mean} mm")
 
 
 def report(errors: Errors, found: Agreement | None, words: str, seed: int) -> str:

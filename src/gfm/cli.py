@@ -83,6 +83,12 @@ SUBCOMMANDS = (
         summary="turn files of other tools into recordings",
     ),
     Subcommand(
+        name="track",
+        module="gfm.experiments.track_command",
+        adder="add_parser",
+        summary="follow a tagged object with cameras",
+    ),
+    Subcommand(
         name="doctor",
         module="gfm.experiments.doctor_command",
         adder="add_parser",

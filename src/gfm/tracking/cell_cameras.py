@@ -22,7 +22,7 @@ PLACE_OFF_M, TURN_OFF_RAD = 1e-3, np.radians(0.2)
 def cell_cameras() -> tuple[Camera, ...]:
     """Returns the cameras, without distortion, as far off as they are built to be."""
     width, height = SIZE_PX
-    target = np.array(numbers.BASKET_XYZ) + (0.0, 0.0, _ABOVE_FLOOR_M)
+    target = np.array(numbers.BASKET_XYZ) + np.array([0.0, 0.0, _ABOVE_FLOOR_M])
     return tuple(
         Camera(
             name=name,

@@ -45,7 +45,7 @@ class TagDetector:
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
         # Larger windows reach into a small tag's own pattern, whose edges pull at the corner.
-        parameters.relativeCornerRefinmentWinSize = 0.3
+        parameters.relativeCornerRefinmentWinSize = 0.5
         self._detector = cv2.aruco.ArucoDetector(family(), parameters)
 
     def detect(self, grey: Image) -> Detection:

@@ -1,8 +1,8 @@
 """One pose from up to a few cameras: weighted by their covariances, without those that disagree.
 
-Every camera tells one or two poses, each of which may be right. Each is tried as the truth: whoever
-has no pose near it pays a fixed price, and the cheapest truth wins. What was expected beforehand has
-a voice like a camera's, but no weight in the mean.
+Every camera tells a few poses, each of which may be right. Each is tried as the truth: whoever has
+no pose near it pays a fixed price, and the cheapest truth wins. What was expected beforehand has a
+voice like a camera's, but no weight in the mean.
 """
 
 from __future__ import annotations

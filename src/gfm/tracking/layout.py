@@ -1,6 +1,6 @@
 """Which tags are on an object, and where.
 
-A tag's frame: x to the right and y up as it is printed, z out of its face, the origin in the middle.
+A tag's frame: x to the right and y up as it is printed, z out of its face, origin in the middle.
 Shape letters: n tags.
 """
 

@@ -1,7 +1,7 @@
 """Follows an object from look to look: what is believed, how old it is, and why not more.
 
-A pose is told with its age and never repeated as if it were new. What no motion explains is believed
-once it was seen several times in a row; until then the pose that is known grows old.
+A pose is told with its age and never repeated as if it were new. What no motion explains is
+believed once it was seen several times in a row; until then the pose that is known grows old.
 """
 
 from __future__ import annotations

@@ -1,0 +1,251 @@
+"""The command `gfm track`: calibrate cameras, and follow a tagged object with them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gfm.core import BadInputError, ConfigError
+from gfm.recording.new_file import check_free, new_file
+
+if TYPE_CHECKING:
+    from gfm.recording.writer import RecordingWriter
+    from gfm.tracking.camera import Camera
+    from gfm.tracking.frames import Frames
+    from gfm.tracking.layout import TagLayout
+    from gfm.tracking.tracker import Tracked
+
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+
+_SUMMARY = "follow a tagged object with cameras"
+_DESCRIPTION = """\
+Follows an object that carries AprilTags (36h11) with up to a few calibrated cameras, each by itself,
+and merges what they see into one pose. Needs the extra `tracking`.
+"""
+_OBJECTS = ("brick", "tee")
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Adds `gfm track`."""
+    parser = subparsers.add_parser("track", help=_SUMMARY, description=_DESCRIPTION)
+    tools = parser.add_subparsers(title="tools", metavar="TOOL", required=True)
+    _add_calibrate(tools)
+    _add_run(tools)
+    _add_tags(tools)
+
+
+def _add_calibrate(tools: Subparsers) -> None:
+    parser = tools.add_parser("calibrate", help="make a camera's file from images of a board")
+    parser.add_argument("--images", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--board", type=Path, required=True, metavar="BOARD.toml")
+    parser.add_argument("--name", required=True, help="of the camera")
+    parser.add_argument(
+        "--intrinsics",
+        type=Path,
+        metavar="CAMERA.toml",
+        help="take these (default: find them from the images)",
+    )
+    parser.add_argument(
+        "--places",
+        type=Path,
+        metavar="PLACES.toml",
+        help="where the board was: find where the camera stands, too",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="CAMERA.toml")
+    parser.set_defaults(run=_calibrate)
+
+
+def _add_run(tools: Subparsers) -> None:
+    parser = tools.add_parser(
+        "run",
+        help="print where the object is, one JSON object for each look",
+        description="SOURCE is a folder of images, a video, a device's number or a camera's "
+        "address. Ends when the first source does.",
+    )
+    parser.add_argument(
+        "--camera",
+        nargs=2,
+        action="append",
+        required=True,
+        metavar=("CAMERA.toml", "SOURCE"),
+        dest="cameras",
+        help="once for each",
+    )
+    parser.add_argument(
+        "--object",
+        default="brick",
+        metavar="NAME|LAYOUT.toml",
+        help=f"its tags: {', '.join(_OBJECTS)}, or a file (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--rate-hz", type=float, default=30.0, help="of looks (default: %(default)g)"
+    )
+    parser.add_argument("--out", type=Path, metavar="NEW.mcap", help="record the poses, too")
+    parser.set_defaults(run=_run)
+
+
+def _add_tags(tools: Subparsers) -> None:
+    parser = tools.add_parser("tags", help="write tags as images to print")
+    parser.add_argument("ids", nargs="+", type=int, metavar="ID")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.set_defaults(run=_tags)
+
+
+def _check_extra() -> None:
+    try:
+        import gfm.tracking.detect  # noqa: F401
+    except ImportError as exc:
+        raise ConfigError(
+            f"tracking needs a package that is not installed ({exc.name}); expected it: "
+            "pip install 'gfm-sim2real[tracking]'"
+        ) from exc
+
+
+def _calibrate(arguments: argparse.Namespace) -> None:
+    _check_extra()
+    import msgspec
+
+    from gfm.tracking import calibrate, files
+    from gfm.tracking.frames import image_paths, read_image
+
+    check_free(arguments.out)
+    board = files.read(files.BoardFile, arguments.board)
+    images = {path.name: read_image(path) for path in image_paths(arguments.images)}
+    sizes = {(image.shape[1], image.shape[0]) for image in images.values()}
+    if len(sizes) > 1:
+        raise BadInputError(
+            f"{arguments.images}: images of {len(sizes)} sizes, expected one: {sorted(sizes)}"
+        )
+    found = {name: calibrate.view_of(board, image) for name, image in images.items()}
+    views = {name: view for name, view in found.items() if view is not None}
+    if arguments.intrinsics is None:
+        camera = calibrate.intrinsics(arguments.name, sizes.pop(), list(views.values()))
+    else:
+        told = files.read(files.CameraFile, arguments.intrinsics)
+        camera = msgspec.structs.replace(told, name=arguments.name, mounting=None)
+        if camera.size_px != (size := sizes.pop()):
+            raise BadInputError(
+                f"{arguments.images}: images of {size[0]} x {size[1]} px, expected "
+                f"{camera.size_px[0]} x {camera.size_px[1]} ({arguments.intrinsics})"
+            )
+    if arguments.places is not None:
+        places = files.read(files.PlacesFile, arguments.places).places
+        known = [(views[name], place.pose) for name, place in places.items() if name in views]
+        stand = calibrate.mounting(camera, known)
+        camera = msgspec.structs.replace(camera, mounting=stand)
+    with new_file(arguments.out) as place:
+        place.write_text(files.camera_text(camera), encoding="utf-8")
+    sys.stdout.write(
+        f"{arguments.out}: the board in {len(views)} of {len(images)} images, corners within "
+        f"{camera.corner_noise_px:.2f} px\n"
+    )
+
+
+def _run(arguments: argparse.Namespace) -> None:
+    _check_extra()
+    from gfm.core import MonotonicClock
+    from gfm.recording.writer import RecordingWriter
+    from gfm.tracking.files import read_camera
+    from gfm.tracking.frames import frames_of
+
+    if not arguments.rate_hz > 0.0:
+        raise BadInputError(f"--rate-hz is {arguments.rate_hz:g}, expected more than 0")
+    layout = _layout(arguments.object)
+    cameras = [read_camera(Path(path)) for path, _ in arguments.cameras]
+    if arguments.out is not None:
+        check_free(arguments.out)
+    clock, sources = MonotonicClock(), {}
+    try:
+        for camera, (_, source) in zip(cameras, arguments.cameras, strict=True):
+            sources[camera.name] = frames_of(
+                source, arguments.rate_hz, lambda: 1e-9 * clock.now_ns()
+            )
+        if arguments.out is None:
+            _follow(cameras, layout, sources, None)
+        else:
+            with RecordingWriter(arguments.out, about={"software": "gfm track"}) as writer:
+                _follow(cameras, layout, sources, writer)
+    finally:
+        for frames in sources.values():
+            frames.close()
+
+
+def _layout(name: str) -> TagLayout:
+    from gfm.tracking.files import read_layout
+    from gfm.tracking.layout import cell_layout
+
+    if name == "brick" or name == "tee":
+        return cell_layout(name)
+    if not name.endswith(".toml"):
+        raise BadInputError(f"--object {name}: expected {', '.join(_OBJECTS)} or a file .toml")
+    return read_layout(Path(name))
+
+
+def _follow(
+    cameras: Sequence[Camera],
+    layout: TagLayout,
+    sources: Mapping[str, Frames],
+    writer: RecordingWriter | None,
+) -> None:
+    """Tells each pose, until the first source has no more images."""
+    from gfm.tracking.detect import TagDetector
+    from gfm.tracking.tracker import Look, Tracker, TrackerState
+
+    tracker, state, detector = Tracker(cameras, layout), TrackerState(), TagDetector()
+    sizes = {camera.name: camera.size_px for camera in cameras}
+    while True:
+        looks = []
+        for name, frames in sources.items():
+            if (newest := frames.newest()) is None:
+                return
+            time_s, image = newest
+            if (size := (image.shape[1], image.shape[0])) != sizes[name]:
+                raise BadInputError(
+                    f"camera {name}: an image of {size[0]} x {size[1]} px, expected "
+                    f"{sizes[name][0]} x {sizes[name][1]}"
+                )
+            looks.append(Look(camera=name, time_s=time_s, seen=detector.detect(image)))
+        told, state = tracker.step(max(look.time_s for look in looks), looks, state)
+        sys.stdout.write(json.dumps(_as_json(told)) + "\n")
+        if writer is not None and told.fresh and told.pose is not None and told.time_s is not None:
+            writer.write_object_pose(
+                round(1e9 * told.time_s), told.pose.position, told.pose.quaternion, told.covariance
+            )
+
+
+def _as_json(told: Tracked) -> dict[str, Any]:
+    """Returns what is known: m, rad, s; nothing that is not a number."""
+    pose = told.pose
+    return {
+        "valid": told.valid,
+        "age_s": told.age_s if pose is not None else None,
+        "time_s": told.time_s,
+        "position": None if pose is None else pose.position.tolist(),
+        "quaternion": None if pose is None else pose.quaternion.tolist(),
+        "covariance": None if told.covariance is None else told.covariance.tolist(),
+        "velocity": None if told.velocity is None else told.velocity.tolist(),
+        "smooth_velocity": None if told.smooth_velocity is None else told.smooth_velocity.tolist(),
+        "cameras": list(told.used),
+        "refused": dict(told.refused),
+    }
+
+
+def _tags(arguments: argparse.Namespace) -> None:
+    _check_extra()
+    from gfm.tracking.detect import tag_image
+    from gfm.tracking.frames import write_image
+    from gfm.tracking.layout import TAGS
+
+    for number in arguments.ids:
+        if not 0 <= number < TAGS:
+            raise BadInputError(f"tag {number}, expected 0 to {TAGS - 1}")
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for number in arguments.ids:
+        path = arguments.out / f"tag_{number}.png"
+        check_free(path)
+        write_image(path, tag_image(number, module_px=64))
+        sys.stdout.write(f"{path}\n")
