@@ -7,13 +7,14 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from gfm.core import BadInputError, ConfigError
 from gfm.recording.new_file import check_free, new_file
 
 if TYPE_CHECKING:
     from gfm.recording.writer import RecordingWriter
+    from gfm.sim.cell import FreeObject
     from gfm.tracking.camera import Camera
     from gfm.tracking.frames import Frames
     from gfm.tracking.layout import TagLayout
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
 
 _SUMMARY = "follow a tagged object with cameras"
 _DESCRIPTION = """\
-Follows an object that carries AprilTags (36h11) with up to a few calibrated cameras, each by itself,
-and merges what they see into one pose. Needs the extra `tracking`.
+Follows an object that carries AprilTags (36h11) with calibrated cameras, each by itself, and
+merges what they see into one pose. Needs the extra `tracking`.
 """
 _OBJECTS = ("brick", "tee")
 
@@ -178,8 +179,8 @@ def _layout(name: str) -> TagLayout:
     from gfm.tracking.files import read_layout
     from gfm.tracking.layout import cell_layout
 
-    if name == "brick" or name == "tee":
-        return cell_layout(name)
+    if name in _OBJECTS:
+        return cell_layout(cast("FreeObject", name))
     if not name.endswith(".toml"):
         raise BadInputError(f"--object {name}: expected {', '.join(_OBJECTS)} or a file .toml")
     return read_layout(Path(name))

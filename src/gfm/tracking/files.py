@@ -1,4 +1,4 @@
-"""Files of cameras, tags and calibration boards: TOML, read strictly, one line where one is wrong."""
+"""Files of cameras, tags and boards: TOML, read strictly, one line where one is wrong."""
 
 from __future__ import annotations
 

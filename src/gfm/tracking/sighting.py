@@ -160,7 +160,7 @@ class _View:
     def agreeing(self, pose: Pose, limit: float) -> NDArray[np.bool_]:
         """Returns which corners are where they should be, shape (n, 4)."""
         near = np.linalg.norm(self.errors(pose), axis=2) < limit
-        return near & (near.sum(axis=1) >= _LEAST_CORNERS)[:, None]
+        return np.asarray(near & (near.sum(axis=1) >= _LEAST_CORNERS)[:, None])
 
     def refined(self, pose: Pose) -> _Fit | None:
         """Returns the best pose near one; None where too little agrees with it."""
@@ -188,9 +188,9 @@ class _View:
             return None
         return _Fit(
             pose=pose,
-            covariance=np.linalg.inv(self._information(pose, good)),
+            covariance=np.asarray(np.linalg.inv(self._information(pose, good))),
             cost=self.cost(pose),
-            agreeing=good.any(axis=1),
+            agreeing=np.asarray(good.any(axis=1)),
         )
 
     def _information(self, pose: Pose, good: NDArray[np.bool_]) -> Array:
