@@ -9,7 +9,7 @@ RUN_ARGS ?=
 export CONTAINER_ENGINE ?= docker
 IMAGES := router replay bridge robot actor learner
 
-.PHONY: help run test test-slow test-containers check docs format lock images clean bench-messages bench-effects bench-joint-control bench-bridge bench-kills bench-fit bench-diagnosis
+.PHONY: help run test test-slow test-containers check docs format lock images clean bench-messages bench-effects bench-joint-control bench-bridge bench-kills bench-fit bench-tracking bench-diagnosis
 
 help:  ## say what can be made
 	@sed -En 's/^([a-z-]+):.*## (.*)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -64,6 +64,9 @@ bench-fit: $(VENV)/.installed build/peers  ## fit generalized forces warm and fr
 build/peers: benchmarks/peers/requirements.txt $(VENV)/.installed
 	$(PIP) install --target $@ --no-deps --upgrade --requirement $<
 	touch $@
+
+bench-tracking: $(VENV)/.installed  ## track the object through faults, and in drawn images (10 minutes)
+	$(BIN)/python benchmarks/tracking.py --out docs/results/tracking.md
 
 bench-diagnosis: $(VENV)/.installed build/peers  ## judge the diagnosis where the truth is known (hours)
 	$(BIN)/python benchmarks/diagnosis.py --peers

@@ -30,7 +30,7 @@ class Agility:
     """
 
     acceleration_m_s2: float = 1.0
-    acceleration_rad_s2: float = 8.0
+    acceleration_rad_s2: float = 3.0
     hit_m_s: float = 0.1
     hit_rad_s: float = 1.0
     speed_m_s: float = 0.3

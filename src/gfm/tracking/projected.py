@@ -20,7 +20,7 @@ from gfm.tracking.layout import TagLayout
 from gfm.tracking.rigid import Pose
 
 #: What the detector needs of a tag: its face turned towards the camera (the cosine), the distance
-#: between its opposite sides in the image. Measured on rendered images (docs/results/tracking.md).
+#: between its opposite sides in the image. How well that holds: docs/results/tracking.md.
 LEAST_FACING, LEAST_WIDTH_PX = 0.3, 14.0
 #: Corners lie on the faces of boxes; what is hidden must be so for more than rounding.
 _OFF_FACE_M = 5e-4
