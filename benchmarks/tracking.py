@@ -323,8 +323,8 @@ def report(errors: Errors, found: Agreement | None, words: str, seed: int) -> st
             "",
             *_images_lines(found),
             "",
-            "The mean is a bias of drawing and detector together, of a part of a pixel: all cameras "
-            "look down, so that it adds up along z.",
+            "The mean is a bias of drawing and detector together, of a part of a pixel: all "
+            "cameras look down, so that it adds up along z.",
         ]
     return "\n".join(lines) + "\n"
 

@@ -17,7 +17,7 @@ from gfm.tracking.calibrate import make_board
 from gfm.tracking.camera import camera_matrix
 from gfm.tracking.detect import tag_image
 from gfm.tracking.files import BoardFile, CameraFile, Mounting, camera_text, read, read_camera
-from gfm.tracking.frames import write_image
+from gfm.tracking.frames import LiveFrames, frames_of, write_image
 from gfm.tracking.layout import cell_layout
 from gfm.tracking.rigid import Pose, apart, looking, pose_of, turn_by
 
@@ -212,3 +212,54 @@ def test_tags_are_written_to_print(tmp_path, capsys):
     assert len(capsys.readouterr().out.splitlines()) == 2
     assert main(["track", "tags", "587", "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err == "error: tag 587, expected 0 to 586\n"
+
+
+def test_images_without_a_board_make_no_camera(tmp_path, capsys):
+    board = tmp_path / "board.toml"
+    board.write_text(board_text("charuco"))
+    write_image(tmp_path / "grey.png", np.full(SIZE[::-1], 128, np.uint8))
+    words = ["--images", str(tmp_path), "--board", str(board), "--name", "left"]
+    out = tmp_path / "left.toml"
+    assert main(["track", "calibrate", *words, "--out", str(out)]) == 2
+    assert "the board is seen in 0 images, expected at least 5" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_an_image_of_another_size_leaves_no_recording(tmp_path, capsys):
+    camera, out = tmp_path / "camera.toml", tmp_path / "new.mcap"
+    camera.write_text(GOOD)
+    write_image(tmp_path / "small.png", np.full((48, 64), 128, np.uint8))
+    words = ["--camera", str(camera), str(tmp_path), "--out", str(out)]
+    assert main(["track", "run", *words]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "error: camera front: an image of 64 x 48 px, expected 640 x 480"
+    assert not list(tmp_path.glob("*.mcap*"))
+
+
+@pytest.fixture
+def video(tmp_path):
+    path = tmp_path / "video.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 48))
+    for shade in (0, 60, 120, 180, 240):
+        writer.write(np.full((48, 64, 3), shade, np.uint8))
+    writer.release()
+    return path
+
+
+def test_a_video_has_its_own_times(video):
+    frames = frames_of(str(video), 30.0, lambda: 0.0)
+    told = [frames.newest() for _ in range(6)]
+    frames.close()
+    assert told[5] is None
+    np.testing.assert_allclose([one[0] for one in told[:5]], 0.04 * np.arange(5), atol=1e-3)
+    np.testing.assert_allclose([one[1].mean() for one in told[:5]], [0, 60, 120, 180, 240], atol=3)
+
+
+def test_a_camera_that_is_gone_gives_its_last_image_as_old_as_it_is(video):
+    times = iter(range(100))
+    frames = LiveFrames(str(video), lambda: float(next(times)), wait_s=0.01)
+    frames._thread.join()
+    last, again = frames.newest(), frames.newest()
+    frames.close()
+    assert last[0] == again[0] == 4.0
+    assert last[1].mean() == pytest.approx(240, abs=3)

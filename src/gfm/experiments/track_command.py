@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -15,7 +16,10 @@ from gfm.recording.new_file import check_free, new_file
 if TYPE_CHECKING:
     from gfm.recording.writer import RecordingWriter
     from gfm.sim.cell import FreeObject
+    from gfm.tracking.calibrate import BoardView
     from gfm.tracking.camera import Camera
+    from gfm.tracking.detect import Image
+    from gfm.tracking.files import CameraFile
     from gfm.tracking.frames import Frames
     from gfm.tracking.layout import TagLayout
     from gfm.tracking.tracker import Tracked
@@ -123,16 +127,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         )
     found = {name: calibrate.view_of(board, image) for name, image in images.items()}
     views = {name: view for name, view in found.items() if view is not None}
-    if arguments.intrinsics is None:
-        camera = calibrate.intrinsics(arguments.name, sizes.pop(), list(views.values()))
-    else:
-        told = files.read(files.CameraFile, arguments.intrinsics)
-        camera = msgspec.structs.replace(told, name=arguments.name, mounting=None)
-        if camera.size_px != (size := sizes.pop()):
-            raise BadInputError(
-                f"{arguments.images}: images of {size[0]} x {size[1]} px, expected "
-                f"{camera.size_px[0]} x {camera.size_px[1]} ({arguments.intrinsics})"
-            )
+    camera = _intrinsics(arguments, sizes.pop(), list(views.values()))
     if arguments.places is not None:
         places = files.read(files.PlacesFile, arguments.places).places
         known = [(views[name], place.pose) for name, place in places.items() if name in views]
@@ -146,10 +141,28 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     )
 
 
+def _intrinsics(
+    arguments: argparse.Namespace, size_px: tuple[int, int], views: Sequence[BoardView]
+) -> CameraFile:
+    """Returns the camera without a place: from a file, or from the images."""
+    import msgspec
+
+    from gfm.tracking import calibrate, files
+
+    if arguments.intrinsics is None:
+        return calibrate.intrinsics(arguments.name, size_px, views)
+    told = files.read(files.CameraFile, arguments.intrinsics)
+    if told.size_px != size_px:
+        raise BadInputError(
+            f"{arguments.images}: images of {size_px[0]} x {size_px[1]} px, expected "
+            f"{told.size_px[0]} x {told.size_px[1]} ({arguments.intrinsics})"
+        )
+    return msgspec.structs.replace(told, name=arguments.name, mounting=None)
+
+
 def _run(arguments: argparse.Namespace) -> None:
     _check_extra()
     from gfm.core import MonotonicClock
-    from gfm.recording.writer import RecordingWriter
     from gfm.tracking.files import read_camera
     from gfm.tracking.frames import frames_of
 
@@ -160,19 +173,35 @@ def _run(arguments: argparse.Namespace) -> None:
     if arguments.out is not None:
         check_free(arguments.out)
     clock, sources = MonotonicClock(), {}
+
+    def now_s() -> float:
+        return 1e-9 * clock.now_ns()
+
     try:
         for camera, (_, source) in zip(cameras, arguments.cameras, strict=True):
-            sources[camera.name] = frames_of(
-                source, arguments.rate_hz, lambda: 1e-9 * clock.now_ns()
-            )
+            sources[camera.name] = frames_of(source, arguments.rate_hz, now_s)
+        told = _followed(cameras, layout, sources, now_s)
         if arguments.out is None:
-            _follow(cameras, layout, sources, None)
+            _tell(told, None)
         else:
-            with RecordingWriter(arguments.out, about={"software": "gfm track"}) as writer:
-                _follow(cameras, layout, sources, writer)
+            _record(told, arguments.out)
     finally:
         for frames in sources.values():
             frames.close()
+
+
+def _record(told: Iterable[Tracked], path: Path) -> None:
+    """Tells each pose, and records those that are new."""
+    from gfm.recording.writer import RecordingWriter
+
+    writer = RecordingWriter(path, about={"software": "gfm track"})
+    try:
+        with suppress(KeyboardInterrupt):  # how one ends that follows live cameras
+            _tell(told, writer)
+    except BaseException:
+        writer.discard()
+        raise
+    writer.close()
 
 
 def _layout(name: str) -> TagLayout:
@@ -186,31 +215,41 @@ def _layout(name: str) -> TagLayout:
     return read_layout(Path(name))
 
 
-def _follow(
+def _followed(
     cameras: Sequence[Camera],
     layout: TagLayout,
     sources: Mapping[str, Frames],
-    writer: RecordingWriter | None,
-) -> None:
-    """Tells each pose, until the first source has no more images."""
+    now_s: Callable[[], float],
+) -> Iterator[Tracked]:
+    """Yields what is known at each look, until the first source has no more images."""
     from gfm.tracking.detect import TagDetector
     from gfm.tracking.tracker import Look, Tracker, TrackerState
 
     tracker, state, detector = Tracker(cameras, layout), TrackerState(), TagDetector()
-    sizes = {camera.name: camera.size_px for camera in cameras}
     while True:
         looks = []
-        for name, frames in sources.items():
-            if (newest := frames.newest()) is None:
+        for camera in cameras:
+            if (newest := sources[camera.name].newest()) is None:
                 return
             time_s, image = newest
-            if (size := (image.shape[1], image.shape[0])) != sizes[name]:
-                raise BadInputError(
-                    f"camera {name}: an image of {size[0]} x {size[1]} px, expected "
-                    f"{sizes[name][0]} x {sizes[name][1]}"
-                )
-            looks.append(Look(camera=name, time_s=time_s, seen=detector.detect(image)))
-        told, state = tracker.step(max(look.time_s for look in looks), looks, state)
+            _check_size(camera, image)
+            looks.append(Look(camera=camera.name, time_s=time_s, seen=detector.detect(image)))
+        is_live = any(frames.is_live for frames in sources.values())
+        now = now_s() if is_live else max(look.time_s for look in looks)
+        told, state = tracker.step(now, looks, state)
+        yield told
+
+
+def _check_size(camera: Camera, image: Image) -> None:
+    if (size := (image.shape[1], image.shape[0])) != camera.size_px:
+        raise BadInputError(
+            f"camera {camera.name}: an image of {size[0]} x {size[1]} px, expected "
+            f"{camera.size_px[0]} x {camera.size_px[1]}"
+        )
+
+
+def _tell(poses: Iterable[Tracked], writer: RecordingWriter | None) -> None:
+    for told in poses:
         sys.stdout.write(json.dumps(_as_json(told)) + "\n")
         if writer is not None and told.fresh and told.pose is not None and told.time_s is not None:
             writer.write_object_pose(

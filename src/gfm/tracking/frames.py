@@ -19,7 +19,13 @@ _SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}
 
 
 class Frames(ABC):
-    """One camera's images."""
+    """One camera's images.
+
+    Attributes:
+        is_live: Whether their times are the clock's.
+    """
+
+    is_live = False
 
     @abstractmethod
     def newest(self) -> tuple[float, Image] | None:
@@ -91,8 +97,8 @@ class VideoFrames(Frames):
 
     @override
     def newest(self) -> tuple[float, Image] | None:
-        time_s = 1e-3 * self._capture.get(cv2.CAP_PROP_POS_MSEC)
         there, image = self._capture.read()
+        time_s = 1e-3 * self._capture.get(cv2.CAP_PROP_POS_MSEC)  # of the image just read
         return (time_s, _grey(image)) if there else None
 
     @override
@@ -102,19 +108,26 @@ class VideoFrames(Frames):
 
 @final
 class LiveFrames(Frames):
-    """The newest image of a USB or network camera, read by a thread: one that hangs holds nobody.
+    """The newest image of a USB or network camera, read by a thread of its own.
+
+    A camera that hangs, or is gone, holds nobody up: its last image is given again, as old as it
+    is.
 
     Args:
         source: A device's number, or an address or pipeline that OpenCV opens.
         now_s: The clock. An image is stamped when it has arrived; what the camera took before is
             not known.
+        wait_s: For how long to wait for a new image; the first is waited for without end.
     """
 
-    def __init__(self, source: str, now_s: Callable[[], float]) -> None:
+    is_live = True
+
+    def __init__(self, source: str, now_s: Callable[[], float], wait_s: float) -> None:
         self._capture = _opened(source)
-        self._now_s = now_s
+        self._now_s, self._wait_s = now_s, wait_s
         self._changed = threading.Condition()
         self._newest: tuple[float, Image] | None = None
+        self._told_s = -np.inf
         self._ended = False
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
@@ -122,8 +135,11 @@ class LiveFrames(Frames):
     @override
     def newest(self) -> tuple[float, Image] | None:
         with self._changed:
-            self._changed.wait_for(lambda: self._newest is not None or self._ended)
-            return None if self._ended else self._newest
+            wait_s = self._wait_s if self._newest is not None else None
+            self._changed.wait_for(self._is_there, wait_s)
+            if self._newest is not None:
+                self._told_s = self._newest[0]
+            return self._newest
 
     @override
     def close(self) -> None:
@@ -131,6 +147,9 @@ class LiveFrames(Frames):
         self._thread.join(timeout=1.0)
         if not self._thread.is_alive():
             self._capture.release()
+
+    def _is_there(self) -> bool:
+        return self._ended or (self._newest is not None and self._newest[0] > self._told_s)
 
     def _read(self) -> None:
         while not self._ended:
@@ -153,7 +172,7 @@ def frames_of(source: str, rate_hz: float, now_s: Callable[[], float]) -> Frames
         return FolderFrames(path, rate_hz)
     if path.is_file():
         return VideoFrames(path)
-    return LiveFrames(source, now_s)
+    return LiveFrames(source, now_s, 1.0 / rate_hz)
 
 
 def _opened(source: str) -> cv2.VideoCapture:
