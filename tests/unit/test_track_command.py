@@ -263,3 +263,24 @@ def test_a_camera_that_is_gone_gives_its_last_image_as_old_as_it_is(video):
     frames.close()
     assert last[0] == again[0] == 4.0
     assert last[1].mean() == pytest.approx(240, abs=3)
+
+
+def test_the_drawn_cell_is_tracked(tmp_path, capsys):
+    cell = tmp_path / "cell"
+    status = main(["track", "draw", "--looks", "5", "--out", str(cell)])
+    if status == 1:
+        pytest.skip(capsys.readouterr().err)
+    assert status == 0
+    capsys.readouterr()
+    words = [
+        word
+        for name in ("front", "left", "right")
+        for word in ("--camera", str(cell / f"{name}.toml"), str(cell / name))
+    ]
+    assert main(["track", "run", *words]) == 0
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    real = json.loads((cell / "truth.jsonl").read_text().splitlines()[-1])
+    assert told["valid"]
+    assert told["time_s"] == pytest.approx(real["time_s"])
+    np.testing.assert_allclose(told["position"], real["position"], atol=2e-3)
+    assert abs(np.dot(told["quaternion"], real["quaternion"])) > np.cos(np.radians(0.5))

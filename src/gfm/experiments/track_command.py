@@ -41,6 +41,7 @@ def add_parser(subparsers: Subparsers) -> None:
     _add_calibrate(tools)
     _add_run(tools)
     _add_tags(tools)
+    _add_draw(tools)
 
 
 def _add_calibrate(tools: Subparsers) -> None:
@@ -98,6 +99,16 @@ def _add_tags(tools: Subparsers) -> None:
     parser.add_argument("ids", nargs="+", type=int, metavar="ID")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.set_defaults(run=_tags)
+
+
+def _add_draw(tools: Subparsers) -> None:
+    parser = tools.add_parser("draw", help="write images of the simulated cell, to try this with")
+    parser.add_argument("--object", choices=_OBJECTS, default="brick", help="(default: brick)")
+    parser.add_argument("--looks", type=int, default=30, metavar="N", help="(default: 30)")
+    parser.add_argument("--rate-hz", type=float, default=30.0, help="(default: 30)")
+    parser.add_argument("--seed", type=int, default=0, help="of the pixels' noise (default: 0)")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.set_defaults(run=_draw)
 
 
 def _check_extra() -> None:
@@ -166,8 +177,7 @@ def _run(arguments: argparse.Namespace) -> None:
     from gfm.tracking.files import read_camera
     from gfm.tracking.frames import frames_of
 
-    if not arguments.rate_hz > 0.0:
-        raise BadInputError(f"--rate-hz is {arguments.rate_hz:g}, expected more than 0")
+    _check_rate(arguments.rate_hz)
     layout = _layout(arguments.object)
     cameras = [read_camera(Path(path)) for path, _ in arguments.cameras]
     if arguments.out is not None:
@@ -289,3 +299,19 @@ def _tags(arguments: argparse.Namespace) -> None:
         check_free(path)
         write_image(path, tag_image(number, module_px=64))
         sys.stdout.write(f"{path}\n")
+
+
+def _draw(arguments: argparse.Namespace) -> None:
+    _check_extra()
+    from gfm.tracking.drawn_cell import write_cell
+
+    _check_rate(arguments.rate_hz)
+    if arguments.looks < 1:
+        raise BadInputError(f"--looks is {arguments.looks}, expected at least 1")
+    write_cell(arguments.out, arguments.object, arguments.looks, arguments.rate_hz, arguments.seed)
+    sys.stdout.write(f"{arguments.out}: images, cameras' files, and truth.jsonl\n")
+
+
+def _check_rate(rate_hz: float) -> None:
+    if not rate_hz > 0.0:
+        raise BadInputError(f"--rate-hz is {rate_hz:g}, expected more than 0")
