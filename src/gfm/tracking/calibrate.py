@@ -24,6 +24,8 @@ from gfm.tracking.rigid import Pose, apart, turn_by
 #: With fewer images intrinsics, and with fewer places their spread, say little.
 LEAST_IMAGES, LEAST_PLACES = 5, 3
 _LEAST_CORNERS = 8
+#: No detector is better, however well a few images fit.
+_LEAST_NOISE_PX = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +92,7 @@ def intrinsics(name: str, size_px: tuple[int, int], views: Sequence[BoardView]) 
         focal_px=(float(matrix[0, 0]), float(matrix[1, 1])),
         centre_px=(float(matrix[0, 2]), float(matrix[1, 2])),
         distortion=(k1, k2, p1, p2, k3),
-        corner_noise_px=float(error) / np.sqrt(2.0),
+        corner_noise_px=max(float(error / np.sqrt(2.0)), _LEAST_NOISE_PX),
     )
 
 
