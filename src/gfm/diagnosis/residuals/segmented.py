@@ -89,11 +89,6 @@ class SegmentedProblem(LeastSquares):
         """Returns the mean squared residual of each joint, shape (J,)."""
         return np.asarray((residual.reshape(-1, len(self.joints)) ** 2).mean(axis=0))
 
-    @property
-    def duration_s(self) -> float:
-        """How long its segments are together, s."""
-        return sum(shape.duration_s for shape in self.layout())
-
     def sample(self, simulated_s: float) -> list[int]:
         """Returns segments of about so much time in all; each one where they are few."""
         del simulated_s

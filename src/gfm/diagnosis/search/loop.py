@@ -12,10 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial, reduce
 
-import numpy as np
-
 from gfm.core import Trajectory
-from gfm.diagnosis.inference.constants import CLEARLY
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.search.hypothesis import (
@@ -53,8 +50,8 @@ def search(
 
     Args:
         problem: Of short segments, in which effects are looked for.
-        long: In which amounts are settled: of longer ones, or of more; the same problem where
-            there are none.
+        long: Of long ones, in which amounts are settled; the same problem where long ones tell
+            no more.
         everything: All short segments there are.
         recordings: From which they were cut.
         report: Told what is happening, in words.
@@ -76,23 +73,12 @@ def search(
         settled = under_way.in_its_time(settle, here)
         # What keeps a rollout off slowly, initial states of short segments make up for.
         slowly = settled.fit.cost - 1.0 > MORE_IN_LONG * max(here.fit.cost - 1.0, 1.0)
-        more = long.duration_s / problem.duration_s
-        again = slowly or _undecided(under_way.steps, more)
-        here = run(settled, under_way, (add, add_costly)) if again else settled
+        here = run(settled, under_way, (add, add_costly)) if slowly else settled
     # Motors apart from their links take longest: alone they are tried where nothing else gains.
     last = run(here, under_way, (add_motors,))
     if last is not here:
         last = run(last, under_way, (add, add_costly, add_motors))
     return _fitly_told(end(last, under_way))
-
-
-def _undecided(steps: Sequence[Step], more: float) -> bool:
-    """Returns whether what was not clear in the last step may be so in `more` times as much time.
-
-    Standard errors grow by the root of it.
-    """
-    ranked = steps[-1].ranked if steps and steps[-1].chosen is None else ()
-    return any(one.gain.nats * np.sqrt(more) > CLEARLY * one.gain.error for one in ranked)
 
 
 def _motors_beside(before: Hypothesis[P], search: Search[P], best: Step) -> Step | None:
