@@ -6,7 +6,7 @@ Logistic regression from the figures under `evidence` in reports that `diagnosis
 with a law that the library lacks count as often as in a whole suite, however many of them were
 diagnosed. What the fit is worth is judged on cases that it was not fitted to, each left out once.
 
-Shape letters: N names, F features (the first is 1).
+Shape letters: N names, F features.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from scipy.optimize import minimize
 
 from gfm.diagnosis.inference.constants import INEXACT_SHARE
 
-FEATURES = ("constant", "z_without", "z_rival", "apart", "grows")
-#: Weight of the squares of all amounts but the constant: without it they run away where right and
+FEATURES = ("z_rival", "apart", "grows")
+#: Weight of the squares of all amounts: without it they run away where right and
 #: wrong names can be parted without error. As much as a single name's.
 _RIDGE = 1.0
 #: Percentile, for `UNWEIGHED`, of the shares of what speaks for names against their best rivals.
@@ -36,18 +36,21 @@ _LEAST_CONFIDENCE = 1e-3
 
 
 def features(evidence: Mapping[str, Any] | None) -> Array | None:
-    """Returns what the confidence is made of, shape (F,); None where a figure is missing."""
-    figures = [(evidence or {}).get(name) for name in FEATURES[1:]]
+    """Returns what the confidence is made of, shape (F,); None where a figure is missing.
+
+    Where nothing rivals a name, it is weighed against the model without it.
+    """
+    told = dict(evidence or {})
+    told.setdefault("z_rival", told.get("z_without"))
+    figures = [told.get(name) for name in FEATURES]
     if any(value is None or not math.isfinite(value) for value in figures):
         return None
-    z_without, z_rival, apart, grows = (float(value) for value in figures if value is not None)
+    z_rival, apart, grows = (float(value) for value in figures if value is not None)
     return np.array(
         [
-            1.0,
-            math.log1p(max(z_without, 0.0)),
             math.log1p(max(z_rival, 0.0)),
             math.sqrt(max(apart, 0.0)),
-            math.log10(max(grows, INEXACT_SHARE)),
+            math.log10(max(grows / INEXACT_SHARE, 1.0)),
         ]
     )
 
@@ -82,10 +85,9 @@ def fit(X: Array, right: Array, weights: Array | None = None) -> Array:
 
     def loss(amounts: Array) -> tuple[float, Array]:
         logit = X @ amounts
-        held = np.concatenate([[0.0], amounts[1:]])
         lost = weights @ (np.logaddexp(0.0, logit) - right * logit)
         slope = X.T @ (weights * (probability(logit) - right))
-        return float(lost + 0.5 * _RIDGE * held @ held), slope + _RIDGE * held
+        return float(lost + 0.5 * _RIDGE * amounts @ amounts), slope + _RIDGE * amounts
 
     return np.asarray(minimize(loss, np.zeros(X.shape[1]), jac=True, method="BFGS").x)
 

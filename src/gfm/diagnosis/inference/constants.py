@@ -18,14 +18,14 @@ LEAST_DISCREPANCY = 1.0
 WRONG_ALIKE = 0.05
 #: Degrees of freedom of the predictive density: blocks differ in how far a model is off.
 DEGREES_OF_FREEDOM = 4.0
-#: Of a name: intercept, and weights of four figures (see `output.claims.features`): by how
-#: many standard errors the hypothesis predicts better than without it, and than with its best
-#: rival; by what share of itself it differs between parts of the data; and by what share of what
-#: it does, in squares, more is left where it does much.
-CONFIDENCE = (-4.24, 0.83, 0.33, -1.18, -1.03)
+#: Of a name: weights of three figures (see `output.claims.features`): by how many standard errors
+#: the hypothesis predicts better than with its best rival; by what share of itself it differs
+#: between parts of the data; and by what share of what it does, in squares, more is left where it
+#: does much. There is no constant beside them: an exact law and its equal are even odds.
+CONFIDENCE = (1.01, -1.86, -0.50)
 #: Share of what speaks for an effect that is taken to speak for it against its best rival, where
 #: no time was left to weigh one.
-UNWEIGHED = 0.63
+UNWEIGHED = 0.76
 #: Confidence from which on a name is given: below it is a suspect.
 LEAST_CONFIDENCE = 0.5
 #: Share, in squares, of what laws that hold do, that they may leave by not being quite exact: a

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.constants import LEAST_DISCREPANCY
 from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.inference.score import RIDGE, Blocks
 
@@ -52,8 +51,7 @@ def apart(fitted: Fit, blocks: Blocks, own: NDArray[np.bool_], response: Array) 
 def grows(left: Array, response: Array, blocks: Blocks, joints: Sequence[int]) -> float:
     """Returns by what share of what an effect does more is left where it does much.
 
-    Of squares: in the half of the blocks in which it does most, beyond what is left in the others
-    and what a right model may leave.
+    Of squares: in the half of the blocks in which it does most, beyond what is left in the others.
 
     Args:
         left: The residual, in units of the noise, shape (N,).
@@ -68,7 +66,7 @@ def grows(left: Array, response: Array, blocks: Blocks, joints: Sequence[int]) -
     order = np.argsort(strength, kind="stable")
     weak, strong = order[: len(order) // 2], order[len(order) // 2 :]
     below = float(np.mean(square[weak])) if len(weak) else 0.0
-    beyond = max(float(np.mean(square[strong])) - below - LEAST_DISCREPANCY**2, 0.0)
+    beyond = max(float(np.mean(square[strong])) - below, 0.0)
     return beyond / max(float(np.mean(strength[strong])), 1e-12)
 
 

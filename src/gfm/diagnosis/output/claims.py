@@ -72,18 +72,17 @@ def confidence(evidence: Evidence) -> float:
 
     A logistic function of what speaks for it, calibrated on robots whose truth is known.
     """
-    return float(1.0 / (1.0 + np.exp(-(CONFIDENCE[0] + features(evidence) @ CONFIDENCE[1:]))))
+    return float(1.0 / (1.0 + np.exp(-features(evidence) @ CONFIDENCE)))
 
 
 def features(evidence: Evidence) -> np.ndarray:
-    """Returns the figures on which a confidence depends, shape (4,)."""
+    """Returns the figures on which a confidence depends, shape (3,)."""
     rival = evidence.without if evidence.rival is None else evidence.rival
     return np.array(
         [
-            np.log1p(max(evidence.without.errors, 0.0)),
             np.log1p(max(rival.errors, 0.0)),
             np.sqrt(evidence.apart),
-            np.log10(max(evidence.grows, INEXACT_SHARE)),
+            np.log10(max(evidence.grows / INEXACT_SHARE, 1.0)),
         ]
     )
 
