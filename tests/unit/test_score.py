@@ -310,9 +310,9 @@ def test_what_acts_now_and_then_is_not_blamed_on_what_acts_always():
 
 
 @pytest.mark.parametrize(("nats", "clear"), [(2.0, False), (7.9, False), (8.1, True)])
-def test_few_nats_are_not_clear_however_alike_blocks_are(nats, clear):
+def test_few_nats_are_never_clear(nats, clear):
     """One of two predictions of the same variance right: the log ratio varies by twice its mean."""
-    told = score._summed(np.full(10, nats / 10.0), common=0.0)
+    told = score._beside_noise(Difference(nats, 0.0))
     assert told.error == pytest.approx(np.sqrt(2.0 * nats))
     assert told.clear is clear
     rng = np.random.default_rng(0)

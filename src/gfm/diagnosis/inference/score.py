@@ -16,6 +16,7 @@ Shape letters: N numbers of a residual, P parameters, B blocks, C cells.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -278,8 +279,8 @@ def effective(blocks: Blocks, scale: Array) -> Array:
 def difference(blocks: Blocks, one: Predictive, other: Predictive) -> Difference:
     """Returns by how much `one` predicts better than `other`.
 
-    The standard error is the larger of two: how blocks differ, and what a discrepancy that all
-    blocks have in common lets appear better by chance.
+    The standard error is the largest of three: how blocks differ, what a discrepancy that all
+    blocks have in common lets appear better by chance, and what noise alone makes.
     """
     scale = np.minimum(one.scale, other.scale)
     number = effective(blocks, scale)
@@ -289,19 +290,25 @@ def difference(blocks: Blocks, one: Predictive, other: Predictive) -> Difference
     both = blocks.sums(one.spectrum * other.spectrum).sum(axis=0)
     alike = both**2 / np.maximum(sizes[0] * sizes[1], 1e-12)
     common = float(number @ np.clip(1.0 - alike, 0.0, 1.0))
-    return _summed(by_block, common)
+    return _beside_noise(_summed(by_block, common))
 
 
 def _summed(by_block: Array, common: float) -> Difference:
-    """Returns the sum over blocks, shape (B,), with its error: the largest of three estimates.
+    """Returns the sum over blocks, shape (B,), with its error: the larger of two estimates.
 
-    How blocks differ, what (Vuong 1989) as many independent coefficients make, and what noise alone
-    makes: where one of two predictions is right, the logarithm of their likelihood ratio has a
-    variance of twice its mean.
+    How blocks differ, and what (Vuong 1989) as many independent coefficients make.
     """
-    nats = float(by_block.sum())
     apart = len(by_block) * float(np.var(by_block, ddof=1)) if len(by_block) > 1 else 0.0
-    return Difference(nats, float(np.sqrt(max(apart, common, 2.0 * abs(nats)))))
+    return Difference(float(by_block.sum()), float(np.sqrt(max(apart, common))))
+
+
+def _beside_noise(told: Difference) -> Difference:
+    """Returns a difference with at least the error that noise alone makes.
+
+    Where one of two predictions is right, the logarithm of their likelihood ratio has a variance of
+    twice its mean.
+    """
+    return Difference(told.nats, max(told.error, math.sqrt(2.0 * abs(told.nats))))
 
 
 def room(blocks: Blocks, one: Predictive) -> Difference:
