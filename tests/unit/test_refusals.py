@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from bad_inputs.making import recording
 
 from gfm.api.refusals import (
     check_held_out,
@@ -39,28 +40,6 @@ MODEL = """
   </actuator>
 </mujoco>
 """
-
-
-def recording(name: str, seed: int, **changes: object) -> Trajectory:
-    """Returns 3 s in which two joints follow sums of sines."""
-    rng = np.random.default_rng(seed)
-    ticks = np.arange(300)
-    phase = rng.uniform(0.0, 6.0, (2, 3))
-    waves = [np.sin(w * 0.01 * ticks[:, None] + phase[:, i]) for i, w in enumerate((2, 5, 11))]
-    command = 0.2 * np.sum(waves, axis=0)
-    stamp_ns = EPOCH_NS + seed * 10**10 + ticks * 10_000_000
-    one = Trajectory(
-        name=name,
-        joint_names=("a", "b"),
-        stamp_ns=stamp_ns,
-        position=np.roll(command, 3, axis=0) + 1e-4 * rng.standard_normal((300, 2)),
-        velocity=None,
-        effort=None,
-        command_kind=CommandKind.POSITION,
-        command_stamp_ns=stamp_ns,
-        command=command,
-    )
-    return replace(one, **changes)
 
 
 def specs() -> dict[CommandKind, mujoco.MjSpec]:
