@@ -136,6 +136,10 @@ class LearnedProblem(SegmentedProblem):
         return shapes
 
     @override
+    def motion(self) -> Array:
+        return self.domain.signals["velocity"].ravel()
+
+    @override
     def subset(self, keep: Sequence[int]) -> Self:
         """Returns the problem itself: a part of the motions would not be faster."""
         del keep

@@ -20,12 +20,12 @@ WRONG_ALIKE = 0.05
 DEGREES_OF_FREEDOM = 4.0
 #: Of a name: weights of three figures (see `output.claims.features`): by how many standard errors
 #: the hypothesis predicts better than with its best rival; by what share of itself it differs
-#: between parts of the data; and by what share of what it does, in squares, more is left where it
-#: does much. There is no constant beside them: an exact law and its equal are even odds.
-CONFIDENCE = (1.01, -1.86, -0.50)
+#: between parts of the data; and how closely what is left follows what it does, beyond how
+#: both follow motion. There is no constant beside them: an exact law and its equal are even odds.
+CONFIDENCE = (0.99, -1.40, -1.11)
 #: Share of what speaks for an effect that is taken to speak for it against its best rival, where
 #: no time was left to weigh one.
-UNWEIGHED = 0.76
+UNWEIGHED = 0.72
 #: Confidence from which on a name is given: below it is a suspect.
 LEAST_CONFIDENCE = 0.5
 #: Share, in squares, of what laws that hold do, that they may leave by not being quite exact: a

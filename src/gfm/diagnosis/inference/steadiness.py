@@ -14,10 +14,15 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import rankdata
 
 from gfm.core.checks import Array
+from gfm.diagnosis.inference.constants import INEXACT_SHARE, LEAST_DISCREPANCY
 from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.inference.score import RIDGE, Blocks
+
+#: Ranks that differ by less are the same; most that two are alike, so that it stays finite.
+SAME_RANKS, MOST_ALIKE = 1e-6, 1.0 - 1e-6
 
 
 def apart(fitted: Fit, blocks: Blocks, own: NDArray[np.bool_], response: Array) -> float:
@@ -48,26 +53,43 @@ def apart(fitted: Fit, blocks: Blocks, own: NDArray[np.bool_], response: Array) 
     return max(shares)
 
 
-def grows(left: Array, response: Array, blocks: Blocks, joints: Sequence[int]) -> float:
-    """Returns by what share of what an effect does more is left where it does much.
+def follows(
+    left: Array, response: Array, motion: Array, blocks: Blocks, joints: Sequence[int]
+) -> float:
+    """Returns how closely what is left follows what an effect does, block by block, beyond chance.
 
-    Of squares: in the half of the blocks in which it does most, beyond what is left in the others.
+    And beyond how both follow motion, with which most of what a model lacks grows: a partial rank
+    correlation (Spearman), made normal as Fisher (1924) does, chance taken off its square. What
+    laws that hold leave by not being quite exact is taken off before.
 
     Args:
         left: The residual, in units of the noise, shape (N,).
         response: What the effect changes in it, shape (N,).
-        blocks: How both are divided.
+        motion: How fast what is measured moves, in any units, shape (N,).
+        blocks: How all three are divided.
         joints: On which it acts, by their numbers.
     """
     rows = [piece[:, :, joints] for piece in blocks.pieces]
-    square, strength = (
-        np.array([np.mean(one[piece] ** 2) for piece in rows]) for one in (left, response)
+    square, strength, speed = (
+        np.array([np.mean(one[piece] ** 2) for piece in rows]) for one in (left, response, motion)
     )
-    order = np.argsort(strength, kind="stable")
-    weak, strong = order[: len(order) // 2], order[len(order) // 2 :]
-    below = float(np.mean(square[weak])) if len(weak) else 0.0
-    beyond = max(float(np.mean(square[strong])) - below, 0.0)
-    return beyond / max(float(np.mean(strength[strong])), 1e-12)
+    inexact = 1.0 + LEAST_DISCREPANCY**2 + INEXACT_SHARE * strength
+    freedom = len(rows) - 4  # one control beside the three of any correlation
+    alike = _partial_rank_correlation(np.maximum(square - inexact, 0.0), strength, speed)
+    if freedom < 1 or alike <= 0.0:
+        return 0.0
+    return float(np.sqrt(max(np.arctanh(alike) ** 2 - 1.0 / freedom, 0.0)))
+
+
+def _partial_rank_correlation(one: Array, other: Array, control: Array) -> float:
+    """Returns how alike two are in rank, beyond what either has in common with a third, -1..1."""
+    known = np.stack([np.ones(len(control)), rankdata(control)], axis=1)
+    ranks = np.stack([rankdata(one), rankdata(other)], axis=1)
+    beyond = ranks - known @ np.linalg.lstsq(known, ranks, rcond=None)[0]
+    size = np.linalg.norm(beyond, axis=0)
+    if size.min() < SAME_RANKS:
+        return 0.0
+    return float(np.clip(beyond[:, 0] @ beyond[:, 1] / size.prod(), -MOST_ALIKE, MOST_ALIKE))
 
 
 def _parts(

@@ -15,7 +15,6 @@ from gfm.diagnosis.inference.constants import (
     ADEQUATE_RATIO,
     ADEQUATE_SHARE,
     CONFIDENCE,
-    INEXACT_SHARE,
     LEAST_CONFIDENCE,
 )
 from gfm.diagnosis.inference.fitting import amounts, free_parameters
@@ -82,7 +81,7 @@ def features(evidence: Evidence) -> np.ndarray:
         [
             np.log1p(max(rival.errors, 0.0)),
             np.sqrt(evidence.apart),
-            np.log10(max(evidence.grows / INEXACT_SHARE, 1.0)),
+            evidence.follows,
         ]
     )
 
@@ -137,7 +136,7 @@ def _figures(evidence: Evidence) -> dict[str, float]:
         "nats": evidence.without.nats,
         "z_without": evidence.without.errors,
         "apart": evidence.apart,
-        "grows": evidence.grows,
+        "follows": evidence.follows,
     }
     return told if evidence.rival is None else {**told, "z_rival": evidence.rival.errors}
 

@@ -61,6 +61,12 @@ class Problem(Rollouts):
         ]
 
     @override
+    def motion(self) -> Array:
+        speeds = [np.gradient(s.position, s.time_s, axis=0) for s in self.segments]
+        each = zip(speeds, self.channels, strict=True)
+        return np.concatenate([np.tile((v / self.noise.position).ravel(), n) for v, n in each])
+
+    @override
     def positions_alone(self) -> Problem:
         segments = tuple(replace(segment, effort=None) for segment in self.segments)
         rows = zip(self.state_basis, segments, strict=True)

@@ -116,6 +116,13 @@ class SegmentedProblem(LeastSquares):
         """Returns the problem without such limits: what is outlying counts in full."""
         return replace(self, outlying_from=np.inf)
 
+    def motion(self) -> Array:
+        """Returns how fast what is measured moves, number by number of a residual, shape (N,).
+
+        In units of its noise per second; still where nobody knows.
+        """
+        return np.zeros(self.slices()[-1].stop)
+
     def settled(self, effects: Sequence[EffectInstance]) -> Self:
         """Returns the problem begun as it fits best under `effects`; itself if nothing is free."""
         del effects

@@ -14,7 +14,7 @@ from functools import partial
 from gfm.diagnosis.inference.constants import UNWEIGHED
 from gfm.diagnosis.inference.fitting import acting, along_valley, always, each_without, measured
 from gfm.diagnosis.inference.score import Difference
-from gfm.diagnosis.inference.steadiness import apart, grows
+from gfm.diagnosis.inference.steadiness import apart, follows
 from gfm.diagnosis.residuals.outliers import slopes
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.moves.reduce import (
@@ -120,7 +120,7 @@ def support(
             rival=rival if beside.weighed else unweighed,
             by=beside.rival.new[0] if beside.rival else None,
             apart=parts,
-            grows=left,
+            follows=left,
         )
     return told
 
@@ -128,12 +128,12 @@ def support(
 def _steadiness(here: Hypothesis) -> dict[Key, tuple[float, float]]:
     """Returns for each effect by what share of itself it differs between parts of the data.
 
-    And by what share of what it does more is left on its joints where it does much.
+    And how closely what is left on its joints follows what it does.
     """
     fitted, blocks, joints = here.fit, here.problem.blocks, here.problem.joints
     sets = [fitted.effects, *each_without(fitted.effects)]
     whole, *rest = here.problem.plain().residuals(sets)
-    weights = slopes(fitted.residual, here.problem.limits())
+    weights, motion = slopes(fitted.residual, here.problem.limits()), here.problem.motion()
     told, steady = dict[Key, tuple[float, float]](), always(fitted)
     for i, (instance, without) in enumerate(zip(fitted.effects, rest, strict=True)):
         own = fitted.owners == i
@@ -143,6 +143,6 @@ def _steadiness(here: Hypothesis) -> dict[Key, tuple[float, float]]:
         where = [joints.index(name) for name in (instance.joints if local else joints)]
         told[instance.key] = (
             apart(known, blocks, own[beside], (without - whole) * weights),
-            grows(whole, without - whole, blocks, where),
+            follows(whole, without - whole, motion, blocks, where),
         )
     return told

@@ -93,14 +93,14 @@ class Evidence:
             nothing rivals it.
         by: That rival.
         apart: By what share of itself it differs between parts of the data, beyond chance.
-        grows: By what share of what it does, in squares, more is left where it does much.
+        follows: How closely what is left follows what it does, beyond how both follow motion.
     """
 
     without: Difference
     rival: Difference | None
     by: EffectInstance | None
     apart: float
-    grows: float
+    follows: float
 
 
 @dataclass(frozen=True, kw_only=True)
