@@ -264,6 +264,19 @@ def test_what_one_recording_alone_tells_of_is_less_clear_than_what_all_do():
     assert one.errors < 0.5 * all_.errors
 
 
+@pytest.mark.parametrize(("signs", "clear"), [((1, 1, 1, 1), True), ((1, -1, 1, -1), False)])
+def test_what_acts_in_a_few_blocks_is_clear_where_recordings_confirm_each_other(signs, clear):
+    """Each of four recordings says it once, the first much more than the others."""
+    rng, layout = np.random.default_rng(0), recorded(recordings=4, segments=4)
+    size, each = layout.size, layout.size // 4
+    column = np.zeros(size)
+    for start, strength in zip(range(0, size, each), (1000.0, 20.0, 20.0, 20.0), strict=True):
+        column[start : start + 400] = strength * np.sin(np.linspace(0.0, 12.0, 400))
+    truth = column * np.repeat(signs, each)
+    told = gain(layout, truth + rng.standard_normal(size), column[:, None])
+    assert told.clear is clear
+
+
 def test_leaving_a_part_out_by_the_jacobian_is_the_same_as_fitting_without_it():
     rng, layout = np.random.default_rng(0), recorded(measurements=40)
     columns = rng.standard_normal((layout.size, 3))

@@ -279,8 +279,9 @@ def effective(blocks: Blocks, scale: Array) -> Array:
 def difference(blocks: Blocks, one: Predictive, other: Predictive) -> Difference:
     """Returns by how much `one` predicts better than `other`.
 
-    The standard error is the largest of three: how blocks differ, what a discrepancy that all
-    blocks have in common lets appear better by chance, and what noise alone makes.
+    The standard error is the largest of three: how far blocks differ from what could be expected of
+    them, what a discrepancy that all blocks have in common lets appear better by chance, and what
+    noise alone makes.
     """
     scale = np.minimum(one.scale, other.scale)
     number = effective(blocks, scale)
@@ -290,15 +291,36 @@ def difference(blocks: Blocks, one: Predictive, other: Predictive) -> Difference
     both = blocks.sums(one.spectrum * other.spectrum).sum(axis=0)
     alike = both**2 / np.maximum(sizes[0] * sizes[1], 1e-12)
     common = float(number @ np.clip(1.0 - alike, 0.0, 1.0))
-    return _beside_noise(_summed(by_block, common))
+    expected = share @ _told_apart(blocks, one.spectrum - other.spectrum, scale).T
+    return _beside_noise(_summed(blocks, by_block, expected, common))
 
 
-def _summed(by_block: Array, common: float) -> Difference:
+def _told_apart(blocks: Blocks, change: Array, scale: Array) -> Array:
+    """Returns by how many nats a change of prediction is told if it is right, shape (B, C)."""
+    square = blocks.sums(change**2) / scale
+    return 0.5 * (DEGREES_OF_FREEDOM + blocks.count) * np.log1p(square / DEGREES_OF_FREEDOM)
+
+
+def _summed(blocks: Blocks, by_block: Array, expected: Array, common: float) -> Difference:
     """Returns the sum over blocks, shape (B,), with its error: the larger of two estimates.
 
-    How blocks differ, and what (Vuong 1989) as many independent coefficients make.
+    How far blocks are from what could be expected of them, and what (Vuong 1989) as many
+    independent coefficients make. Two hypotheses may differ in few blocks only: what a block should
+    bring goes by its own prediction, at the rate at which other parts of the data brought what
+    theirs said (a ratio estimate, Cochran 1977). Parts that say less than its own vouch for it by
+    their share.
+
+    Args:
+        blocks: How the residual is divided.
+        by_block: What each brings, nats.
+        expected: What each would bring if one hypothesis were right.
+        common: Square of what is alike in all blocks.
     """
-    apart = len(by_block) * float(np.var(by_block, ddof=1)) if len(by_block) > 1 else 0.0
+    part = np.array([blocks.fold[piece.flat[0]] for piece in blocks.pieces])
+    own = part[:, None] == part
+    told = np.maximum(expected.sum() - own @ expected, own @ expected)
+    rate = (by_block.sum() - own @ by_block) / np.maximum(told, 1e-9)
+    apart = float(np.sum((by_block - rate * expected) ** 2))
     return Difference(float(by_block.sum()), float(np.sqrt(max(apart, common))))
 
 
@@ -317,7 +339,8 @@ def room(blocks: Blocks, one: Predictive) -> Difference:
     share = number / np.maximum(blocks.count.sum(axis=0), 1.0)
     best = _predictive(blocks, np.zeros_like(one.spectrum))
     by_block = (share * (best.density - one.density)).sum(axis=1)
+    expected = share @ _told_apart(blocks, one.spectrum, best.scale).T
     left = 1.0 - (blocks.count * best.mean_square).sum(axis=0) / np.maximum(
         (blocks.count * one.mean_square).sum(axis=0), 1.0
     )
-    return _summed(by_block, float(number @ left))
+    return _summed(blocks, by_block, expected, float(number @ left))
