@@ -11,6 +11,7 @@ from gfm.diagnosis.inference.fitting import (
     along_valley,
     amounts,
     at_bound,
+    derivatives,
     fit,
     measured,
     without_each,
@@ -49,6 +50,18 @@ class Valley(LeastSquares):
         return np.array(rows)
 
 
+@dataclass(frozen=True)
+class Tilted(LeastSquares):
+    """A sine of one tilt and a cosine of another, which first order sends to its bound."""
+
+    def residuals(self, candidates):
+        return np.stack([self._left(*tilts.values.values()) for (tilts,) in candidates])
+
+    def _left(self, tilt_x, tilt_y):
+        pull = 30.0 * np.cos(tilt_x) * np.sin(np.linspace(-0.5, 0.5, 50) + tilt_y)
+        return pull - 30.0 * np.sin(np.linspace(-0.5, 0.5, 50) + 0.3)
+
+
 def friction(torque):
     return instance("coulomb_friction", torque=torque)
 
@@ -81,6 +94,16 @@ def test_a_fit_does_not_go_beyond_its_bounds(regression):
     found = fit(backward, [friction(0.1), viscous(0.1)])
     np.testing.assert_allclose(amounts(found.effects), 0.0, atol=1e-12)
     assert (amounts(found.effects) >= 0.0).all()
+
+
+@pytest.mark.parametrize("tilt_x", [0.0, 1e-4, -1e-4])
+def test_a_step_that_was_led_astray_teaches_how_far_first_order_holds(tilt_x):
+    begun = instance("gravity_direction", tilt_x=tilt_x, tilt_y=0.0)
+    found = fit(Tilted(), (begun,))
+    assert found.effects[0].values["tilt_y"] == pytest.approx(0.3, abs=2e-3)
+    assert abs(found.effects[0].values["tilt_x"]) < 0.1
+    local = derivatives(Tilted(), found.effects, found.residual)
+    np.testing.assert_allclose(found.jacobian, local)
 
 
 def test_without_effects_the_nominal_model_is_left(regression):

@@ -31,6 +31,8 @@ FARTHER = 2.0
 AT_BOUND = 1e-3
 #: Damping of the first step, and that beyond which no step helps.
 DAMPING, MOST_DAMPING = 1e-3, 1e3
+#: Relative gain of a step, a loss, from which on first order was no guide to it.
+ASTRAY = -1.0
 
 #: A free parameter: the effect whose it is, and its name.
 Parameter: TypeAlias = tuple[Key, str]
@@ -113,17 +115,26 @@ def fit(
     """
     if not effects:
         return measured(problem, ())
-    current, values = tuple(effects), amounts(effects)
-    bounds = bounds_of(effects)
     at_hand = {} if known is None else _at_hand(problem, known)
+    end = _descended(problem, tuple(effects), tolerance, at_hand)
+    usual = tuple(replace(e, values=e.effect.canonical(e.values)) for e in end.effects)
+    return replace(end, effects=usual)
+
+
+def _descended(
+    problem: LeastSquares,
+    current: tuple[EffectInstance, ...],
+    tolerance: float,
+    at_hand: Mapping[Parameter, Array],
+) -> Fit:
+    """Returns where steps from the current amounts lead, with derivatives there."""
+    values, bounds = amounts(current), bounds_of(current)
     residual = problem.residuals([current])[0]
     jacobian = derivatives(problem, current, residual, at_hand)
-    damping = DAMPING
-    for _ in range(FIT_STEPS):
-        if not residual.any():
-            break
-        trial = values + _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
-        candidate = with_amounts(current, trial)
+    damping, astray = DAMPING, False
+    for _ in range(FIT_STEPS if residual.any() else 0):
+        step = _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
+        candidate = with_amounts(current, values + step)
         tried = problem.residuals([candidate])[0]
         gain = 1.0 - mean_square(tried) / mean_square(residual)
         if gain < 0.0 and at_hand:
@@ -132,12 +143,15 @@ def fit(
             continue
         damping *= 0.1 if gain > 0.0 else 30.0
         if gain > 0.0:
-            current, values, residual = candidate, trial, tried
-            jacobian = derivatives(problem, current, residual, at_hand)
-        if 0.0 <= gain < tolerance or damping > MOST_DAMPING:
+            current, values, residual = candidate, values + step, tried
+            jacobian, astray = derivatives(problem, current, residual, at_hand), False
+        elif gain < ASTRAY:
+            jacobian, astray = derivatives(problem, current, residual, over=step), True
+        if 0.0 <= gain < tolerance or damping > MOST_DAMPING or not residual.any():
             break
-    usual = tuple(replace(e, values=e.effect.canonical(e.values)) for e in current)
-    return Fit(effects=usual, jacobian=jacobian, residual=residual)
+    if astray:
+        jacobian = derivatives(problem, current, residual)
+    return Fit(effects=current, jacobian=jacobian, residual=residual)
 
 
 def along_valley(problem: LeastSquares, fitted: Fit) -> Fit:
@@ -248,17 +262,21 @@ def derivatives(
     effects: tuple[EffectInstance, ...],
     residual: Array,
     at_hand: Mapping[Parameter, Array] = MappingProxyType({}),
+    over: Array | None = None,
 ) -> Array:
     """Returns the derivative of the residual by each free parameter, shape (N, P).
 
     By forward differences of a faster simulation. That errs by more than a limit may be: how much
     less a number counts beyond it is taken from the accurate residual, shape (N,). Those at hand,
-    of numbers that count in full, are not taken anew.
+    of numbers that count in full, are not taken anew. By default, differences are small; a step
+    that they led astray, shape (P,), is one to take them over.
     """
     weights = slopes(residual, problem.limits())
     names = _names(effects)
     values, sizes, high = amounts(effects), problem.differences(effects), bounds_of(effects)[1]
     steps = np.where(values + sizes > high, -sizes, sizes)
+    if over is not None:
+        steps = np.where(np.abs(over) > sizes, over, steps)
     new = [i for i, name in enumerate(names) if name not in at_hand]
     moved = [with_amounts(effects, values + step) for step in np.diag(steps)[new]]
     columns = dict(at_hand)
