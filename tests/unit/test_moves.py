@@ -21,7 +21,7 @@ from gfm.diagnosis.search.steps import run, support
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, find_effect
-from pendulum import MODEL, PERIOD_S, swung
+from pendulum import LENGTH, MASS, MODEL, PERIOD_S, swung
 
 SPECS = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
 NOISE, FRICTION, LITTLE, OFFSET, LIMIT = 3e-4, 0.3, 0.2, 0.25, 3.0
@@ -348,3 +348,23 @@ def test_what_can_do_more_than_an_effect_and_predicts_no_better_is_no_rival(rubb
         (compared,) = exchange(here, rubbing.search(), rivals)[1]
         rival = compared.rival
         assert (rival and rival.new[0].effect.name) == told
+
+
+def test_a_tilt_in_the_plane_of_a_joint_is_its_encoders_offset_under_another_name():
+    """Both are the same torque of the same motion, and the tilt across the plane is nothing."""
+    weight = MASS * 9.81 * LENGTH
+    tilted = Case(runs(torque=lambda q, _v: weight * (np.sin(q) - np.sin(q + 0.1))))
+    here = tilted.with_effects(instance("encoder_offset", offset=0.05))
+    tilt = EffectInstance(
+        effect=find_effect("gravity_direction"), joints=(), values={"tilt_x": 0.02, "tilt_y": 0.05}
+    )
+
+    def both(_instance, rest, _search):
+        others = tilt, instance("viscous_friction", coefficient=0.05)
+        return [rest.fitted((other,)) for other in others]
+
+    (compared,) = exchange(here, tilted.search(), both)[1]
+    (equal,) = compared.equals
+    assert equal.effect.name == "gravity_direction"
+    assert equal.values["tilt_x"] == 0.0
+    assert compared.rival.new[0].effect.name == "viscous_friction"

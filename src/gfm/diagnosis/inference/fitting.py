@@ -31,8 +31,6 @@ FARTHER = 2.0
 AT_BOUND = 1e-3
 #: Damping of the first step, and that beyond which no step helps.
 DAMPING, MOST_DAMPING = 1e-3, 1e3
-#: Relative gain of a step, a loss, from which on first order was no guide to it.
-ASTRAY = -1.0
 
 #: A free parameter: the effect whose it is, and its name.
 Parameter: TypeAlias = tuple[Key, str]
@@ -131,8 +129,9 @@ def _descended(
     values, bounds = amounts(current), bounds_of(current)
     residual = problem.residuals([current])[0]
     jacobian = derivatives(problem, current, residual, at_hand)
-    damping, astray = DAMPING, False
-    for _ in range(FIT_STEPS if residual.any() else 0):
+    damping, astray, steps = DAMPING, False, FIT_STEPS
+    while steps > 0 and residual.any():
+        steps -= 1
         step = _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
         candidate = with_amounts(current, values + step)
         tried = problem.residuals([candidate])[0]
@@ -145,9 +144,10 @@ def _descended(
         if gain > 0.0:
             current, values, residual = candidate, values + step, tried
             jacobian, astray = derivatives(problem, current, residual, at_hand), False
-        elif gain < ASTRAY:
-            jacobian, astray = derivatives(problem, current, residual, over=step), True
-        if 0.0 <= gain < tolerance or damping > MOST_DAMPING or not residual.any():
+        elif damping > MOST_DAMPING and not astray:
+            damping, astray, steps = DAMPING, True, FIT_STEPS
+            jacobian = derivatives(problem, current, residual, over=step)
+        if 0.0 <= gain < tolerance or damping > MOST_DAMPING:
             break
     if astray:
         jacobian = derivatives(problem, current, residual)

@@ -204,6 +204,11 @@ class Difference(NamedTuple):
         return self.nats > CLEARLY * self.error
 
     @property
+    def same(self) -> bool:
+        """Whether both predict the very same: no odds would change by as much as a factor of e."""
+        return max(abs(self.nats), self.error) < 1.0
+
+    @property
     def notable(self) -> bool:
         """Whether it is more than its own error."""
         return self.nats > self.error

@@ -149,12 +149,12 @@ def _fitly_told(found: SearchResult[Problem]) -> SearchResult[Problem]:
     """
     effects, parts = found.fit.effects, parts_of(found.steps)
     fit = fitly_named(found.fit, found.problem.specs)
-    evidence = {}
+    evidence, equals, seen = {}, {}, recorded(found.problem)
     for before, named in zip(effects, fit.effects, strict=True):
         told = found.evidence[before.key]
         if before.key in parts:
             told = replace(told, without=gain_in(parts[before.key], effects, before))
         evidence[named.key] = told
-    seen = recorded(found.problem)
-    equals = {e.key: (*twins(e), *equals_of(e, seen)) for e in fit.effects}
+        same = found.equals.get(before.key, ())
+        equals[named.key] = (*same, *twins(named), *equals_of(named, seen))
     return replace(found, fit=fit, evidence=evidence, equals=equals)

@@ -86,6 +86,7 @@ def end(here: Hypothesis[P], search: Search[P], rivals: RivalsOf[P] = rivals_of)
         room=here.room,
         steps=tuple(search.steps),
         evidence=support(here, search, compared),
+        equals={one.instance.key: one.equals for one in compared},
         out_of_time=search.out_of_time,
     )
 

@@ -10,7 +10,16 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias
 
-from gfm.diagnosis.inference.fitting import Fit, at_bound, fit, without_each
+import numpy as np
+
+from gfm.diagnosis.inference.fitting import (
+    Fit,
+    amounts,
+    at_bound,
+    fit,
+    with_amounts,
+    without_each,
+)
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, parameters_of
@@ -119,12 +128,14 @@ class Compared:
         rival: The hypothesis with the best rival in its place; None where nothing rivals it.
         more: How many parameters that has more than the effect.
         weighed: Whether there was time for its rivals.
+        equals: What predicts the very same in its place: other names of it, here.
     """
 
     instance: EffectInstance
     rival: Tried | None = None
     more: int = 0
     weighed: bool = True
+    equals: tuple[EffectInstance, ...] = ()
 
     @property
     def better(self) -> bool:
@@ -145,16 +156,47 @@ def _compared(
 ) -> Compared:
     """Returns an effect of a hypothesis beside the best of its rivals.
 
-    What has more parameters has to predict better by more than chance: it can do more.
+    What has more parameters has to predict better by more than chance: it can do more. Each is
+    weighed in its simplest form: a tilt in the plane of an arm is one number, not two.
     """
     others = tuple(e for e in here.effects if e is not instance)
     fits = rivals(instance, replace(here, fit=here.fitted(others)), search)
-    tried = [Tried(new=f.effects[-1:], fit=f, gain=-here.over(f)) for f in fits]
+    simple = [_simplest(here, one) for one in fits]
+    tried = [Tried(new=f.effects[-1:], fit=f, gain=-here.over(f)) for f in simple]
     count = parameters_of([instance], here.fit)
     as_simple = [one for one in tried if one.parameters <= count or one.gain.notable]
-    best = max(as_simple, key=lambda one: one.gain.nats, default=None)
+    pair = _beside_best(instance, as_simple, count)
+    if pair.rival is None or pair.better or not pair.rival.gain.same:
+        return pair
+    equals = tuple(one.new[0] for one in as_simple if one.gain.same)
+    different = [one for one in as_simple if not one.gain.same]
+    return replace(_beside_best(instance, different, count), equals=equals)
+
+
+def _beside_best(instance: EffectInstance, rivals: Sequence[Tried], count: int) -> Compared:
+    """Returns an effect that has `count` parameters beside the best of some rivals."""
+    best = max(rivals, key=lambda one: one.gain.nats, default=None)
     more = best.parameters - count if best else 0
     return Compared(instance=instance, rival=best, more=more)
+
+
+def _simplest(here: Hypothesis, rival: Fit) -> Fit:
+    """Returns a rival without those of its numbers without which it predicts as well.
+
+    They are nought and stay there: their derivatives are nought, too.
+    """
+    own = np.flatnonzero(rival.owners == len(rival.effects) - 1)
+    for column in own if len(own) > 1 else ():
+        values, jacobian = amounts(rival.effects), rival.jacobian.copy()
+        values[column], jacobian[:, column] = 0.0, 0.0
+        effects = with_amounts(rival.effects, values)
+        if not effects[-1].effect.admissible(effects[-1].values):
+            continue
+        residual = here.problem.residuals([effects])[0]
+        without = Fit(effects=effects, jacobian=jacobian, residual=residual)
+        if here.over(without).nats <= here.over(rival).nats:
+            rival = without
+    return rival
 
 
 def exchange(
