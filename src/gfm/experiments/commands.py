@@ -167,7 +167,7 @@ def add_diagnose_parser(subparsers: Subparsers) -> None:
         "--minutes",
         type=float,
         default=10.0,
-        help="after which no more is looked for: best answer so far (default: %(default)g)",
+        help="for the answer; the search gets 85 %% of them (default: %(default)g)",
     )
     parser.add_argument(
         "--keep-suspects",
