@@ -368,3 +368,20 @@ def test_a_tilt_in_the_plane_of_a_joint_is_its_encoders_offset_under_another_nam
     assert equal.effect.name == "gravity_direction"
     assert equal.values["tilt_x"] == 0.0
     assert compared.rival.new[0].effect.name == "viscous_friction"
+
+
+def test_laws_of_one_state_are_as_steady_as_they_are_together(rubbing):
+    """Dry friction alone holds everywhere; as part of one law with a wrong one it is asked anew."""
+    dry_one, wrong = (
+        instance("coulomb_friction", torque=0.3),
+        instance("viscous_friction", coefficient=0.2),
+    )
+    spring = instance("joint_spring", stiffness=1.0, rest_angle=0.0)
+    problem, nominal = rubbing.problem, rubbing.nominal
+    here = Hypothesis(
+        problem=problem, fit=measured(problem, (dry_one, wrong, spring)), nominal=nominal
+    )
+    told = {key[0]: one for key, one in support(here, rubbing.search(), ()).items()}
+    assert told["coulomb_friction"].apart == told["viscous_friction"].apart
+    assert told["coulomb_friction"].follows == told["viscous_friction"].follows
+    assert told["coulomb_friction"].apart != told["joint_spring"].apart

@@ -148,6 +148,7 @@ class TorqueOffset(Effect):
     """A constant torque behind the drive."""
 
     name = "torque_offset"
+    law_of = "position"
     parameters = (Parameter(name="torque", unit="N m", lower=-1e3, upper=1e3),)
     shown_by = "rest, and the same speeds in both directions"
 
@@ -169,6 +170,7 @@ class CoggingTorque(Effect):
     """A torque that repeats over the angle: magnets and slots, gear teeth."""
 
     name = "cogging_torque"
+    law_of = "position"
     seen_over = "position"
     parameters = (
         Parameter(name="amplitude", unit="N m", lower=0.0, upper=1e3),

@@ -186,6 +186,9 @@ class Effect(ABC):
     #: Over which signal of `Motion` the report draws its law: velocity, position or drive (over the
     #: size of the drive torque, against the motion).
     seen_over: ClassVar[str] = "velocity"
+    #: The one state of its joint of which its torque is a law, "position" or "velocity"; None where
+    #: there is none, or more than that. Several laws of one state are one law.
+    law_of: ClassVar[str | None] = None
     #: Effects that look like it in many motions: they are always put beside it.
     confused_with: ClassVar[tuple[str, ...]] = ()
     #: The effect whose law it is under another name, if there is one: only that is looked for.

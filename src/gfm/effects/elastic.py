@@ -36,6 +36,7 @@ class JointSpring(Effect):
     """A spring between a joint and its parent: cables, a balancer."""
 
     name = "joint_spring"
+    law_of = "position"
     seen_over = "position"
     parameters = (
         Parameter(name="stiffness", unit="N m/rad", lower=0.0, upper=1e5),

@@ -38,6 +38,7 @@ class CoulombFriction(Effect):
     """A dry friction torque that opposes motion and holds at rest (MuJoCo's frictionloss)."""
 
     name = "coulomb_friction"
+    law_of = "velocity"
     abrupt = True
     parameters = (Parameter(name="torque", unit="N m", lower=0.0, upper=1e3, takes_off=True),)
     shown_by = "reversals at several speeds, and rest under load"
@@ -60,6 +61,7 @@ class ViscousFriction(Effect):
     """A torque proportional to the velocity (MuJoCo's damping)."""
 
     name = "viscous_friction"
+    law_of = "velocity"
     parameters = (
         Parameter(name="coefficient", unit="N m s/rad", lower=0.0, upper=1e4, takes_off=True),
     )
@@ -83,6 +85,7 @@ class QuadraticDrag(Effect):
     """A torque proportional to velocity times speed (MuJoCo's second damping coefficient)."""
 
     name = "quadratic_drag"
+    law_of = "velocity"
     parameters = (Parameter(name="coefficient", unit="N m s^2/rad^2", lower=0.0, upper=1e4),)
     shown_by = "fast motion beside slow motion"
 
@@ -108,6 +111,7 @@ class StribeckFriction(Effect):
     """
 
     name = "stribeck_friction"
+    law_of = "velocity"
     abrupt = True
     costly = True
     valleys = ("stribeck_velocity",)
@@ -156,6 +160,7 @@ class AsymmetricFriction(Effect):
     """
 
     name = "asymmetric_friction"
+    law_of = "velocity"
     abrupt = True
     parameters = (Parameter(name="difference", unit="N m", lower=-1e3, upper=1e3),)
     twin = "torque_offset"

@@ -27,6 +27,7 @@ class EncoderOffset(Effect):
     """The reported position is the true one plus an offset: a shifted zero (MuJoCo's `ref`)."""
 
     name = "encoder_offset"
+    law_of = "position"
     displaces = True
     confused_with = ("gravity_direction",)
     parameters = (Parameter(name="offset", unit="rad", lower=-3.2, upper=3.2),)

@@ -11,8 +11,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from gfm.diagnosis.inference.constants import UNWEIGHED
-from gfm.diagnosis.inference.fitting import acting, along_valley, always, each_without, measured
+from gfm.diagnosis.inference.fitting import acting, along_valley, always, measured
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.inference.steadiness import apart, follows
 from gfm.diagnosis.residuals.outliers import slopes
@@ -28,7 +30,7 @@ from gfm.diagnosis.search.moves.reduce import (
 from gfm.diagnosis.search.naming import describe
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step
 from gfm.diagnosis.search.under_way import MoveFrom, Search
-from gfm.effects import Key, Scope
+from gfm.effects import EffectInstance, Key, Scope
 
 #: Steps at most.
 MOST_STEPS = 24
@@ -115,13 +117,13 @@ def support(
         beside = rivals.get(instance.key, Compared(instance=instance))
         rival = -beside.rival.gain if beside.rival else None
         unweighed = Difference(UNWEIGHED * without.nats, without.error)
-        parts, left = steady[instance.key]
+        parts, follows_it = steady[instance.key]
         told[instance.key] = Evidence(
             without=search.held.get(instance.key, without),
             rival=rival if beside.weighed else unweighed,
             by=beside.rival.new[0] if beside.rival else None,
             apart=parts,
-            follows=left,
+            follows=follows_it,
         )
     return told
 
@@ -129,15 +131,17 @@ def support(
 def _steadiness(here: Hypothesis) -> dict[Key, tuple[float, float]]:
     """Returns for each effect by what share of itself it differs between parts of the data.
 
-    And how closely what is left on its joints follows what it does.
+    And how closely what is left on its joints follows what it does. Laws of one state of one joint
+    are one law, as terms of a series are: they are asked together.
     """
     fitted, blocks, joints = here.fit, here.problem.blocks, here.problem.joints
-    sets = [fitted.effects, *each_without(fitted.effects)]
-    whole, *rest = here.problem.plain().residuals(sets)
+    laws = [[one is e or _same_law(one, e) for e in fitted.effects] for one in fitted.effects]
+    others = [[e for e, part in zip(fitted.effects, law, strict=True) if not part] for law in laws]
+    whole, *rest = here.problem.plain().residuals([fitted.effects, *others])
     weights, motion = slopes(fitted.residual, here.problem.limits()), here.problem.motion()
     told, steady = dict[Key, tuple[float, float]](), always(fitted)
-    for i, (instance, without) in enumerate(zip(fitted.effects, rest, strict=True)):
-        own = fitted.owners == i
+    for instance, law, without in zip(fitted.effects, laws, rest, strict=True):
+        own = np.array(law)[fitted.owners]
         beside = own | steady  # what acts now and then, a part may not know
         known = replace(fitted, jacobian=fitted.jacobian[:, beside])
         local = instance.effect.scope in (Scope.JOINT, Scope.PAIR)
@@ -147,3 +151,8 @@ def _steadiness(here: Hypothesis) -> dict[Key, tuple[float, float]]:
             follows(whole, without - whole, motion, blocks, where),
         )
     return told
+
+
+def _same_law(one: EffectInstance, other: EffectInstance) -> bool:
+    law = one.effect.law_of
+    return law is not None and (law, one.joints) == (other.effect.law_of, other.joints)
