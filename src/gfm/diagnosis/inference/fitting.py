@@ -129,13 +129,15 @@ def _descended(
     values, bounds = amounts(current), bounds_of(current)
     residual = problem.residuals([current])[0]
     jacobian = derivatives(problem, current, residual, at_hand)
-    damping, astray, steps = DAMPING, False, FIT_STEPS
+    damping, astray, steps, promised = DAMPING, False, FIT_STEPS, 0.0
     while steps > 0 and residual.any():
         steps -= 1
         step = _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
         candidate = with_amounts(current, values + step)
         tried = problem.residuals([candidate])[0]
         gain = 1.0 - mean_square(tried) / mean_square(residual)
+        told = 1.0 - mean_square(residual + jacobian @ step) / mean_square(residual)
+        promised = max(promised, told)
         if gain < 0.0 and at_hand:
             at_hand = {}
             jacobian = derivatives(problem, current, residual)
@@ -143,8 +145,9 @@ def _descended(
         damping *= 0.1 if gain > 0.0 else 30.0
         if gain > 0.0:
             current, values, residual = candidate, values + step, tried
-            jacobian, astray = derivatives(problem, current, residual, at_hand), False
-        elif damping > MOST_DAMPING and not astray:
+            jacobian = derivatives(problem, current, residual, at_hand)
+            astray, promised = False, 0.0
+        elif damping > MOST_DAMPING and promised > ROUGH and not astray:
             damping, astray, steps = DAMPING, True, FIT_STEPS
             jacobian = derivatives(problem, current, residual, over=step)
         if 0.0 <= gain < tolerance or damping > MOST_DAMPING:
