@@ -167,8 +167,15 @@ def _after(before: Hypothesis, best: Tried | None) -> Hypothesis:
 
 
 def _screened(before: Hypothesis, places: Sequence[Place]) -> list[Screened]:
-    """Returns the candidates that promise most, best first: at a glance, then the best."""
-    glanced = screen(before, places, GLANCE_S)
+    """Returns the candidates that promise most, best first: at a glance, then the best.
+
+    Motors apart from their links, which take longest, only if they promise anything at a glance.
+    """
+    glanced = [
+        one
+        for one in screen(before, places, GLANCE_S)
+        if one.gain.notable or not one.instance.effect.separates_motor
+    ]
     again = list(dict.fromkeys(one.instance.key for one in glanced))[:LOOKED_AT]
     return screen(before, [p for p in places if p.key in again], SCREENING_S)
 
