@@ -106,22 +106,20 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True)
 class Compensation:
-    """What a gravity compensation does that MuJoCo's own does not, under some effect.
+    """In what a controller's gravity compensation differs from MuJoCo's own, under some effect.
 
-    A controller compensates for upright gravity at the *reported* position; MuJoCo for the gravity
-    that there is at the true one.
+    A controller compensates for the gravity that it believes in, at the *reported* position; MuJoCo
+    for the gravity that there is, at the true one. Both bear the same bodies.
 
     Attributes:
-        gravity: Under which the controller computes its torques, m/s^2, shape (3,).
-        shift: What it adds to qpos before, shape (nq,).
-        missing: Whether MuJoCo's own compensation was taken out of the model.
+        gravity: In which the controller believes, m/s^2, shape (3,); None for that of the model.
+        shift: What it adds to qpos, shape (nq,); None for nothing.
         moved: Degrees of freedom of a link and of its motor side: a drive's compensation acts on
             the motor, MuJoCo's on the link.
     """
 
-    gravity: Array
-    shift: Array
-    missing: bool
+    gravity: Array | None = None
+    shift: Array | None = None
     moved: tuple[int, int] | None = None
 
 

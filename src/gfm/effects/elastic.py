@@ -151,9 +151,6 @@ def moved_to_motor(model: mujoco.MjModel, joint: str) -> Compensation | None:
     if motor < 0:
         return None
     return Compensation(
-        gravity=np.array(model.opt.gravity),
-        shift=np.zeros(model.nq),
-        missing=False,
         moved=(int(model.jnt_dofadr[model.joint(joint).id]), int(model.jnt_dofadr[motor])),
     )
 

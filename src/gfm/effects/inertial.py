@@ -77,7 +77,13 @@ class Payload(Effect):
 
 @final
 class GravityDirection(Effect):
-    """A base that does not stand upright."""
+    """A base that does not stand upright.
+
+    A model is written in the frame of the base. What was set up and measured in that frame (the
+    arm, the basket, the tracked object) stays where it is; gravity turns, and pulls at all of it
+    alike: at the links, at a payload, at an object in the basket. A controller that cancels gravity
+    goes on to cancel the upright one, for the bodies that it bears and no others.
+    """
 
     name = "gravity_direction"
     confused_with = ("encoder_offset",)
@@ -90,18 +96,13 @@ class GravityDirection(Effect):
 
     @override
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
-        tilted = np.array(tilted_gravity(values["tilt_x"], values["tilt_y"]))
-        compensated = [body for body in spec.bodies if body.gravcomp]
-        for body in compensated:
-            body.gravcomp = 0.0
-        # A controller goes on to cancel upright gravity: what is left is the difference.
-        spec.option.gravity = tilted - np.array(UPRIGHT) if compensated else tilted
+        spec.option.gravity = tilted_gravity(values["tilt_x"], values["tilt_y"])
 
     @override
     def compensation(
         self, model: mujoco.MjModel, joints: Sequence[str], values: Values
     ) -> Compensation | None:
-        return Compensation(gravity=np.array(UPRIGHT), shift=np.zeros(model.nq), missing=True)
+        return Compensation(gravity=np.array(UPRIGHT))
 
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:

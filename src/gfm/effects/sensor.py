@@ -19,7 +19,6 @@ from gfm.effects.effect import (
     angle,
     find_joint,
 )
-from gfm.effects.inertial import UPRIGHT
 
 
 @final
@@ -44,7 +43,7 @@ class EncoderOffset(Effect):
     ) -> Compensation | None:
         shift = np.zeros(model.nq)
         shift[model.jnt_qposadr[model.joint(joints[0]).id]] = values["offset"]
-        return Compensation(gravity=np.array(UPRIGHT), shift=shift, missing=False)
+        return Compensation(shift=shift)
 
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:

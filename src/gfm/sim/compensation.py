@@ -33,28 +33,28 @@ class CompensationError:
 
 @final
 class ErringCompensation:
-    """The errors of one robot's compensation, at any position."""
+    """The errors of one robot's compensation, at any position.
+
+    What the controller computes, less what MuJoCo does: under the gravity in which it believes, at
+    the position with all that is added to it. Effects that mislead it together are one error.
+    """
 
     def __init__(self, model: mujoco.MjModel, told: Sequence[Compensation]) -> None:
-        self._nv = model.nv
-        self._told = [(one, _Weight(model, one.gravity)) for one in told]
+        believed = [one.gravity for one in told if one.gravity is not None]
+        shifts = [one.shift for one in told if one.shift is not None]
+        self._shift = np.sum(shifts, axis=0) if shifts else np.zeros(model.nq)
         self._moved = [one.moved for one in told if one.moved is not None]
-        own = not any(one.missing for one in told)
-        self._own = _Weight(model, model.opt.gravity) if own and self._moved else None
+        self._own = _Borne(model, model.opt.gravity)
+        self._meant = _Borne(model, believed[-1] if believed else model.opt.gravity)
 
     def at(self, qpos: Array) -> CompensationError:
         """Returns the errors at positions of shape (T, nq)."""
-        force, drive = np.zeros((len(qpos), self._nv)), np.zeros((len(qpos), self._nv))
-        for one, weight in self._told:
-            meant = weight.torques(qpos + one.shift)
-            if not one.missing:
-                meant -= weight.torques(qpos)
-                force += meant
-            drive += meant
-        whole = drive if self._own is None else drive + self._own.torques(qpos)
+        meant = self._meant.torques(qpos + self._shift)
+        drive = meant - self._own.torques(qpos)
+        force = drive.copy()
         for link, motor in self._moved:
-            force[:, link] -= whole[:, link]
-            force[:, motor] += whole[:, link]
+            force[:, link] -= meant[:, link]
+            force[:, motor] += meant[:, link]
         return CompensationError(force=force, drive=drive)
 
 
@@ -72,8 +72,8 @@ def compensation_error(plant: Plant, position: Array) -> CompensationError | Non
 
 
 @final
-class _Weight:
-    """What holds a robot's weight."""
+class _Borne:
+    """What bears the weight of the bodies that a compensation knows, and of no others."""
 
     def __init__(self, model: mujoco.MjModel, gravity: Array) -> None:
         self._model = copy.copy(model)
@@ -88,5 +88,5 @@ class _Weight:
             self._data.qpos[:] = place
             mujoco.mj_fwdPosition(self._model, self._data)
             mujoco.mj_fwdVelocity(self._model, self._data)
-            row[:] = self._data.qfrc_bias
+            row[:] = self._data.qfrc_gravcomp
         return torques

@@ -22,7 +22,6 @@ from gfm.sim.plant import (
     compensations,
     drive_dofs,
     drive_matrix,
-    misled_already,
     with_servo_gain,
 )
 from gfm.sim.step_laws import StepLaws, acts_at_every_step, step_laws
@@ -140,9 +139,9 @@ class HybridModel:
     def erring_compensation(self) -> ErringCompensation | None:
         """Returns what the robot's gravity compensation does wrong under the effects, if any."""
         model = self.any_model
-        if not (model.body_gravcomp.any() or misled_already(model, self.effects)):
+        if not model.body_gravcomp.any():
             return None
-        told = [c for c in compensations(model, self.effects) if not c.missing]
+        told = compensations(model, self.effects)
         return ErringCompensation(model, told) if told else None
 
     def model_for(self, trajectory: Trajectory) -> mujoco.MjModel:

@@ -106,7 +106,7 @@ def make_plant(
             instance.effect.apply(changed, instance.joints, instance.values)
     _add_drive_sensors(changed, joints)
     model = changed.compile()
-    compensated = any(body.gravcomp for body in spec.bodies) or misled_already(model, effects)
+    compensated = any(body.gravcomp for body in spec.bodies)
     return _plant(model, joints, compensated, (*own, *effects))
 
 
@@ -126,15 +126,6 @@ def _taken_from_drives(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[Effe
 
 def _at(joint: str, name: str, **values: float) -> EffectInstance:
     return EffectInstance(effect=find_effect(name), joints=(joint,), values=values)
-
-
-def misled_already(model: mujoco.MjModel, effects: Sequence[EffectInstance]) -> bool:
-    """Returns whether effects that a model has already say that its robot cancels gravity.
-
-    They may have taken MuJoCo's own compensation out of the model, and are listed beside it only
-    where there was one.
-    """
-    return bool(compensations(model, [e for e in effects if e.in_model]))
 
 
 def compensations(

@@ -125,10 +125,10 @@ def _rollout(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
 
 
 def _forces(job: _Job, steps: int) -> Array:
-    """Returns the generalized forces of every time step, shape (K, nv)."""
+    """Returns the generalized forces of every time step, at its middle, shape (K, nv)."""
     if job.compensation is None:
         return np.zeros((steps, job.model.nv))
-    grid = job.model.opt.timestep * np.arange(steps)
+    grid = job.model.opt.timestep * (np.arange(steps) + 0.5)
     columns = [np.interp(grid, job.segment.time_s, f) for f in job.compensation.force.T]
     return np.stack(columns, axis=1)
 

@@ -16,7 +16,7 @@ from gfm.diagnosis.output.result import ModelPair, NamedEffect, ParameterEstimat
 from gfm.effects import EffectInstance
 from gfm.effects.elements import let_friction_hold
 from gfm.sim.drive_names import name_as_found
-from gfm.sim.plant import compensations, misled_already, native_spec
+from gfm.sim.plant import compensations, native_spec
 from gfm.sim.step_laws import acts_at_every_step
 
 #: Comments in front of a corrected model: around what was added, and before what it had.
@@ -50,7 +50,7 @@ def corrected_model(
     """
     instances = [effect.instance() for effect in named]
     nominal, changed = spec.copy().compile(), native_spec(spec, instances)
-    compensated = nominal.body_gravcomp.any() or misled_already(nominal, given)
+    compensated = nominal.body_gravcomp.any()
     model = changed.copy().compile()
     new = [
         effect
