@@ -28,7 +28,7 @@ from gfm_robot_bridge.simulated.mechanics import Mechanics
 from gfm_robot_bridge.simulated.robot import SimulatedRobot
 from gfm_robot_bridge.simulated.service import SimulatedService
 from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
-from gfm_wire import Message, RobotClock
+from gfm_wire import Message, RobotClock, SetPayload
 
 LIMITS = sawyer_limits()
 _SHARE = 0.5
@@ -76,6 +76,10 @@ class WatchedArm(Mechanics):
     @override
     def put_object(self, pose: Array) -> None:
         self._arm.put_object(pose)
+
+    @override
+    def carry(self, payload: SetPayload) -> None:
+        self._arm.carry(payload)
 
     @override
     def drive(self) -> Array:

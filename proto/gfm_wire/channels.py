@@ -93,6 +93,7 @@ CHANNELS = (
         "robot/record", ("RecordStart", "Ack"), ("RecordStop", "RecordDone"), of=_DRIVER, to=_BRIDGE
     ),
     _question("robot/object", ("PlaceObject", "Ack or ByHand"), of=_DRIVER, to=_BRIDGE),
+    _question("robot/payload", ("SetPayload", "Ack or ByHand"), of=_DRIVER, to=_BRIDGE),
     _question("robot/stop", ("StopRobot", "Ack"), of=_WHO_SEES, to=_BRIDGE),
     _question("robot/speed", ("ScaleSpeed", "Ack"), of=_DRIVER, to=_BRIDGE),
     _question("robot/power", ("PowerRobot", "Ack"), of=_DRIVER, to=_BRIDGE),

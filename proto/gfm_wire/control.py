@@ -6,12 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+import numpy as np
+
 from gfm.core import Command, EnvironmentSpec, Observation
 from gfm.core.checks import Array, check_shapes
 
 #: How the reason of a refusal begins where a bridge stopped the arm by itself, for what the arm did
 #: and not for what somebody said: its driver may begin again.
 PROTECTIVE_STOP = "protective stop: "
+#: What an arm of this size may carry, kg, and how far from its last link's frame, m.
+_HEAVIEST_KG, _FARTHEST_M = 4.0, 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,6 +169,41 @@ class PlaceObject:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SetPayload:
+    """Tells the robot what its last link carries, for its gravity compensation to bear.
+
+    In place of what it was told before; a mass of 0 takes that back.
+
+    Attributes:
+        mass_kg: Of the load.
+        com_m: Its centre of mass, m, in the frame of the last link, shape (3,).
+    """
+
+    mass_kg: float
+    com_m: Array
+
+    def __post_init__(self) -> None:
+        check_shapes({"com_m": self.com_m}, {"com_m": (3,)})
+
+    @property
+    def problem(self) -> str:
+        """Why no arm of this size carries that, in words; empty where one may."""
+        if not 0.0 <= self.mass_kg <= _HEAVIEST_KG:
+            return f"payload has a mass of {self.mass_kg:g} kg, expected 0 to {_HEAVIEST_KG:g} kg"
+        away_m = float(np.linalg.norm(self.com_m))
+        if away_m <= _FARTHEST_M:
+            return ""
+        return (
+            f"payload has its centre {away_m:.3g} m from the last link, "
+            f"expected at most {_FARTHEST_M:g} m"
+        )
+
+    def __str__(self) -> str:
+        x, y, z = (f"{value:.4g}" for value in self.com_m)
+        return f"{self.mass_kg:.4g} kg at {x}, {y}, {z} m"
+
+
+@dataclass(frozen=True, kw_only=True)
 class ByHand:
     """The robot cannot do that: a person has to."""
 
@@ -232,12 +271,14 @@ class RobotExchange:
             what is in force.
         advance_ns: Robot time to pass before the answer, at least 0.
         object_pose: Where to put the object before that, as in PlaceObject; None leaves it.
+        payload: What the arm carries, from then on; None leaves what was told before.
         clock: How the bridge believes that the robot's time passes; another belief is refused.
     """
 
     commands: tuple[Command, ...]
     advance_ns: int
     object_pose: Array | None = None
+    payload: SetPayload | None = None
     clock: RobotClock = RobotClock.WALL
 
     def __post_init__(self) -> None:

@@ -37,6 +37,7 @@ from gfm_wire.control import (
     SampleRequest,
     ScaleSpeed,
     SequenceAck,
+    SetPayload,
     StatusRequest,
     StopRobot,
     WeightsRequest,
@@ -67,6 +68,7 @@ Message = (
     | ScaleSpeed
     | Sequence
     | SequenceAck
+    | SetPayload
     | Status
     | StatusRequest
     | StopRobot
@@ -182,6 +184,7 @@ STATUS = Schema(
         "note": TEXT,
     },
 )
+SET_PAYLOAD = Schema(SetPayload, 1, {"mass_kg": Number(), "com_m": Array("<f8", "3")})
 CONTROL = (
     Schema(Ack, 1, {}),
     Schema(Refusal, 1, {"reason": TEXT}),
@@ -196,6 +199,7 @@ CONTROL = (
     Schema(RecordStop, 1, {}),
     Schema(RecordDone, 1, {"path": TEXT, "ticks": COUNT}),
     Schema(PlaceObject, 1, {"pose": POSE}),
+    SET_PAYLOAD,
     Schema(ByHand, 1, {}),
     Schema(ReleaseRobot, 1, {}),
     Schema(StopRobot, 1, {"reason": TEXT}),
@@ -203,11 +207,12 @@ CONTROL = (
     Schema(PowerRobot, 1, {"action": Choice(PowerAction)}),
     Schema(
         RobotExchange,
-        3,
+        4,
         {
             "commands": ListOf(COMMAND),
             "advance_ns": COUNT,
             "object_pose": Optional(POSE),
+            "payload": Optional(SET_PAYLOAD),
             "clock": Choice(RobotClock),
         },
     ),

@@ -21,12 +21,18 @@ from gfm_robot_bridge.rosbridge_sawyer.service import RosbridgeService
 from gfm_robot_bridge.simulated.__main__ import build as build_simulated
 from gfm_robot_bridge.simulated.__main__ import build_robot
 from gfm_robot_bridge.simulated.config import SimulatedConfig
+from gfm_robot_bridge.simulated.hidden import GivenEffect
 from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
-from gfm_wire import PowerAction, RobotClock
+from gfm_wire import PowerAction, RobotClock, SetPayload
 
 PERIOD_S = 0.02
 COUNT = len(JOINT_NAMES)
 SETTINGS = SawyerSettings(software=("5.3.0",), latency_s=0.004, speed_ratio=1.0, wait_s=1.0)
+
+
+#: On the hand and beside its axis: it pulls at joints that turn about the hand, too.
+LOAD = SetPayload(mass_kg=1.0, com_m=np.array([0.06, -0.03, 0.1]))
+Hidden = tuple[GivenEffect, ...]
 
 
 class Running:
@@ -84,7 +90,7 @@ class Running:
         return np.mean([r.velocity for r in self.reports[-round(seconds / 0.01) :]], axis=0)
 
 
-def mirror() -> Running:
+def mirror(_hidden: Hidden = ()) -> Running:
     robot = MirrorRobot(JOINT_NAMES)
     return Running(robot, lambda _seconds: None, lambda: setattr(robot, "lost", True))
 
@@ -100,9 +106,9 @@ def stepped(clock: ManualClock, *services: Service) -> Callable[[float], None]:
     return pass_time
 
 
-def simulated() -> Running:
+def simulated(hidden: Hidden = ()) -> Running:
     hub, clock = MemoryHub(), ManualClock(10**18)
-    config = SimulatedConfig(name="robot")
+    config = SimulatedConfig(name="robot", hidden=hidden)
     service = build_simulated(config, MemoryTransport(hub, clock=clock), clock)
     robot = SimulatedSawyer(
         MemoryTransport(hub, name="bridge", clock=clock),
@@ -117,9 +123,9 @@ def lost(_key: str, _body: bytes) -> None:
     return None
 
 
-def rosbridge() -> Running:
+def rosbridge(hidden: Hidden = ()) -> Running:
     clock, door = ManualClock(10**18), MemoryDoor()
-    config = RosbridgeConfig(name="robot", clock_ahead_s=-5.0)
+    config = RosbridgeConfig(name="robot", clock_ahead_s=-5.0, hidden=hidden)
     service = RosbridgeService(config, build_robot(config), door, clock)
     link = MemoryLink(door, clock)
     robot = InteraSawyer(link, clock, SETTINGS)
@@ -268,3 +274,35 @@ def test_what_it_says_of_itself_are_numbers_and_words(running) -> None:
     numbers: Sequence[float] = [*robot.gauges().values(), *robot.counters().values()]
     assert np.isfinite(numbers).all()
     assert all(isinstance(word, str) for word in robot.about().values())
+
+
+def loaded(name: str) -> Running:
+    """Returns a robot that hides the load, standing still as well as it can."""
+    where = dict(zip(("com_x", "com_y", "com_z"), LOAD.com_m.tolist(), strict=True))
+    hidden = GivenEffect(effect="payload", parameters={"mass": LOAD.mass_kg, **where})
+    made = ADAPTERS[name]((hidden,))
+    made.run(0.4, CommandKind.VELOCITY)
+    return made
+
+
+@pytest.mark.parametrize("name", ["simulated", "rosbridge"])
+def test_a_robot_that_is_told_of_its_payload_bears_it_until_that_is_taken_back(name) -> None:
+    made = loaded(name)
+    sinking = made.speed()
+    assert np.abs(sinking).max() > 0.02
+    pulled = made.newest.effort
+    assert "payload_told" not in made.robot.about()
+    assert made.robot.carry(LOAD)
+    made.run(0.4, CommandKind.VELOCITY)
+    assert np.abs(made.speed()).max() < 3e-3
+    # The drives give what the servos gave with an error: nothing else was added.
+    np.testing.assert_allclose(made.newest.effort, pulled, atol=0.4)
+    assert made.robot.about()["payload_told"] == "1 kg at 0.06, -0.03, 0.1 m"
+    assert made.robot.carry(SetPayload(mass_kg=0.0, com_m=np.zeros(3)))
+    made.run(0.4, CommandKind.VELOCITY)
+    np.testing.assert_allclose(made.speed(), sinking, atol=0.01)
+    assert "payload_told" not in made.robot.about()
+
+
+def test_one_that_feels_no_weight_leaves_a_payload_to_a_person() -> None:
+    assert not mirror().robot.carry(LOAD)

@@ -448,6 +448,16 @@ def test_what_the_robot_cannot_hide_is_one_line_and_leaves_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ["robot.toml"]
 
 
+def test_a_payload_that_no_arm_carries_is_one_line_and_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["drive", "--task", "position", "--payload", "9", "0", "0", "0.1"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 2
+    line = capsys.readouterr().err.strip()
+    assert line == "error: --payload: payload has a mass of 9 kg, expected 0 to 4 kg"
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_robot_that_is_not_there_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

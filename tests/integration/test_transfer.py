@@ -13,12 +13,16 @@ import pytest
 from gfm.api.provenance import sha256
 from gfm.cli import main
 from gfm.diagnosis.output.correction import model_pair
+from gfm.effects import EffectInstance, find_effect
 from gfm.envs.registry import as_trained, nominal_cell
 from gfm.experiments.attempt_files import Kept
 from gfm.experiments.attempts import Attempt
+from gfm.experiments.payload import bearing_payload, named_payload
 from gfm.policies import shipped_policy
 from gfm.recording.weights_file import read_weights, write_weights
 from gfm.report.files import model_texts, write_texts
+from gfm.sim.plant import native_spec
+from gfm.sim.sawyer import JOINT_NAMES
 
 POSITION, POLICY = "position_matching", "policy_adapted.npz"
 FOUND = {
@@ -137,6 +141,39 @@ def test_training_steps_the_corrected_cell_as_the_nominal_one() -> None:
     assert model.opt.integrator == nominal.option.integrator
     assert model.joint("right_j1").frictionloss == pytest.approx(2.2)
     assert corrected.option.integrator == mujoco.mjtIntegrator.mjINT_RK4
+
+
+LOAD = {"mass": 0.6, "com_x": 0.01, "com_y": 0.02, "com_z": 0.1}
+NAMED = {"effect": "payload", "parameters": {name: {"value": x} for name, x in LOAD.items()}}
+
+
+def test_the_robot_is_told_of_the_payload_that_was_named() -> None:
+    friction = {"effect": "coulomb_friction", "parameters": {"torque": {"value": 1.0}}}
+    payload = named_payload({"effects": [friction, NAMED]})
+    assert payload is not None
+    assert str(payload) == "0.6 kg at 0.01, 0.02, 0.1 m"
+    assert named_payload({"effects": [friction]}) is None
+
+
+def test_a_model_whose_robot_was_told_bears_its_payload() -> None:
+    named = EffectInstance(effect=find_effect("payload"), joints=("right_j6",), values=LOAD)
+    corrected = native_spec(nominal_cell(POSITION), [named])
+    told = bearing_payload(corrected).compile()
+    data = mujoco.MjData(told)
+    mujoco.mj_forward(told, data)
+    arm = slice(0, len(JOINT_NAMES))
+    assert data.qfrc_gravcomp[arm] == pytest.approx(data.qfrc_bias[arm])
+    assert corrected.body("payload").gravcomp == 0.0
+
+
+def test_without_a_payload_there_is_nothing_to_tell(
+    tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    made(tmp_path, [{"effect": "coulomb_friction"}])
+    assert main([*words, "--treatments", "told"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "no payload was named: there is nothing to tell the robot" in said
+    assert json.loads((tmp_path / "report.json").read_text())["after"] == {}
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import json
 import os
 import re
 import threading
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,7 @@ from gfm_wire import (
     ReleaseRobot,
     RobotClock,
     ScaleSpeed,
+    SetPayload,
     StopRobot,
 )
 
@@ -830,4 +832,34 @@ def test_where_the_robot_cannot_put_the_object_back_a_person_has_to(rig: Rig) ->
 def test_what_is_no_place_is_refused(rig: Rig, message: Message, words: str) -> None:
     with pytest.raises(RefusedError, match=words):
         rig.ask("robot/object", message)
+    assert rig.counter("rejected_messages") == 1
+
+
+LOAD = SetPayload(mass_kg=0.6, com_m=np.array([0.0, 0.0, 0.1]))
+
+
+def test_where_the_robot_cannot_be_told_of_a_payload_a_person_has_to(rig: Rig) -> None:
+    assert rig.ask("robot/payload", LOAD) == ByHand()
+
+
+def test_nobody_but_its_driver_tells_a_robot_of_a_payload(rig: Rig) -> None:
+    rig.command("velocity", [0.1, 0.1])
+    rig.asker = rig.connect("second")
+    with pytest.raises(RefusedError, match="held by first"):
+        rig.ask("robot/payload", LOAD)
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        (replace(LOAD, mass_kg=-0.1), r"a mass of -0\.1 kg, expected 0 to 4 kg"),
+        (replace(LOAD, mass_kg=6.0), r"a mass of 6 kg, expected 0 to 4 kg"),
+        (replace(LOAD, mass_kg=float("nan")), r"a mass of nan kg, expected 0 to 4 kg"),
+        (replace(LOAD, com_m=np.array([0.0, 0.6, 0.0])), r"its centre 0\.6 m from the last link"),
+        (RecordStop(), "got RecordStop, expected SetPayload"),
+    ],
+)
+def test_what_no_arm_carries_is_refused(rig: Rig, message: Message, words: str) -> None:
+    with pytest.raises(RefusedError, match=words):
+        rig.ask("robot/payload", message)
     assert rig.counter("rejected_messages") == 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -23,13 +24,19 @@ from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.intera.assembly import Assembly
 from gfm_robot_bridge.intera.clock_offset import ClockOffset
 from gfm_robot_bridge.intera.introduction import check_version, tighter, version_of
-from gfm_robot_bridge.intera.messages import assembly, joint_command, joint_limits, joint_report
+from gfm_robot_bridge.intera.messages import (
+    assembly,
+    joint_command,
+    joint_limits,
+    joint_report,
+    urdf_configuration,
+)
 from gfm_robot_bridge.intera.power import Switching
 from gfm_robot_bridge.intera.sawyer import InteraSawyer, SawyerSettings
 from gfm_robot_bridge.intera.topics import ENABLE
 from gfm_robot_bridge.rosbridge_sawyer.memory import MemoryDoor, MemoryLink
 from gfm_robot_bridge.sawyer_limits import sawyer_limits
-from gfm_wire import PowerAction
+from gfm_wire import PowerAction, SetPayload
 
 COUNT = len(JOINT_NAMES)
 UTC_NS = 1_600_000_000_000_000_000
@@ -516,3 +523,41 @@ def test_it_is_told_how_the_clocks_differ(script) -> None:
 def test_settings_that_contradict_each_other_are_refused(settings, words, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=words):
         BridgeConfig(recordings=str(tmp_path), **settings)
+
+
+LOAD = SetPayload(mass_kg=0.6, com_m=np.array([0.01, 0.02, 0.1]))
+
+
+def test_a_payload_is_a_fragment_that_hangs_on_the_hand() -> None:
+    msg = urdf_configuration(LOAD, 1_500_000_000)
+    assert (msg["time"], msg["link"]) == ({"secs": 1, "nsecs": 500_000_000}, "right_hand")
+    robot, name = ElementTree.fromstring(msg["urdf"]), msg["joint"]
+    ends = [robot.find(f"joint[@type='fixed']/{end}").get("link") for end in ("parent", "child")]
+    assert ends == ["right_hand", name]
+    inertial = robot.find(f"link[@name='{name}']/inertial")
+    assert float(inertial.find("mass").get("value")) == 0.6
+    # Of the hand, which is turned by a quarter about the link's axis and stands in front of it.
+    place = [float(word) for word in inertial.find("origin").get("xyz").split()]
+    np.testing.assert_allclose(place, [0.02, -0.01, 0.0755], atol=1e-7)
+
+
+def payloads(script: Script) -> list[dict[str, Any]]:
+    published = [op for op in script.told if op["op"] == "publish"]
+    return [op["msg"] for op in published if op["topic"] == "/robot/urdf"]
+
+
+def test_a_payload_is_told_again_and_again_as_the_same_configuration(script) -> None:
+    script.robot.begin((), 0)
+    script.run(0.1)
+    assert payloads(script) == []
+    assert script.robot.carry(LOAD)
+    for _ in range(25):
+        script.robot.begin((), 0)
+        script.run(0.1)
+    told = payloads(script)
+    assert len(told) == 3
+    assert told[0]["time"] == told[-1]["time"]
+    assert script.robot.carry(LOAD)
+    script.robot.begin((), 0)
+    script.run(0.01)
+    assert payloads(script)[-1]["time"] != told[0]["time"]

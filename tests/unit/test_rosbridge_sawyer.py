@@ -270,3 +270,43 @@ def test_settings_that_cannot_be_are_refused(settings, words) -> None:
 
 def test_it_listens_for_everybody_where_that_is_meant() -> None:
     assert RosbridgeConfig(ros="0.0.0.0:9090", insecure=True).ros == "0.0.0.0:9090"
+
+
+FRAGMENT = """
+<robot name="tool"><link name="tool"><inertial>
+  <origin xyz="0 0 0.0755" rpy="0 0 0"/><mass value="1.0"/>
+</inertial></link></robot>
+"""
+
+
+def urdf_msg(**changes: Any) -> dict[str, Any]:
+    time = {"secs": 5, "nsecs": 0}
+    return {"time": time, "link": "right_hand", "joint": "tool", "urdf": FRAGMENT} | changes
+
+
+def test_a_load_of_its_description_is_borne_and_the_same_time_is_no_news(computer) -> None:
+    computer.hear("/robot/urdf", urdf_msg())
+    lifted = computer.run(0.3, 0.0).velocity[1]
+    assert abs(lifted) > 0.02  # nothing hangs there: what is borne too much lifts the arm
+    none = FRAGMENT.replace('"1.0"', '"0.0"')
+    computer.hear("/robot/urdf", urdf_msg(urdf=none))
+    assert computer.run(0.3, 0.0).velocity[1] == pytest.approx(lifted, abs=0.01)
+    computer.hear("/robot/urdf", urdf_msg(urdf=none, time={"secs": 6, "nsecs": 0}))
+    assert abs(computer.run(0.3, 0.0).velocity[1]) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"link": "right_l6"}, "urdf hangs on 'right_l6', expected 'right_hand'"),
+        ({"joint": "other"}, r"urdf has no link\[@name='other'\]/inertial"),
+        ({"urdf": "<robot"}, "urdf: unclosed token"),
+        ({"urdf": FRAGMENT.replace('value="1.0"', "")}, "urdf has no mass with value"),
+        ({"urdf": FRAGMENT.replace("0 0 0.0755", "0 0")}, "urdf: not enough values"),
+        ({"urdf": FRAGMENT.replace('"1.0"', '"nan"')}, "urdf has a mass of nan"),
+        ({"time": None}, "Expected `object`, got `null`"),
+    ],
+)
+def test_what_is_no_load_is_refused(computer, changes, words) -> None:
+    with pytest.raises(RefusedError, match=words):
+        computer.hear("/robot/urdf", urdf_msg(**changes))

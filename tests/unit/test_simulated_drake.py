@@ -19,6 +19,7 @@ from gfm_robot_bridge.simulated.cell import Cell, cell_model
 from gfm_robot_bridge.simulated.config import SimulatedConfig
 from gfm_robot_bridge.simulated.hidden import HiddenEffect, draw, names, object_names
 from gfm_robot_bridge.simulated.robot import Sensors, SimulatedRobot
+from gfm_wire import SetPayload
 
 pytest.importorskip("pydrake", reason="needs the extra `drake`")
 
@@ -210,6 +211,16 @@ def test_what_hides_in_the_arm_does_the_same_in_both_engines(name):
     difference = np.abs(theirs - nominal()).max()
     assert difference > 2.0 * ONE_STEP_RAD
     assert np.abs(ours - theirs).max() < ONE_STEP_RAD + 0.02 * difference
+
+
+def test_a_payload_that_the_controller_was_told_of_bends_nothing():
+    load = hidden("payload", mass=1.5, com_x=0.05, com_y=0.02, com_z=0.1)
+    unaware, told = DrakeArm(READY, (load,)), DrakeArm(READY, (load,))
+    told.carry(SetPayload(mass_kg=1.5, com_m=np.array([0.05, 0.02, 0.1])))
+    for arm in (unaware, told):
+        passed(arm, 0.1)
+    assert np.abs(unaware.position - READY).max() > 1e-3
+    assert told.position == pytest.approx(READY, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", APART)

@@ -14,6 +14,7 @@ from gfm_robot_bridge.simulated.coupling import Elastic, Play
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
 from gfm_robot_bridge.simulated.laws import DryFriction, smooth_laws
 from gfm_robot_bridge.simulated.servo import Servo
+from gfm_wire import SetPayload
 
 STEP_S = 5e-4
 JOINT = 3
@@ -197,6 +198,15 @@ def test_a_payload_weighs_on_the_arm_and_only_the_servo_feels_it() -> None:
     # The servo's torque is what its position error says, beside the compensation.
     nominal = settled()
     assert arm.drive()[1] - nominal.drive()[1] == pytest.approx(-800.0 * away[1], rel=0.02)
+
+
+def test_a_payload_that_the_controller_was_told_of_bends_nothing() -> None:
+    load = effect("payload", 6, mass=1.5, com_x=0.05, com_y=0.02, com_z=0.1)
+    arm = Arm(READY, (load,))
+    arm.carry(SetPayload(mass_kg=1.5, com_m=np.array([0.05, 0.02, 0.1])))
+    for _ in range(1000):
+        arm.step(STEP_S)
+    assert arm.position == pytest.approx(READY, abs=1e-9)
 
 
 def test_a_payload_pulls_where_its_centre_is_told_to_be() -> None:

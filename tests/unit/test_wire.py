@@ -44,6 +44,7 @@ from gfm_wire import (
     SampleRequest,
     ScaleSpeed,
     SequenceAck,
+    SetPayload,
     Stamp,
     StatusRequest,
     StopRobot,
@@ -147,6 +148,7 @@ EXAMPLES: tuple[Message, ...] = (
     RecordStop(),
     RecordDone(path="a/b.mcap", ticks=100),
     PlaceObject(pose=np.arange(7.0)),
+    SetPayload(mass_kg=0.6, com_m=np.arange(3.0)),
     ByHand(),
     ReleaseRobot(),
     StopRobot(reason="it smells"),
@@ -154,6 +156,7 @@ EXAMPLES: tuple[Message, ...] = (
     PowerRobot(action=PowerAction.RESET),
     RobotExchange(commands=(COMMAND, COMMAND), advance_ns=10**7, object_pose=np.arange(7.0)),
     RobotExchange(commands=(), advance_ns=0, clock=RobotClock.LOCKSTEP),
+    RobotExchange(commands=(), advance_ns=0, payload=SetPayload(mass_kg=0.0, com_m=np.zeros(3))),
     RobotStates(states=(OBSERVATION, OBSERVATION)),
 )
 

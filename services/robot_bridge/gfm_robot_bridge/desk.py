@@ -21,12 +21,14 @@ from gfm_wire import (
     RecordStop,
     ReleaseRobot,
     ScaleSpeed,
+    SetPayload,
     Stamp,
     StopRobot,
 )
 
 RECORD = "robot/record"
 OBJECT = "robot/object"
+PAYLOAD = "robot/payload"
 RELEASE = "robot/release"
 STOP = "robot/stop"
 SPEED = "robot/speed"
@@ -61,7 +63,7 @@ class Desk:
     Args:
         transport: On which they arrive.
         clock: Of this process.
-        robot: That may put an object somewhere.
+        robot: That may put an object somewhere, and be told of a payload.
         recorder: That records it.
         lease: Who drives it.
         controls: That act on the robot.
@@ -91,6 +93,7 @@ class Desk:
         self._servers = (
             (transport.serve(RECORD), self._answer_record),
             (transport.serve(OBJECT), self._answer_place),
+            (transport.serve(PAYLOAD), self._answer_payload),
             (transport.serve(RELEASE), self._answer_release),
             (transport.serve(STOP), self._answer_stop),
             (transport.serve(SPEED), self._answer_speed),
@@ -141,6 +144,15 @@ class Desk:
             self._refuse(request, f"pose has a quaternion of length {length:.3g}, expected 1")
         elif self._is_holders(request):
             request.reply(Ack() if self._robot.place_object(message.pose) else ByHand())
+
+    def _answer_payload(self, request: Request) -> None:
+        message = request.message
+        if not isinstance(message, SetPayload):
+            self._refuse_kind(request, "SetPayload")
+        elif message.problem:
+            self._refuse(request, message.problem)
+        elif self._is_holders(request):
+            request.reply(Ack() if self._robot.carry(message) else ByHand())
 
     def _answer_release(self, request: Request) -> None:
         if not isinstance(request.message, ReleaseRobot):

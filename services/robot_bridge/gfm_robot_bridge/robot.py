@@ -9,7 +9,7 @@ from gfm.core import Command, Observation, RefusedError
 from gfm.core.checks import Array
 from gfm_robot_bridge.limits import Limits
 from gfm_robot_bridge.torque import Dynamics
-from gfm_wire import PowerAction
+from gfm_wire import PowerAction, SetPayload
 
 
 class Robot(ABC):
@@ -55,6 +55,15 @@ class Robot(ABC):
         del pose
         return False
 
+    def carry(self, payload: SetPayload) -> bool:
+        """Tells it what its last link carries, with the next exchange: its compensation bears that.
+
+        Returns:
+            Whether it can be told; at a robot that cannot, a person does it.
+        """
+        del payload
+        return False
+
     @abstractmethod
     def poll(self) -> tuple[Observation, ...] | None:
         """Returns the reports since the last exchange, oldest first; None while under way.
@@ -96,3 +105,8 @@ class Robot(ABC):
 
     def close(self) -> None:  # noqa: B027  what is no connection need not be let go of
         """Lets go of it, after it was told the last time."""
+
+
+def told(payload: SetPayload | None) -> Mapping[str, str]:
+    """Returns what `Robot.about` says of a payload that a robot was told of; nothing of none."""
+    return {"payload_told": str(payload)} if payload is not None and payload.mass_kg else {}

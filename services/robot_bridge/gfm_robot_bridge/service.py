@@ -44,7 +44,7 @@ _LONGEST_WRITE_S = 5.0
 
 @final
 class BridgeService(Service, Controls):
-    """Serves `robot/command`, `robot/record`, `robot/object`; publishes `robot/observation`.
+    """Serves what is under `robot/`, with `Desk`; publishes `robot/observation`.
 
     A Command is answered, a control period later, by the newest Observation; it says what was
     applied and why that differs. On the lockstep clock the robot's time passes only in these

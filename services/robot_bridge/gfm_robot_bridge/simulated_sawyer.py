@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import final
 
 from typing_extensions import override
@@ -11,10 +11,10 @@ from gfm.core import Clock, Command, Observation, RefusedError
 from gfm.core.checks import Array
 from gfm.sim.sawyer_numbers import JOINTS
 from gfm.transport import PendingReply, Transport
-from gfm_robot_bridge.robot import Robot
+from gfm_robot_bridge.robot import Robot, told
 from gfm_robot_bridge.sawyer_dynamics import SawyerDynamics
 from gfm_robot_bridge.sawyer_limits import sawyer_limits
-from gfm_wire import RobotClock, RobotExchange, RobotStates
+from gfm_wire import RobotClock, RobotExchange, RobotStates, SetPayload
 
 EXCHANGE = "sawyer/exchange"
 #: Documented by the robot: its controller keeps commands until then.
@@ -53,6 +53,8 @@ class SimulatedSawyer(Robot):
         self._timeout_s = timeout_s
         self._pending: PendingReply | None = None
         self._object_pose: Array | None = None
+        self._carries: SetPayload | None = None
+        self._payload: SetPayload | None = None
         self._robot_ns = 0
         self._heard_ns = clock.now_ns()
 
@@ -68,15 +70,25 @@ class SimulatedSawyer(Robot):
             commands=tuple(commands),
             advance_ns=advance_ns,
             object_pose=self._object_pose,
+            payload=self._payload,
             clock=self._robot_clock,
         )
-        self._object_pose = None
+        self._object_pose = self._payload = None
         self._pending = self._transport.request(EXCHANGE, exchange, timeout_s=self._timeout_s)
 
     @override
     def place_object(self, pose: Array) -> bool:
         self._object_pose = pose
         return True
+
+    @override
+    def carry(self, payload: SetPayload) -> bool:
+        self._carries = self._payload = payload
+        return True
+
+    @override
+    def about(self) -> Mapping[str, str]:
+        return told(self._carries)
 
     @override
     def poll(self) -> tuple[Observation, ...] | None:

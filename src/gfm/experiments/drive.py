@@ -32,6 +32,7 @@ from gfm_wire import (
     RecordStart,
     RecordStop,
     ReleaseRobot,
+    SetPayload,
 )
 
 #: Velocity commands follow the reference with this gain on the position error, 1/s: enough to stay
@@ -234,6 +235,20 @@ class Driver:
         if not isinstance(answer, Ack | ByHand):
             raise RefusedError(f"the bridge answered {type(answer).__name__}, not Ack or ByHand")
         return isinstance(answer, Ack)
+
+    def carry(self, payload: SetPayload) -> None:
+        """Tells the robot what it carries, from now on.
+
+        Raises:
+            BadInputError: it cannot be told.
+            RefusedError: the bridge says no.
+        """
+        answer = self._ask("robot/payload", payload)
+        if not isinstance(answer, Ack):
+            raise BadInputError(
+                f"this robot is told of no payload over its bridge, asked for {payload}; "
+                "expected one that is"
+            )
 
     def release(self) -> None:
         """Lets go of the robot: somebody else may drive it.

@@ -37,6 +37,14 @@ def add_parser(subparsers: Subparsers) -> None:
         help="MJCF of the arm, corrected by a diagnosis, by which the tool is placed (default: the "
         "nominal cell)",
     )
+    parser.add_argument(
+        "--payload",
+        type=float,
+        nargs=4,
+        metavar=("KG", "X", "Y", "Z"),
+        help="tell the robot what it carries, for its gravity compensation: mass, and centre of "
+        "mass in the frame of the last link, m (default: nothing)",
+    )
     add_robot_flags(parser)
     parser.set_defaults(run=run)
 
@@ -90,9 +98,14 @@ def add_robot_flags(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Drives."""
-    from gfm.experiments.drive_policy import drive_policy
+    import numpy as np
 
-    drive_policy(replace(request_of(arguments), model=arguments.model))
+    from gfm.experiments.drive_policy import drive_policy
+    from gfm_wire import SetPayload
+
+    told = arguments.payload
+    payload = told and SetPayload(mass_kg=told[0], com_m=np.array(told[1:]))
+    drive_policy(replace(request_of(arguments), model=arguments.model, payload=payload))
     return 0
 
 

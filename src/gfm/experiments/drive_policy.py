@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 
 from gfm.api.folders import check_folder
@@ -40,7 +41,7 @@ from gfm.report.files import write_texts
 from gfm.service import StopSignal
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import Transport
-from gfm_wire import Role
+from gfm_wire import Role, SetPayload
 
 _WAIT_S = 30.0
 #: In a folder in which no attempt came to its end.
@@ -65,6 +66,7 @@ class DriveRequest:
         certs: Folder of certificates by which it speaks; empty for none.
         goals: The first so many are tried.
         trials: Attempts per goal.
+        payload: What the robot is told that it carries, while it is driven; None for nothing.
         seed: Of robot and starts.
         out: Folder for results and recordings.
     """
@@ -82,6 +84,7 @@ class DriveRequest:
     certs: str = ""
     goals: int = RADIAL_GOALS
     trials: int = 5
+    payload: SetPayload | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -89,6 +92,8 @@ class DriveRequest:
             raise ConfigError(f"--goals is {self.goals}, expected 1 to {RADIAL_GOALS}")
         if self.trials < 1:
             raise ConfigError(f"--trials is {self.trials}, expected at least 1")
+        if self.payload is not None and self.payload.problem:
+            raise ConfigError(f"--payload: {self.payload.problem}")
         started = {
             "--robot": self.robot != "sim",
             "--hidden-effect": self.hidden_effect != "none",
@@ -204,19 +209,29 @@ def _driven(request: DriveRequest, clock: Clock, drives: Callable[[Driver, Perso
         ):
             driver = Driver(transport, clock, idle)
             driver.begin(JOINT_NAMES, _WAIT_S)
-            try:
-                drives(
-                    driver,
-                    Person(key=keyboard.key, stopped=stop, say=_say, is_there=keyboard.is_there),
-                )
-            finally:
-                with suppress(GfmError):  # where the bridge is gone, that was said already
-                    driver.release()
+            person = Person(key=keyboard.key, stopped=stop, say=_say, is_there=keyboard.is_there)
+            with _left_as_it_was(driver, request.payload):
+                drives(driver, person)
             return stop()
     except BadInputError:
         if fresh and not (request.out / RESULT).exists():
             shutil.rmtree(request.out, ignore_errors=True)
         raise
+
+
+@contextmanager
+def _left_as_it_was(driver: Driver, payload: SetPayload | None) -> Iterator[None]:
+    """Tells the robot what it carries; in the end lets go of it, and takes that back."""
+    try:
+        if payload is not None:
+            driver.carry(payload)
+        yield
+    finally:
+        with suppress(GfmError):  # where the bridge is gone, that was said already
+            driver.release()
+        if payload is not None:
+            with suppress(GfmError):
+                driver.carry(SetPayload(mass_kg=0.0, com_m=np.zeros(3)))
 
 
 @contextmanager
@@ -261,6 +276,7 @@ def _about(request: DriveRequest, policy: str) -> dict[str, object]:
         "hidden_effect": request.hidden_effect,
         "robot_config": sha256(request.robot_config) if request.robot_config else "",
         "clock": _clock(request),
+        "payload": None if request.payload is None else str(request.payload),
         "seed": request.seed,
     }
 

@@ -6,10 +6,11 @@ import argparse
 from pathlib import Path
 
 TASKS = ("position", "pose")
-#: What can be done to a policy: left as it is, with the tool placed by the corrected model; adapted
-#: to that model; or trained again on one of three.
-TREATMENTS = PLACED, ADAPTED, CORRECTED, NOMINAL, RANDOMISED = (
+#: What can be done to a policy: left as it is, with the tool placed by the corrected model; the
+#: same with the robot told of its payload; adapted to that model; or trained again on one of three.
+TREATMENTS = PLACED, TOLD, ADAPTED, CORRECTED, NOMINAL, RANDOMISED = (
     "placed",
+    "told",
     "adapted",
     "corrected",
     "nominal",

@@ -31,7 +31,8 @@ from gfm.experiments.attempt_files import Kept
 from gfm.experiments.diagnose_command import diagnose_files
 from gfm.experiments.drive_policy import DriveRequest, drive_policy
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_path
-from gfm.experiments.policy_flags import ADAPTED, CORRECTED, PLACED, RANDOMISED
+from gfm.experiments.payload import bearing_payload, named_payload
+from gfm.experiments.policy_flags import ADAPTED, CORRECTED, PLACED, RANDOMISED, TOLD
 from gfm.experiments.train import TrainRequest, train
 from gfm.experiments.transfer_films import film, pair_to_show
 from gfm.policies import TRAINING_ON, shipped_policy
@@ -45,11 +46,12 @@ from gfm.report.transfer import (
     print_transfer,
     transfer_texts,
 )
+from gfm_wire import SetPayload
 
 BEFORE = "before"
 #: Recordings that the diagnosis learns from, as many as in the paper, and that judge it.
 LEARNED_FROM, JUDGED_ON = 5, 5
-_NEED_NAMES = (PLACED, ADAPTED, CORRECTED)
+_NEED_NAMES = (PLACED, TOLD, ADAPTED, CORRECTED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,8 +114,12 @@ def transfer(
         if name in _NEED_NAMES and not diagnosis["effects"]:
             console.print(f"nothing was named: there is no corrected model ({name})")
             continue
+        payload = named_payload(diagnosis) if name == TOLD else None
+        if name == TOLD and payload is None:
+            console.print(f"no payload was named: there is nothing to tell the robot ({name})")
+            continue
         policy = campaign.treat(name)
-        after = campaign.drive(f"after_{name}", policy, corrected=name in _NEED_NAMES)
+        after = campaign.drive(f"after_{name}", policy, campaign.model(name), payload)
         treatments.append(Treatment(name=name, evaluation=after))
         films = films or campaign.films(name)
     report = Transfer(
@@ -138,15 +144,17 @@ class _Campaign:
     clock: Clock
     stopped: Callable[[], bool]
 
-    def drive(self, name: str, policy: Path, *, corrected: bool = False) -> Evaluation:
+    def drive(
+        self,
+        name: str,
+        policy: Path,
+        model: Path | None = None,
+        payload: SetPayload | None = None,
+    ) -> Evaluation:
         """Returns what came of a policy on the robot, whose tool a model places."""
         self._say(f"{name}: the policy on the robot")
-        request = replace(
-            self.request.drive,
-            policy=policy,
-            model=self._corrected() if corrected else None,
-            out=self.request.out / name,
-        )
+        out = self.request.out / name
+        request = replace(self.request.drive, policy=policy, model=model, payload=payload, out=out)
         report = drive_policy(request, self.console).report
         if report is None:
             raise KeyboardInterrupt
@@ -176,9 +184,15 @@ class _Campaign:
         found: Mapping[str, Any] = json.loads(report.read_text())
         return found
 
+    def model(self, name: str) -> Path | None:
+        """Returns the model that places the tool under a treatment; None for the nominal one."""
+        if name == TOLD:
+            return self._told()
+        return self._corrected() if name in _NEED_NAMES else None
+
     def treat(self, name: str) -> Path:
         """Returns the policy after what is done to it."""
-        if name == PLACED:
+        if name in (PLACED, TOLD):
             return self.request.start
         policy = self.request.out / f"policy_{name}.npz"
         if not policy.is_file():
@@ -193,8 +207,7 @@ class _Campaign:
         folders = {"as it came": BEFORE, TITLES[name]: f"after_{name}"}
         made = [Kept(self.request.out / folder, {}).attempts for folder in folders.values()]
         task = self.request.drive.task
-        model = self._corrected() if name in _NEED_NAMES else None
-        arm = load_arm(EvaluationRequest(task=task, model=model))
+        arm = load_arm(EvaluationRequest(task=task, model=self.model(name)))
         shown = pair_to_show(*made)
         files = {title: f"{folder}.mp4" for title, folder in folders.items()}
         for file, attempt in zip(files.values(), shown, strict=True):
@@ -255,6 +268,15 @@ class _Campaign:
         found = load_nominal([self.request.out / "diagnosis" / "corrected.xml"])
         spec = as_trained(found.specs[CommandKind.VELOCITY], self.request.drive.task)
         return self._written(CORRECTED, spec, found.effects)
+
+    def _told(self) -> Path:
+        """Returns the file of the corrected cell whose robot bears its payload, written once."""
+        there = self.request.out / f"{TOLD}.xml"
+        if there.is_file():
+            return there
+        found = load_nominal([self._corrected()])
+        spec = bearing_payload(found.specs[CommandKind.VELOCITY])
+        return self._written(TOLD, spec, found.effects)
 
     def _written(self, stem: str, spec: mujoco.MjSpec, effects: Sequence[EffectInstance]) -> Path:
         write_texts(self.request.out, model_texts(stem, model_pair(spec, effects)))

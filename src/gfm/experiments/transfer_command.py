@@ -39,7 +39,8 @@ def add_parser(subparsers: Subparsers) -> None:
         default=[ADAPTED],
         metavar="NAME",
         help="what is done to the policy, one after the other, each from the same beginning: "
-        "placed (left as it is, the corrected model says where the tool is), adapted to the "
+        "placed (left as it is, the corrected model says where the tool is), told (the same, and "
+        "the robot is told of the payload that was named), adapted to the "
         "corrected model, or trained again on a model, which is corrected, nominal "
         "or randomised (default: adapted)",
     )

@@ -19,6 +19,7 @@ SCHEMA = "gfm.transfer/1"
 #: What was done to a policy, in words.
 TITLES = {
     "placed": "unchanged, the tool placed by the corrected model",
+    "told": "unchanged, the robot told of its payload",
     "adapted": "adapted to the corrected model",
     "corrected": "trained again on the corrected model",
     "nominal": "trained again on the nominal model",

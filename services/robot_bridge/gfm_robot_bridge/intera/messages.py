@@ -7,15 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
+from xml.etree import ElementTree
 
 import msgspec
 import numpy as np
 
 from gfm.core import Command, CommandKind, Observation, RefusedError
 from gfm.core.checks import Array
+from gfm.sim.sawyer_numbers import HAND_RPY, HAND_XYZ
 from gfm_robot_bridge.intera.assembly import Assembly
 from gfm_robot_bridge.intera.topics import POSITION_MODE, TORQUE_MODE, VELOCITY_MODE
 from gfm_robot_bridge.limits import Limits
+from gfm_wire import SetPayload
 
 #: For each kind its mode, and the only field that such a command fills.
 _MODES = {
@@ -25,6 +28,10 @@ _MODES = {
 }
 _FIELDS = ("position", "velocity", "acceleration", "effort")
 _GIGA = 1_000_000_000
+#: Link to which the robot attaches what it is told of, and how that is called.
+_HAND, _PAYLOAD = "right_hand", "gfm_payload"
+#: Of a load of which mass and centre are known, kg m^2.
+_SMALL_INERTIA = "1e-6"
 _Value = TypeVar("_Value")
 
 
@@ -69,6 +76,47 @@ def joint_command(command: Command) -> dict[str, Any]:
         "names": list(command.joint_names),
         **{name: command.values.tolist() if name == field else [] for name in _FIELDS},
     }
+
+
+def urdf_configuration(payload: SetPayload, stamp_ns: int) -> dict[str, Any]:
+    """Returns a payload as intera_core_msgs/URDFConfiguration: a fragment that hangs on the hand.
+
+    Args:
+        payload: In the frame of the last link.
+        stamp_ns: Of the configuration: a message with another one is a new configuration, one with
+            the same is the same again.
+    """
+    return {
+        "time": {"secs": stamp_ns // _GIGA, "nsecs": stamp_ns % _GIGA},
+        "link": _HAND,
+        "joint": _PAYLOAD,
+        "urdf": _fragment(payload.mass_kg, _in_hand(payload.com_m)),
+    }
+
+
+def _fragment(mass_kg: float, com_m: Array) -> str:
+    """Returns URDF of a load, m in the frame of the hand, shape (3,)."""
+    robot = ElementTree.Element("robot", name=_PAYLOAD)
+    link = ElementTree.SubElement(robot, "link", name=_PAYLOAD)
+    inertial = ElementTree.SubElement(link, "inertial")
+    place = " ".join(f"{value:.6g}" for value in com_m)
+    ElementTree.SubElement(inertial, "origin", xyz=place, rpy="0 0 0")
+    ElementTree.SubElement(inertial, "mass", value=f"{mass_kg:.6g}")
+    crossed = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
+    own = dict.fromkeys(("ixx", "iyy", "izz"), _SMALL_INERTIA)
+    ElementTree.SubElement(inertial, "inertia", own | crossed)
+    joint = ElementTree.SubElement(robot, "joint", name=_PAYLOAD, type="fixed")
+    ElementTree.SubElement(joint, "parent", link=_HAND)
+    ElementTree.SubElement(joint, "child", link=_PAYLOAD)
+    ElementTree.SubElement(joint, "origin", xyz="0 0 0", rpy="0 0 0")
+    return ElementTree.tostring(robot, encoding="unicode")
+
+
+def _in_hand(point_m: Array) -> Array:
+    """Returns a point of the last link's frame in that of the hand, which is turned about z."""
+    x, y, z = point_m - np.array(HAND_XYZ)
+    cos, sin = np.cos(HAND_RPY[2]), np.sin(HAND_RPY[2])
+    return np.array([cos * x + sin * y, cos * y - sin * x, z])
 
 
 def joint_report(msg: object, joint_names: Sequence[str]) -> Observation | None:

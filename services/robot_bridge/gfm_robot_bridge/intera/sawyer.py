@@ -25,7 +25,7 @@ from gfm_robot_bridge.intera.assembly import Assembly
 from gfm_robot_bridge.intera.hearing import Hearing
 from gfm_robot_bridge.intera.introduction import check_version, same, tighter
 from gfm_robot_bridge.intera.link import Due, Link, Op
-from gfm_robot_bridge.intera.messages import joint_command
+from gfm_robot_bridge.intera.messages import joint_command, urdf_configuration
 from gfm_robot_bridge.intera.power import Switching
 from gfm_robot_bridge.intera.topics import (
     ADVERTISED,
@@ -35,19 +35,20 @@ from gfm_robot_bridge.intera.topics import (
     SPEED_RATIO,
     STATE,
     SUBSCRIBED,
+    URDF,
     VERSION_PARAM,
     Topic,
 )
-from gfm_robot_bridge.robot import Robot
+from gfm_robot_bridge.robot import Robot, told
 from gfm_robot_bridge.sawyer_dynamics import SawyerDynamics
 from gfm_robot_bridge.sawyer_limits import sawyer_limits
-from gfm_wire import PowerAction
+from gfm_wire import PowerAction, SetPayload
 
 _log = logging.getLogger(__name__)
 
 #: The robot is told to leave velocity and torque mode after so much silence; its own default, too.
 PATIENCE_S = 0.2
-#: What the robot keeps (patience, speed ratio) is told again and again: a message may be lost.
+#: What the robot keeps (patience, speed ratio, payload) is told again and again: messages get lost.
 _TELL_AGAIN_NS = 1_000_000_000
 #: A robot that says nothing at all for so long is lost; its state has no stamp and may be no older.
 _SILENCE_NS = 1_000_000_000
@@ -108,6 +109,8 @@ class InteraSawyer(Robot):
         self._told_ns = 0
         self._sent_kind: CommandKind | None = None
         self._switching: Switching | None = None
+        self._payload: SetPayload | None = None
+        self._payload_ns = 0
 
     def meet(self) -> None:
         """Waits until all is known that has to be before the first motion.
@@ -178,6 +181,12 @@ class InteraSawyer(Robot):
         return lambda: switching.is_done(self._state(), self._clock.now_ns())
 
     @override
+    def carry(self, payload: SetPayload) -> bool:
+        self._payload, self._payload_ns = payload, self.time_ns()
+        self._told_ns = self._clock.now_ns() - _TELL_AGAIN_NS
+        return True
+
+    @override
     def counters(self) -> Mapping[str, int]:
         return self._counters
 
@@ -193,7 +202,7 @@ class InteraSawyer(Robot):
     @override
     def about(self) -> Mapping[str, str]:
         measured = {name: f"{value:.6f}" for name, value in self.gauges().items()}
-        return {"robot_software": self._hearing.version, **measured}
+        return {"robot_software": self._hearing.version, **measured, **told(self._payload)}
 
     @override
     def close(self) -> None:
@@ -245,6 +254,9 @@ class InteraSawyer(Robot):
             self._told_ns = now_ns
             self._link.say(_publication(COMMAND_TIMEOUT, {"data": PATIENCE_S}))
             self._link.say(_publication(SPEED_RATIO, {"data": self._settings.speed_ratio}))
+            if self._payload is not None:
+                load = urdf_configuration(self._payload, self._payload_ns)
+                self._link.say(_publication(URDF, load))
 
     def _planned(self, commands: Sequence[Command]) -> list[Due]:
         planned = [self._due(command, command.stamp_ns) for command in commands]

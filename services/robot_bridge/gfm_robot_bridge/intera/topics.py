@@ -32,7 +32,8 @@ SPEED_RATIO = Topic(f"{_ARM}/set_speed_ratio", "std_msgs/Float64")
 ENABLE = Topic("/robot/set_super_enable", "std_msgs/Bool")
 STOP = Topic("/robot/set_super_stop", "std_msgs/Empty")
 RESET = Topic("/robot/set_super_reset", "std_msgs/Empty")
-ADVERTISED = (JOINT_COMMAND, COMMAND_TIMEOUT, SPEED_RATIO, ENABLE, STOP, RESET)
+URDF = Topic("/robot/urdf", "intera_core_msgs/URDFConfiguration")
+ADVERTISED = (JOINT_COMMAND, COMMAND_TIMEOUT, SPEED_RATIO, ENABLE, STOP, RESET, URDF)
 """What it is told."""
 
 GET_PARAM = "/rosapi/get_param"

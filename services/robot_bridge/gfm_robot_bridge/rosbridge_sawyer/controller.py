@@ -12,8 +12,14 @@ from gfm_robot_bridge.intera.topics import (
     RESET,
     SPEED_RATIO,
     STOP,
+    URDF,
 )
-from gfm_robot_bridge.rosbridge_sawyer.messages import read_command, read_number, read_switch
+from gfm_robot_bridge.rosbridge_sawyer.messages import (
+    read_command,
+    read_number,
+    read_payload,
+    read_switch,
+)
 from gfm_robot_bridge.simulated.robot import SimulatedRobot
 
 _LONGEST_PATIENCE_S = 1.0
@@ -33,6 +39,7 @@ class Controller:
         self._robot = robot
         self._enabled = self._stopped = self._error = False
         self._button, self._source = _UNPRESSED, _NONE
+        self._configured_ns = 0
         self._switch()
 
     def hear(self, topic: str, msg: object, now_ns: int) -> None:
@@ -60,6 +67,8 @@ class Controller:
                 self._halt(self._button, self._source or _BY_SOFTWARE)
             case RESET.name:
                 self._reset()
+            case URDF.name:
+                self._configure(msg)
             case _:
                 raise RefusedError(f"nobody listens on {topic}")
         self._switch()
@@ -90,6 +99,13 @@ class Controller:
             "estop_button": self._button,
             "estop_source": self._source,
         }
+
+    def _configure(self, msg: object) -> None:
+        """Takes a part of its own description, unless it has that already, by its time."""
+        stamp_ns, payload = read_payload(msg)
+        if stamp_ns != self._configured_ns:
+            self._configured_ns = stamp_ns
+            self._robot.carry(payload)
 
     def _halt(self, button: int, source: int) -> None:
         self._stopped, self._enabled = True, False

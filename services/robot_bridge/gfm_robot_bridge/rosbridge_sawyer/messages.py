@@ -6,6 +6,7 @@ Shape letters: J joints.
 from __future__ import annotations
 
 from typing import Any, TypeVar
+from xml.etree import ElementTree
 
 import msgspec
 import numpy as np
@@ -13,11 +14,13 @@ import numpy as np
 from gfm.core import Command, CommandKind, Observation, RefusedError
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm_robot_bridge.limits import Limits
+from gfm_wire import SetPayload
 
 _Message = TypeVar("_Message")
 _KINDS = {1: CommandKind.POSITION, 2: CommandKind.VELOCITY, 3: CommandKind.EFFORT}
 #: Joints beside the arm's, before and after them.
 _HEAD, _TORSO = "head_pan", "torso_t0"
+_HAND, _HAND_FORWARD_M = "right_hand", 0.0245
 
 
 class _JointCommand(msgspec.Struct):
@@ -34,6 +37,18 @@ class _Switch(msgspec.Struct):
 
 class _Number(msgspec.Struct):
     data: float
+
+
+class _Time(msgspec.Struct):
+    secs: int
+    nsecs: int
+
+
+class _Configuration(msgspec.Struct):
+    time: _Time
+    link: str
+    joint: str
+    urdf: str
 
 
 def read_command(msg: object, stamp_ns: int) -> Command:
@@ -77,6 +92,40 @@ def read_number(msg: object) -> float:
         RefusedError: it has none.
     """
     return _read(msg, _Number).data
+
+
+def read_payload(msg: object) -> tuple[int, SetPayload]:
+    """Returns the time of an intera_core_msgs/URDFConfiguration, ns, and the load that it hangs on.
+
+    The hand stands 24.5 mm in front of the last link, turned by a quarter about its axis.
+
+    Raises:
+        RefusedError: it hangs on another link, or is no load.
+    """
+    said = _read(msg, _Configuration)
+    if said.link != _HAND:
+        raise RefusedError(f"urdf hangs on {said.link!r:.40}, expected {_HAND!r}")
+    try:
+        inertial = f"link[@name='{said.joint}']/inertial"
+        found = ElementTree.fromstring(said.urdf).find(inertial)
+        if found is None:
+            raise RefusedError(f"urdf has no {inertial}")
+        mass = float(_attribute(found, "mass", "value"))
+        x, y, z = (float(word) for word in _attribute(found, "origin", "xyz").split())
+    except (ElementTree.ParseError, ValueError) as error:
+        raise RefusedError(f"urdf: {error}") from error
+    com = np.array([-y, x, z + _HAND_FORWARD_M])
+    if not np.isfinite([mass, *com]).all() or mass < 0.0:
+        raise RefusedError(f"urdf has a mass of {mass} at {x}, {y}, {z}, expected finite numbers")
+    stamp_ns = said.time.secs * 10**9 + said.time.nsecs
+    return stamp_ns, SetPayload(mass_kg=mass, com_m=com)
+
+
+def _attribute(element: ElementTree.Element, child: str, name: str) -> str:
+    found = element.find(child)
+    if found is None or name not in found.attrib:
+        raise RefusedError(f"urdf has no {child} with {name}")
+    return found.attrib[name]
 
 
 def joint_states(report: Observation, stamp_ns: int) -> dict[str, Any]:

@@ -20,12 +20,13 @@ from typing_extensions import override
 
 from gfm.core.checks import Array
 from gfm.sim.sawyer import JOINT_NAMES
-from gfm_robot_bridge.simulated.cell import Cell, cell_model
+from gfm_robot_bridge.simulated.cell import Cell, cell_model, known_model
 from gfm_robot_bridge.simulated.coupling import coupling_of
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
 from gfm_robot_bridge.simulated.laws import JointForces, encoder_offset
 from gfm_robot_bridge.simulated.mechanics import Mechanics, no_object
 from gfm_robot_bridge.simulated.servo import Servo
+from gfm_wire import SetPayload
 
 _COUNT = len(JOINT_NAMES)
 #: Where an object lies in positions and in speeds, behind the joints.
@@ -45,10 +46,11 @@ class Arm(Mechanics):
     def __init__(
         self, position: Array, effects: Sequence[HiddenEffect] = (), cell: Cell = Cell.NONE
     ) -> None:
+        self._cell = cell
         self._model = cell_model(cell, effects)
         self._data = mujoco.MjData(self._model)
         self._has_object = self._model.nq > _COUNT
-        self._compensation = _GravityCompensation(cell)
+        self._compensation = _GravityCompensation(known_model(cell))
         self._encoder_offset = encoder_offset(effects)
         self._forces = JointForces(effects, position)
         self._coupling = coupling_of(effects)
@@ -83,6 +85,10 @@ class Arm(Mechanics):
             raise no_object()
         self._q[_POSE] = pose
         self._v[_TWIST] = 0.0
+
+    @override
+    def carry(self, payload: SetPayload) -> None:
+        self._compensation = _GravityCompensation(known_model(self._cell, payload))
 
     @override
     def drive(self) -> Array:
@@ -152,11 +158,11 @@ class Arm(Mechanics):
 
 @final
 class _GravityCompensation:
-    """What the controller believes that gravity does: upright, with its tool, without a payload."""
+    """What the controller believes that gravity does to the arm that it knows."""
 
-    def __init__(self, cell: Cell) -> None:
-        self._model = cell_model(cell, bare=True)
-        self._data = mujoco.MjData(self._model)
+    def __init__(self, known: mujoco.MjModel) -> None:
+        self._model = known
+        self._data = mujoco.MjData(known)
         self._torque = np.zeros(_COUNT)
 
     def torque(self, position: Array) -> Array:

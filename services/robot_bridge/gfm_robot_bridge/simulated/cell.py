@@ -14,9 +14,11 @@ import mujoco
 import numpy as np
 
 from gfm.core import CommandKind
+from gfm.core.checks import Array
 from gfm.sim.cell import OBJECT_BODY, EndEffector, FreeObject
 from gfm.sim.sawyer import JOINT_NAMES, sawyer_spec
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
+from gfm_wire import SetPayload
 
 #: How contacts give way: time constant, s, and damping ratio; impedance, from first touch to a
 #: depth in m; and how much harder friction holds than the surfaces are pressed together.
@@ -74,25 +76,33 @@ def cell_spec(cell: Cell, *, bare: bool = False) -> mujoco.MjSpec:
     return spec
 
 
-def cell_model(
-    cell: Cell, effects: Sequence[HiddenEffect] = (), *, bare: bool = False
-) -> mujoco.MjModel:
+def known_model(cell: Cell, payload: SetPayload | None = None) -> mujoco.MjModel:
+    """Returns the compiled arm as its controller knows it: upright, with its tool and a payload.
+
+    Args:
+        cell: Which tool is mounted.
+        payload: What the controller was told of; None for nothing.
+    """
+    spec = cell_spec(cell, bare=True)
+    if payload is not None:
+        _hang(spec, payload.mass_kg, payload.com_m)
+    return spec.compile()
+
+
+def cell_model(cell: Cell, effects: Sequence[HiddenEffect] = ()) -> mujoco.MjModel:
     """Returns the compiled cell, without drives; with the effects that are inertia or gravity.
 
     Args:
         cell: For which task it is furnished.
         effects: What is hidden.
-        bare: Whether there is the tool alone, and nothing to push with it.
     """
-    spec = cell_spec(cell, bare=bare)
+    spec = cell_spec(cell)
     for effect in effects:
         values = effect.parameters
         match effect.effect:
             case "payload":
-                where = [values["com_x"], values["com_y"], values["com_z"]]
-                load = spec.body(_LAST_LINK).add_body(name="payload", pos=where)
-                load.mass, load.inertia, load.explicitinertial = values["mass"], [1e-9] * 3, True
-                load.ipos = [0.0] * 3  # without it the mass lies twice as far away
+                where = np.array([values["com_x"], values["com_y"], values["com_z"]])
+                _hang(spec, values["mass"], where)
             case "gravity_direction":
                 spec.option.gravity = _gravity(values["tilt_x"], values["tilt_y"])
             case "armature":
@@ -100,6 +110,13 @@ def cell_model(
     model = spec.compile()
     _add_hidden(model, effects)
     return model
+
+
+def _hang(spec: mujoco.MjSpec, mass_kg: float, com_m: Array) -> None:
+    """Hangs a load on the last link, in whose frame its centre is, m, shape (3,); in place."""
+    load = spec.body(_LAST_LINK).add_body(name="payload", pos=com_m)
+    load.mass, load.inertia, load.explicitinertial = mass_kg, [1e-9] * 3, True
+    load.ipos = [0.0] * 3  # without it the mass lies twice as far away
 
 
 def _gravity(tilt_x: float, tilt_y: float) -> list[float]:

@@ -16,13 +16,14 @@ from typing_extensions import override
 
 from gfm.core import ConfigError
 from gfm.core.checks import Array
-from gfm_robot_bridge.simulated.cell import Cell, cell_model
+from gfm_robot_bridge.simulated.cell import Cell, cell_model, known_model
 from gfm_robot_bridge.simulated.coupling import coupling_of
 from gfm_robot_bridge.simulated.drake_cell import STEP_S, DrakeCell
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
 from gfm_robot_bridge.simulated.laws import JointForces, encoder_offset
 from gfm_robot_bridge.simulated.mechanics import Mechanics, no_object
 from gfm_robot_bridge.simulated.servo import Servo
+from gfm_wire import SetPayload
 
 #: Times that differ by less than this share of a step are the same: they are sums of fractions.
 _SAME = 1e-6
@@ -51,9 +52,10 @@ class DrakeArm(Mechanics):
                 f"hidden effects are {', '.join(one.effect for one in effects)}: expected none of "
                 "backlash and joint_elasticity, Drake's arm has no motors apart from its links"
             )
+        self._kind = cell
         self._cell = DrakeCell(cell_model(cell, effects))
         self._cell.position = position
-        self._upright = DrakeCell(cell_model(cell, bare=True))
+        self._upright = DrakeCell(known_model(cell))
         self._encoder_offset = encoder_offset(effects)
         self._forces = JointForces(effects, position)
         self._owed_s = 0.0
@@ -81,6 +83,10 @@ class DrakeArm(Mechanics):
         self._cell.put_object(pose)
 
     @override
+    def carry(self, payload: SetPayload) -> None:
+        self._upright = DrakeCell(known_model(self._kind, payload))
+
+    @override
     def drive(self) -> Array:
         return self._drive(self._cell.position, self._cell.velocity)
 
@@ -104,7 +110,8 @@ class DrakeArm(Mechanics):
     def _drive(self, q: Array, v: Array) -> Array:
         """Returns the torque of the drives with gravity compensation, N m, shape (J,).
 
-        The controller knows the arm with its tool, upright, where the encoders say it is.
+        The controller knows the arm with its tool, and with the payload that it was told of,
+        upright, where the encoders say it is.
         """
         reported = q + self._encoder_offset
         self._upright.position = reported

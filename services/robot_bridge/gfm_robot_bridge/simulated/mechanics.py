@@ -15,6 +15,7 @@ from gfm.core.checks import Array
 from gfm_robot_bridge.simulated.cell import Cell
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
 from gfm_robot_bridge.simulated.servo import Servo
+from gfm_wire import SetPayload
 
 
 class Mechanics(ABC):
@@ -50,6 +51,13 @@ class Mechanics(ABC):
 
         Raises:
             RefusedError: there is no object.
+        """
+
+    @abstractmethod
+    def carry(self, payload: SetPayload) -> None:
+        """Has the gravity compensation bear a load, in place of what it bore beside arm and tool.
+
+        What hangs on the arm does not change by that.
         """
 
     @abstractmethod

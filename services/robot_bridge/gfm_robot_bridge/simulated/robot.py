@@ -21,6 +21,7 @@ from gfm_robot_bridge.simulated.cell import Cell
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
 from gfm_robot_bridge.simulated.mechanics import MakeMechanics
 from gfm_robot_bridge.simulated.tracker import Tracker, Tracking
+from gfm_wire import SetPayload
 
 #: From a command's stamp until it acts. The controller keeps commands until then, so that the
 #: network's jitter does not reach the arm; it is part of the robot's description.
@@ -196,6 +197,10 @@ class SimulatedRobot:
             RefusedError: there is none.
         """
         self._arm.put_object(pose)
+
+    def carry(self, payload: SetPayload) -> None:
+        """Has its gravity compensation bear a load, in place of what it was told before."""
+        self._arm.carry(payload)
 
     def _look(self) -> None:
         """Lets the cameras look where they are due."""

@@ -87,6 +87,8 @@ class SimulatedService(Service):
             except RefusedError as error:
                 request.refuse(str(error))
                 return
+        if message.payload is not None:
+            self._robot.carry(message.payload)
         self._counters["exchanges"] += 1
         advance_ns = 0 if self._config.clock == RobotClock.WALL else message.advance_ns
         for command in message.commands:
