@@ -28,6 +28,7 @@ from gfm.experiments.attempts import Attempt, AttemptRunner, planned
 from gfm.experiments.drive import Driver
 from gfm.experiments.drive_policy import DriveRequest, drive_policy
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for
+from gfm.experiments.payload import carrying
 from gfm.experiments.person import Person
 from gfm.launch import RunAddress, free_endpoint
 from gfm.policies import shipped_policy
@@ -45,7 +46,7 @@ from gfm_robot_bridge.simulated.cell import Cell, cell_model
 from gfm_robot_bridge.simulated.config import SimulatedConfig
 from gfm_robot_bridge.simulated.tracker import Tracker
 from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
-from gfm_wire import RobotClock, StopRobot
+from gfm_wire import RobotClock, SetPayload, StopRobot
 
 POSITION = POSITION_MATCHING.name
 
@@ -446,6 +447,24 @@ def test_what_the_robot_cannot_hide_is_one_line_and_leaves_nothing(
     assert re.match("error: robot: .*unknown hidden effect 'gremlins'", line)
     assert "\n" not in line
     assert [path.name for path in tmp_path.iterdir()] == ["robot.toml"]
+
+
+def recorded(rig: Rig, name: str) -> Mapping[str, str]:
+    """Returns the metadata of a recording in which nothing is done."""
+    with rig.driver.recording(name, {}) as told:
+        for _ in range(4):
+            rig.driver.rest(JOINT_NAMES, 0.05)
+    return read_recording(told[0].path).metadata
+
+
+def test_what_the_robot_carries_is_told_while_it_is_driven_and_stands_in_recordings(
+    tmp_path: Path,
+) -> None:
+    rig = Rig(tmp_path)
+    with carrying(rig.driver, SetPayload(mass_kg=0.6, com_m=np.array([0.0, 0.0, 0.1]))):
+        assert recorded(rig, "told")["payload_told"] == "0.6 kg at 0, 0, 0.1 m"
+    rig.driver.begin(JOINT_NAMES, 1.0)
+    assert "payload_told" not in recorded(rig, "after")
 
 
 def test_a_payload_that_no_arm_carries_is_one_line_and_leaves_nothing(

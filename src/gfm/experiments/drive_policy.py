@@ -6,16 +6,15 @@ import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 
 from gfm.api.folders import check_folder
 from gfm.api.provenance import command_line, provenance, sha256
-from gfm.core import BadInputError, Clock, ConfigError, GfmError, MonotonicClock
+from gfm.core import BadInputError, Clock, ConfigError, MonotonicClock
 from gfm.envs.arm import CONTROL_PERIOD_S
 from gfm.envs.matching import Matching
 from gfm.envs.matching_task import RADIAL_GOALS, TASKS
@@ -24,6 +23,7 @@ from gfm.experiments.attempt_files import RESULT, Kept
 from gfm.experiments.attempts import Attempt, AttemptRunner, planned
 from gfm.experiments.drive import Driver
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for, policy_path
+from gfm.experiments.payload import carrying
 from gfm.experiments.person import Keyboard, Person
 from gfm.launch import (
     RunAddress,
@@ -210,28 +210,13 @@ def _driven(request: DriveRequest, clock: Clock, drives: Callable[[Driver, Perso
             driver = Driver(transport, clock, idle)
             driver.begin(JOINT_NAMES, _WAIT_S)
             person = Person(key=keyboard.key, stopped=stop, say=_say, is_there=keyboard.is_there)
-            with _left_as_it_was(driver, request.payload):
+            with carrying(driver, request.payload):
                 drives(driver, person)
             return stop()
     except BadInputError:
         if fresh and not (request.out / RESULT).exists():
             shutil.rmtree(request.out, ignore_errors=True)
         raise
-
-
-@contextmanager
-def _left_as_it_was(driver: Driver, payload: SetPayload | None) -> Iterator[None]:
-    """Tells the robot what it carries; in the end lets go of it, and takes that back."""
-    try:
-        if payload is not None:
-            driver.carry(payload)
-        yield
-    finally:
-        with suppress(GfmError):  # where the bridge is gone, that was said already
-            driver.release()
-        if payload is not None:
-            with suppress(GfmError):
-                driver.carry(SetPayload(mass_kg=0.0, com_m=np.zeros(3)))
 
 
 @contextmanager

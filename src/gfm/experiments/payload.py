@@ -1,13 +1,16 @@
-"""A payload that a diagnosis named, for the robot to be told of."""
+"""A payload that a diagnosis named, and the robot that is told of it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from gfm.core import GfmError
+from gfm.experiments.drive import Driver
 from gfm_wire import SetPayload
 
 #: Of the effect, and of the body that stands for it in a corrected model.
@@ -37,3 +40,23 @@ def bearing_payload(corrected: mujoco.MjSpec) -> mujoco.MjSpec:
     spec = corrected.copy()
     spec.body(_NAME).gravcomp = 1.0
     return spec
+
+
+@contextmanager
+def carrying(driver: Driver, payload: SetPayload | None) -> Iterator[None]:
+    """Tells the robot what it carries; in the end lets go of it, and takes that back.
+
+    Raises:
+        BadInputError: it cannot be told.
+        RefusedError: the bridge says no.
+    """
+    try:
+        if payload is not None:
+            driver.carry(payload)
+        yield
+    finally:
+        with suppress(GfmError):  # where the bridge is gone, that was said already
+            driver.release()
+        if payload is not None:
+            with suppress(GfmError):
+                driver.carry(SetPayload(mass_kg=0.0, com_m=np.zeros(3)))
