@@ -327,6 +327,7 @@ def test_it_greets_the_robot_before_the_first_motion(script) -> None:
         ("advertise", "/robot/set_super_enable"),
         ("advertise", "/robot/set_super_stop"),
         ("advertise", "/robot/set_super_reset"),
+        ("advertise", "/robot/urdf"),
         ("subscribe", "/robot/joint_states"),
         ("subscribe", "/robot/state"),
         ("subscribe", "/robot/joint_limits"),
@@ -336,7 +337,7 @@ def test_it_greets_the_robot_before_the_first_motion(script) -> None:
     ]
     assert script.told[-2]["msg"] == {"data": 0.2}
     assert script.told[-1]["msg"] == {"data": 0.5}
-    assert script.told[9]["args"]["name"] == "/manifest/robot_software/version/HLR_VERSION_STRING"
+    assert script.told[10]["args"]["name"] == "/manifest/robot_software/version/HLR_VERSION_STRING"
 
 
 def test_what_the_robot_is_to_keep_is_told_again_every_second(script) -> None:
