@@ -1,10 +1,12 @@
 """Kills a process that records, at random moments, and looks at what it leaves.
 
     python benchmarks/recording_kills.py --kills 1000 --seed 0 --out results.md
+    python benchmarks/recording_kills.py --kills 10000 --parts build/kills  # goes on, or shares
 
 The process is the bridge's recorder with its thread, fed with reports of an arm at 100 Hz and
-commands at 50 Hz, one short recording after the other, in one folder for all kills: five processes
-in a row use the same names, so that they meet what the ones before them left. After every kill:
+commands at 50 Hz, one short recording after the other, in one folder for a part of 100 kills: five
+processes in a row use the same names, so that they meet what the ones before them left. After every
+kill:
 
 - every complete recording is read as `gfm diagnose` reads it, and has every report;
 - every part is salvaged, and is compared with what had been handed to the recorder before the kill;
@@ -20,16 +22,16 @@ import logging
 import os
 import signal
 import struct
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, field
 from itertools import count, islice
 from pathlib import Path
 
 import numpy as np
+from parts import Part, commits, done_parts
 
 from gfm.core import BadInputError, Command, CommandKind, Observation, RefusedError
 from gfm.recording import read_recording
@@ -47,6 +49,7 @@ from gfm_wire import RecordStart
 _REPORT_NS = 10_000_000
 _SHARED = 5
 _ALLOWED_S = 1.0
+_KILLS_IN_A_PART = 100
 _WORD = struct.Struct("<iq")
 
 
@@ -236,11 +239,35 @@ def _judge_part(path: Path, handed: list[int], tally: Tally) -> None:
     tally.lost_s.append(lost_s)
 
 
-def report(tally: Tally, seed: int, commit: str) -> str:
+def killed_part(rng: np.random.Generator, kills: int, longest_s: float) -> Part:
+    """Kills as often as told, after `longest_s` at most each, in a folder of its own."""
+    tally, known = Tally(), dict[int, Seen]()
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        for kill in range(kills):
+            names = f"run_{kill // _SHARED}"
+            seconds = float(rng.uniform(0.0, longest_s))
+            handed = killed_after(folder, names, int(rng.integers(2**31)), seconds)
+            tally.kills += 1
+            look(folder, names, handed, known, tally)
+    return asdict(tally)
+
+
+def together(parts: Iterable[Part]) -> Tally:
+    """Returns the sum of tallies."""
+    tally = Tally()
+    for part in parts:
+        one = Tally(**{name: part[name] for name in asdict(tally)})
+        for name, value in vars(one).items():
+            setattr(tally, name, getattr(tally, name) + value)
+    return tally
+
+
+def report(tally: Tally, seed: int, ran_on: str) -> str:
     """Returns the result as Markdown."""
     lost = np.array(tally.lost_s) if tally.lost_s else np.zeros(1)
     lines = [
-        f"{tally.kills} kills, seed {seed}, commit {commit}:",
+        f"{tally.kills} kills, seed {seed}, commit {ran_on}:",
         "",
         "| | |",
         "|---|---|",
@@ -261,22 +288,24 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=1000)
     parser.add_argument("--longest-s", type=float, default=2.5, help="until a kill")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--parts", type=Path, help="where parts are kept (default: nowhere)")
     parser.add_argument("--out", type=Path, help="Markdown")
     arguments = parser.parse_args()
-    rng, tally, known = np.random.default_rng(arguments.seed), Tally(), dict[int, Seen]()
     logging.disable()
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
-    ).stdout.strip()
+    longest_s, names = arguments.longest_s, {}
+    for first in range(0, arguments.kills, _KILLS_IN_A_PART):
+        kills = min(_KILLS_IN_A_PART, arguments.kills - first)
+        names[f"seed_{arguments.seed}_{longest_s:g}_s_kills_{first}_to_{first + kills}"] = first
+
+    def work(name: str) -> Part:
+        rng = np.random.default_rng([arguments.seed, names[name]])
+        kills = min(_KILLS_IN_A_PART, arguments.kills - names[name])
+        return killed_part(rng, kills, longest_s)
+
     with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
-        for kill in range(arguments.kills):
-            names = f"run_{kill // _SHARED}"
-            seconds = float(rng.uniform(0.0, arguments.longest_s))
-            handed = killed_after(folder, names, int(rng.integers(2**31)), seconds)
-            tally.kills += 1
-            look(folder, names, handed, known, tally)
-    text = report(tally, arguments.seed, commit)
+        parts = done_parts(arguments.parts or Path(place), list(names), work)
+    tally = together(parts.values())
+    text = report(tally, arguments.seed, commits(parts))
     sys.stdout.write(text)
     if arguments.out is not None:
         arguments.out.write_text(text)
