@@ -207,6 +207,11 @@ class Rig:
         self._driver.request(key, message, timeout_s=1.0)
 
     @property
+    def waits_for_reset(self) -> bool:
+        """Whether the bridge listens to nobody until a person resets it."""
+        return bool(self.bridge.status().gauges["waits_for_reset"])
+
+    @property
     def arm(self) -> WatchedArm:
         """The arm."""
         return self.watched[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -11,9 +12,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gfm.core import Command, CommandKind, ConfigError, Observation
+from gfm.core import (
+    Command,
+    CommandKind,
+    ConfigError,
+    ManualClock,
+    Observation,
+    RefusedError,
+)
 from gfm.core.checks import Array
 from gfm.sim.sawyer import JOINT_NAMES, READY, sawyer_spec
+from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.foresight import Foresight
 from gfm_robot_bridge.guard import Guard
@@ -24,8 +33,10 @@ from gfm_robot_bridge.plan import Plan
 from gfm_robot_bridge.sawyer_dynamics import SawyerDynamics
 from gfm_robot_bridge.sawyer_guard import sawyer_guard
 from gfm_robot_bridge.sawyer_limits import sawyer_limits
+from gfm_robot_bridge.service import BridgeService
 from gfm_robot_bridge.simulated.robot import SimulatedRobot
 from gfm_robot_bridge.surroundings import Surroundings, guarded_model
+from gfm_wire import Message, PowerAction, PowerRobot, RobotClock
 
 PERIOD_S = 0.02
 CLEARANCE_M = 0.01
@@ -313,15 +324,96 @@ def test_what_was_pushed_too_near_is_only_let_away() -> None:
 
 def test_a_clearance_that_is_lost_is_said_once_and_it_can_be_led_away() -> None:
     guard, at = ball_guard(), Rig(ball_guard(), {}, SLIDES, np.array([0.0, 0.052])).seen
-    assert guard.problem(at) == ""  # it was never seen farther away
+    assert guard.loss(at) is None  # it was never seen farther away
     guard.look(replace(at, position=np.array([0.0, 0.3])))
-    assert guard.problem(replace(at, position=np.array([0.0, 0.056]))) == ""
-    said = guard.problem(at)
-    assert re.search(r"ball and floor are 2 mm apart, expected at least 10 mm", said)
-    assert guard.problem(at) == ""
+    assert guard.loss(replace(at, position=np.array([0.0, 0.056]))) is None
+    said = guard.loss(at)
+    assert said is not None
+    assert re.search(r"ball and floor are 2 mm apart, expected at least 10 mm", said.words)
+    assert not said.again
+    assert guard.loss(at) is None
     guard.look(at)
     along = Plan(kind=CommandKind.VELOCITY, values=np.array([[0.1, 0.0]]), spacing_s=0.004)
     assert guard.reason(along) is Reason.NONE
+
+
+def test_a_clearance_lost_again_is_told_apart_by_whether_it_was_led_away() -> None:
+    guard, at = ball_guard(), Rig(ball_guard(), {}, SLIDES, np.array([0.0, 0.3])).seen
+
+    def lost_at(z: float) -> bool | None:
+        loss = guard.loss(replace(at, position=np.array([0.0, z])))
+        return None if loss is None else loss.again
+
+    guard.look(at)
+    assert lost_at(0.052) is False
+    guard.sink(replace(at, position=np.array([0.0, 0.045])))
+    assert lost_at(0.041) is None  # what the stop still cost is no new loss
+    assert lost_at(0.039) is True
+    guard.look(at)
+    assert lost_at(0.052) is False
+
+
+class Served:
+    """A bridge with a guard, and a ball that does what it is told, or is pushed."""
+
+    def __init__(self, folder: Path) -> None:
+        hub, clock = MemoryHub(), ManualClock()
+        self.robot = MirrorRobot(("x", "z"), SLIDES)
+        self.push(0.3)
+        config = BridgeConfig(name="bridge", recordings=str(folder), clock=RobotClock.LOCKSTEP)
+        transport = MemoryTransport(hub, clock=clock)
+        self.bridge = BridgeService(config, self.robot, transport, clock, guard=ball_guard())
+        self._asker, self._clock = MemoryTransport(hub, name="asker", clock=clock), clock
+
+    def push(self, z: float) -> None:
+        place = Command(
+            kind=CommandKind.POSITION,
+            joint_names=("x", "z"),
+            values=np.array([0.0, z]),
+            stamp_ns=0,
+        )
+        self.robot.begin([place], 0)
+
+    def ask(self, key: str, message: Message) -> Message:
+        pending = self._asker.request(key, message, timeout_s=5.0)
+        while (answer := pending.poll()) is None:
+            self._clock.advance_s(1e-3)
+            while self.bridge.step():
+                pass
+        return answer
+
+    def stand(self, number: int) -> None:
+        still = Command(
+            kind=CommandKind.VELOCITY,
+            joint_names=("x", "z"),
+            values=np.zeros(2),
+            stamp_ns=0,
+            number=number,
+        )
+        self.ask("robot/command", still)
+
+
+def test_after_a_clearance_was_lost_twice_nobody_drives_until_a_person_resets(
+    tmp_path: Path,
+) -> None:
+    served = Served(tmp_path)
+    served.stand(0)
+    served.push(0.054)
+    served.stand(1)
+    with pytest.raises(RefusedError, match=r"protective stop: .* a command with number 0 begins"):
+        served.stand(2)
+    served.stand(0)
+    served.push(0.048)
+    served.stand(1)
+    for number in (2, 0):
+        with pytest.raises(RefusedError, match=r"protective stop: .* by hand, then reset"):
+            served.stand(number)
+    assert served.bridge.status().gauges["waits_for_reset"] == 1.0
+    served.ask("robot/power", PowerRobot(action=PowerAction.RESET))
+    assert served.bridge.status().gauges["waits_for_reset"] == 0.0
+    served.stand(0)
+    with pytest.raises(RefusedError, match="nothing to switch"):
+        served.ask("robot/power", PowerRobot(action=PowerAction.RESET))
 
 
 @pytest.mark.parametrize("kind", list(CommandKind))

@@ -192,13 +192,13 @@ def test_an_arm_that_sinks_while_it_is_told_to_stand_is_held() -> None:
     sinking = replace(Plant().seen, velocity=np.array([0.1, 0.0]))
     while (plan := limiter.stopped(sinking)) is not None:
         kinds.append(plan.kind)
-    assert kinds == [CommandKind.VELOCITY] * 12 + [CommandKind.POSITION]  # 0.02 s and 0.2 s
+    assert kinds == [CommandKind.VELOCITY] * 6 + [CommandKind.POSITION]  # 0.02 s and 0.08 s
     limiter.forget()
     command = Command(
         kind=CommandKind.POSITION, joint_names=("a", "b"), values=np.zeros(2), stamp_ns=0
     )
-    kinds = [limiter.limited(command, sinking).kind for _ in range(14)]
-    assert kinds == [CommandKind.VELOCITY] * 12 + [CommandKind.POSITION] * 2
+    kinds = [limiter.limited(command, sinking).kind for _ in range(8)]
+    assert kinds == [CommandKind.VELOCITY] * 6 + [CommandKind.POSITION] * 2
 
 
 def test_what_is_told_after_it_was_forgotten_begins_at_what_the_arm_does() -> None:

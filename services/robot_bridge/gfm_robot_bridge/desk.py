@@ -16,6 +16,7 @@ from gfm_wire import (
     Ack,
     ByHand,
     PlaceObject,
+    PowerAction,
     PowerRobot,
     RecordStart,
     RecordStop,
@@ -46,6 +47,10 @@ class Controls(ABC):
     @abstractmethod
     def stop(self, why: str) -> None:
         """Stops it; only a new session moves it again."""
+
+    @abstractmethod
+    def unlock(self) -> bool:
+        """Lets somebody drive again after a stop that only a person ends; returns whether."""
 
     @abstractmethod
     def scale(self) -> float:
@@ -189,8 +194,12 @@ class Desk:
         if not isinstance(request.message, PowerRobot):
             self._refuse_kind(request, "PowerRobot")
             return
+        action = request.message.action
+        if action is PowerAction.RESET and self._controls.unlock() and not self._robot.fault():
+            request.reply(Ack())
+            return
         try:
-            is_done = self._robot.power(request.message.action)
+            is_done = self._robot.power(action)
         except RefusedError as error:
             self._refuse(request, str(error))
         else:

@@ -13,7 +13,7 @@ import numpy as np
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm_robot_bridge.plan import Plan
+from gfm_robot_bridge.plan import Plan, smaller
 
 #: Steps in which it is looked ahead, s: the drives' time constants are 20 ms and more.
 _STEP_S = 0.005
@@ -80,6 +80,8 @@ class Foresight:
         before, data = self._data[kind], self._data[CommandKind.VELOCITY]
         first = before.qvel.copy()
         data.qpos[:], data.qvel[:] = before.qpos.copy(), first
+        if kind is CommandKind.VELOCITY:
+            first = smaller(data.ctrl, first)
         until_s = float((np.abs(first) / self._braking).max()) + _SETTLES_S
         lost = self._braking * _STEP_S * np.arange(1, round(until_s / _STEP_S) + 1)[:, None]
         return self._followed(CommandKind.VELOCITY, first - np.clip(first, -lost, lost))

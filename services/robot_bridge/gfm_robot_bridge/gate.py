@@ -25,13 +25,14 @@ class CommandGate:
 
     Attributes:
         closed: Why nobody is listened to for now, in words; empty where somebody is.
+        locked: The same, until a person says that it is over.
     """
 
     def __init__(
         self, joint_names: tuple[str, ...], lease: Lease, oldest_ns: int | None = None
     ) -> None:
         self.lease = lease
-        self.closed = ""
+        self.closed = self.locked = ""
         self._joint_names = joint_names
         self._oldest_ns = oldest_ns
         self._last_number: int | None = None
@@ -46,7 +47,7 @@ class CommandGate:
 
     def refusal(self, command: Command, sender: Stamp, now_ns: int) -> str:
         """Returns why a command is not listened to, in words; empty where it is."""
-        if closed := self._shut or self.closed:
+        if closed := self._shut or self.closed or self.locked:
             return closed
         if sorted(command.joint_names) != sorted(self._joint_names):
             names, expected = ", ".join(command.joint_names), ", ".join(self._joint_names)

@@ -5,6 +5,7 @@ Shape letters: J joints, N moments, C places where two shapes are near.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -29,12 +30,29 @@ _APPROACH_S = 0.4
 _CORRECTIONS = 10
 
 
+@dataclass(frozen=True, kw_only=True)
+class Loss:
+    """A clearance that was lost in spite of all.
+
+    Attributes:
+        words: Which one, and by how much.
+        again: Whether it was lost before, and the arm was not led away since.
+    """
+
+    words: str
+    again: bool
+
+
 @final
 class Guard:
     """Knows how near is too near.
 
     No distance may fall below the clearance on the way to rest. What was nearer when the arm was
     seen first may stay so near; what came nearer since has to be led away.
+
+    Whatever the arm does, each distance stays above what it may be less twice (`_LOST_M` + what a
+    stop still costs), until a person resets a loss that came `again`: it may be lost once, with all
+    that the stop costs, and once more before it is led away.
 
     Args:
         surroundings: Of the arm.
@@ -48,7 +66,7 @@ class Guard:
         self._surroundings = surroundings
         self._foresight = foresight
         self._clearance_m = clearance_m
-        self._least = np.full(surroundings.pairs, clearance_m)
+        self._least = self._home = np.full(surroundings.pairs, clearance_m)
         self._on_the_way = self._in_the_end = self._least
         self._position = self._velocity = np.empty(0)
 
@@ -58,12 +76,13 @@ class Guard:
         self._position, self._velocity = seen.position, seen.velocity
         now = self._distances(seen.position)
         reached = np.minimum(now, self._clearance_m)
+        self._home = reached if first else np.maximum(self._home, reached)
         self._least = reached if first else np.maximum(self._least, reached)
         self._on_the_way = np.minimum(self._least, now) - _NOISE_M
         self._in_the_end = np.minimum(self._least - _NOISE_M, now + _AWAY_M)
 
-    def problem(self, seen: Observation) -> str:
-        """Returns in words what came too near in spite of all; empty where nothing did.
+    def loss(self, seen: Observation) -> Loss | None:
+        """Returns what came too near in spite of all; None where nothing did.
 
         It is said once: from then on that may stay as near, so that it can be led away.
         """
@@ -71,12 +90,18 @@ class Guard:
         lost = self._least - now
         pair = int(np.argmax(lost))
         if not len(self._position) or lost[pair] <= _LOST_M:
-            return ""
-        expected_m, self._least = self._least[pair], np.minimum(self._least, now)
-        return (
+            return None
+        expected_m, again = self._least[pair], self._least[pair] < self._home[pair] - _NOISE_M
+        self.sink(seen)
+        words = (
             f"{self._surroundings.named(pair)} are {1e3 * now[pair]:.0f} mm apart, expected at "
             f"least {1e3 * expected_m:.0f} mm: the arm does not do what its model does"
         )
+        return Loss(words=words, again=bool(again))
+
+    def sink(self, seen: Observation) -> None:
+        """Lets things be as near as they are: what a stop still costs belongs to its loss."""
+        self._least = np.minimum(self._least, self._distances(seen.position))
 
     def reason(self, plan: Plan) -> Reason:
         """Returns why a plan is not to be told; nothing where it may be."""

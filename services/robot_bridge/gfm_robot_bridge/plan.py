@@ -39,6 +39,12 @@ class Plan:
     reason: Reason = Reason.NONE
 
 
+def smaller(one: Array, other: Array) -> Array:
+    """Returns of two speeds the one nearer to 0, and 0 where they differ in sign, shape (J,)."""
+    nearer = np.minimum(np.abs(one), np.abs(other))
+    return np.asarray(np.where(one * other > 0.0, np.sign(one) * nearer, 0.0))
+
+
 def count_in(period_s: float) -> int:
     """Returns how many setpoints fit into a period."""
     return max(1, round(period_s / SPACING_S))

@@ -21,7 +21,7 @@ from gfm_robot_bridge.desk import Controls, Desk
 from gfm_robot_bridge.flight import FlightRecord
 from gfm_robot_bridge.following import Following
 from gfm_robot_bridge.gate import CommandGate
-from gfm_robot_bridge.guard import Guard
+from gfm_robot_bridge.guard import Guard, Loss
 from gfm_robot_bridge.inbox import Heard, Inbox
 from gfm_robot_bridge.lease import Lease
 from gfm_robot_bridge.limiter import Limiter
@@ -93,7 +93,7 @@ class BridgeService(Service, Controls):
         self._line = RobotLine(robot, clock, self._recorder, self._flight)
         self._reads = False
         self._waiting: Request | None = None
-        self._stopping = Reason.NONE
+        self._stopping, self._sinks = Reason.NONE, False
         self._began_ns = 0
         self._timing = Timing()
         self._deadline_ns = self._retry_ns = clock.now_ns()
@@ -129,6 +129,7 @@ class BridgeService(Service, Controls):
         gauges = {
             "robot_time_s": self._robot.time_ns() * 1e-9,
             "geometry_guarded": float(self._guard is not None),
+            "waits_for_reset": float(bool(self._gate.locked)),
             **self._robot.gauges(),
         }
         return make_status(
@@ -223,6 +224,11 @@ class BridgeService(Service, Controls):
         self._stop(Reason.STOPPED, why)
 
     @override
+    def unlock(self) -> bool:
+        was_locked, self._gate.locked = bool(self._gate.locked), ""
+        return was_locked
+
+    @override
     def scale(self) -> float:
         return self._limiter.scale
 
@@ -244,7 +250,7 @@ class BridgeService(Service, Controls):
         """Writes down how it came to a stop that has ended."""
         if self._stopping:
             self._flight.write(self._why, self._clock.utc_ns(), self._about())
-        self._stopping = Reason.NONE
+        self._stopping, self._sinks = Reason.NONE, False
 
     def _take_command(self, heard: Heard, newest: Observation) -> None:
         command = heard.command
@@ -307,15 +313,25 @@ class BridgeService(Service, Controls):
 
     def _watch_joints(self, newest: Observation, passed_s: float) -> None:
         """Stops the robot where something holds a joint, or it is where it was not to go."""
+        if self._guard is not None and self._sinks:
+            self._guard.sink(newest)
         if self._stopping or passed_s <= 0.0:
             return
-        if self._guard is not None and (lost := self._guard.problem(newest)):
-            self._counters["lost_clearances"] += 1
-            self._stop(Reason.STOPPED, PROTECTIVE_STOP + lost)
+        if self._guard is not None and (loss := self._guard.loss(newest)):
+            self._lose_clearance(loss)
             return
         if problem := self._following.problem(self._limiter.told, newest, passed_s):
             self._counters["stalls"] += 1
             self._stop(Reason.STOPPED, PROTECTIVE_STOP + problem)
+
+    def _lose_clearance(self, loss: Loss) -> None:
+        """Stops the robot; where it was not led away since the last time, a person has to look."""
+        self._counters["lost_clearances"] += 1
+        self._stop(Reason.STOPPED, PROTECTIVE_STOP + loss.words)
+        self._sinks = True
+        if loss.again:
+            self._gate.locked = f"{self._why}, and again: lead it away by hand, then reset"
+            self._note = self._gate.locked
 
     def _end_period(self, newest: Observation) -> None:
         """Publishes the newest report, by which the last command is answered."""

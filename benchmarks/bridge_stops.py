@@ -1,0 +1,87 @@
+"""Drives the simulated arm through the robot bridge, and has it stopped in every way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from bridge_rig import LIMITS, Rig, Setting
+
+from gfm.core import CommandKind
+from gfm.sim.sawyer import READY
+from gfm_wire import ScaleSpeed, StopRobot
+
+_STANDS_S = 0.15
+
+CAUSES = ("driver silent", "stopped by request", "scaled to zero", "bridge closed", "bridge killed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stop:
+    """What came of one stop: s until the arm was still, highest deceleration by its limit."""
+
+    time_s: float
+    slowed: float
+
+
+def stop_once(folder: Path, kind: CommandKind, share: float, cause: str, seed: int) -> Stop:
+    """Drives all joints at a share of their speed limits, and has that stopped."""
+    rng = np.random.default_rng([seed, 17])
+    # A little more than half is allowed, so that from half of the limit can be stopped at all.
+    # Nor does it know any geometry, which would keep some from getting that fast.
+    control_hz = float(rng.choice([20.0, 50.0, 100.0, 200.0]))
+    setting = Setting(control_hz=control_hz, share=0.6, guarded=False, judged=False)
+    rig = Rig(folder, setting, seed)
+    drive = _driving(rig, kind, share, rng)
+    for _ in range(round(rng.uniform(0.5, 0.7) * rig.config.control_hz)):
+        drive()
+    rig.pass_time(rng.uniform(0.0, 1.0 / rig.config.control_hz))
+    rig.arm.slowed, began_s = 0.0, rig.arm.time_s
+    goes_on, period_s = _stop(rig, cause), rig.config.period_ns * 1e-9
+    while rig.arm.time_s - max(rig.arm.moved_s, began_s) < _STANDS_S:
+        if goes_on:
+            drive()
+        else:
+            rig.pass_time(period_s)
+    return Stop(time_s=max(rig.arm.moved_s - began_s, 0.0), slowed=rig.arm.slowed)
+
+
+def _driving(
+    rig: Rig, kind: CommandKind, share: float, rng: np.random.Generator
+) -> Callable[[], None]:
+    """Returns what sends the next command of a motion at constant speed."""
+    away = np.where(READY > 0.5 * (LIMITS.lower + LIMITS.upper), -1.0, 1.0)  # noqa: SIM300
+    speed = share * LIMITS.velocity * away * np.where(rng.random(7) < 0.3, -1.0, 1.0)
+    period_s = rig.config.period_ns * 1e-9
+    target = rig.arm.position
+
+    def drive() -> None:
+        nonlocal target
+        target = target + speed * period_s
+        seen = rig.newest()
+        slow = speed - (np.zeros(7) if seen is None else seen.velocity)
+        values = {
+            CommandKind.VELOCITY: speed,
+            CommandKind.POSITION: target,
+            CommandKind.EFFORT: 15.0 * slow,
+        }
+        rig.send(kind, values[kind])
+        rig.pass_time(period_s)
+
+    return drive
+
+
+def _stop(rig: Rig, cause: str) -> bool:
+    """Has the robot stopped; returns whether its driver goes on meanwhile."""
+    match cause:
+        case "stopped by request":
+            rig.ask("robot/stop", StopRobot(reason="tried"))
+        case "scaled to zero":
+            rig.ask("robot/speed", ScaleSpeed(scale=0.0))
+        case "bridge killed":
+            rig.bridge_lives = False
+        case "bridge closed":
+            rig.close_bridge()
+    return cause == "scaled to zero"
