@@ -30,6 +30,7 @@ from gfm_wire.control import (
 )
 from gfm_wire.kinds import Reason
 from gfm_wire.schemas import SCHEMAS, Message
+from gfm_wire.tracking import ObjectPose, TrackedObject
 
 __all__ = [
     "CHANNELS",
@@ -41,6 +42,7 @@ __all__ = [
     "EnvironmentRequest",
     "Message",
     "NotReady",
+    "ObjectPose",
     "Permissions",
     "PlaceObject",
     "PowerAction",
@@ -63,6 +65,7 @@ __all__ = [
     "Stamp",
     "StatusRequest",
     "StopRobot",
+    "TrackedObject",
     "WeightsRequest",
     "decode",
     "decode_stamped",

@@ -16,6 +16,7 @@ class Role(StrEnum):
     ACTOR = "actor"
     ROBOT = "robot"
     ROBOT_BRIDGE = "robot_bridge"
+    TRACKER = "tracker"
     DRIVER = "driver"
     WATCHER = "watcher"
     SUPERVISOR = "supervisor"
@@ -28,6 +29,7 @@ WHO = {
     Role.ACTOR: "`gfm-actor`",
     Role.ROBOT: "the simulated robot",
     Role.ROBOT_BRIDGE: "`gfm-robot-bridge`",
+    Role.TRACKER: "`gfm track run --send`",
     Role.DRIVER: "`gfm record`, `gfm excite`, `gfm drive`, `gfm robot`",
     Role.WATCHER: "`gfm status`, `gfm metrics`, `gfm robot stop`",
     Role.SUPERVISOR: "`gfm up`",
@@ -94,6 +96,7 @@ CHANNELS = (
     ),
     _question("robot/object", ("PlaceObject", "Ack or ByHand"), of=_DRIVER, to=_BRIDGE),
     _question("robot/payload", ("SetPayload", "Ack or ByHand"), of=_DRIVER, to=_BRIDGE),
+    _question("robot/tracked", ("TrackedObject", "Ack"), of=(Role.TRACKER,), to=_BRIDGE),
     _question("robot/stop", ("StopRobot", "Ack"), of=_WHO_SEES, to=_BRIDGE),
     _question("robot/speed", ("ScaleSpeed", "Ack"), of=_DRIVER, to=_BRIDGE),
     _question("robot/power", ("PowerRobot", "Ack"), of=_DRIVER, to=_BRIDGE),

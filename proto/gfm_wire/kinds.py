@@ -167,6 +167,26 @@ class Number(Kind[float]):
 
 @final
 @dataclass(frozen=True)
+class Flag(Kind[bool]):
+    """Yes or no."""
+
+    @override
+    def pack(self, value: bool) -> object:
+        return bool(value)
+
+    @override
+    def unpack(self, body: object, where: str) -> bool:
+        if not isinstance(body, bool):
+            raise wrong_type(where, body, "true or false")
+        return body
+
+    @override
+    def describe(self) -> str:
+        return "true or false"
+
+
+@final
+@dataclass(frozen=True)
 class Array(Kind[NDArray[Any]]):
     """An array of finite numbers: {dtype, shape, data}, the data in C order.
 

@@ -42,8 +42,9 @@ from gfm_wire.control import (
     StopRobot,
     WeightsRequest,
 )
-from gfm_wire.kinds import Array, Choice, Integer, ListOf, MapOf, Number, Optional, Text
+from gfm_wire.kinds import Array, Choice, Flag, Integer, ListOf, MapOf, Number, Optional, Text
 from gfm_wire.schema import Schema
+from gfm_wire.tracking import ObjectPose, TrackedObject
 
 Message = (
     Ack
@@ -53,6 +54,7 @@ Message = (
     | EnvironmentRequest
     | EnvironmentSpec
     | NotReady
+    | ObjectPose
     | Observation
     | PlaceObject
     | PowerRobot
@@ -72,6 +74,7 @@ Message = (
     | Status
     | StatusRequest
     | StopRobot
+    | TrackedObject
     | Weights
     | WeightsRequest
 )
@@ -140,20 +143,21 @@ WEIGHTS = Schema(
 )
 COMMAND = Schema(
     Command,
-    1,
+    2,
     {
         "kind": Choice(CommandKind),
         "joint_names": ListOf(TEXT),
         "values": JOINTS,
         "stamp_ns": STAMP,
         "number": COUNT,
+        "needs_object": Flag(),
     },
 )
 #: Of a body: m and quaternion w x y z.
 POSE = Array("<f8", "7")
 OBSERVATION = Schema(
     Observation,
-    3,
+    4,
     {
         "joint_names": ListOf(TEXT),
         "position": JOINTS,
@@ -170,6 +174,20 @@ OBSERVATION = Schema(
         "object_quaternion": Optional(Array("<f8", "4")),
         "object_stamp_ns": STAMP,
     },
+)
+OBJECT_POSE = Schema(
+    ObjectPose,
+    1,
+    {
+        "position": Array("<f8", "3"),
+        "quaternion": Array("<f8", "4"),
+        "covariance": Array("<f8", "6 6"),
+    },
+)
+TRACKED = Schema(
+    TrackedObject,
+    1,
+    {"stamp_ns": STAMP, "pose": Optional(OBJECT_POSE), "views": MapOf(OBJECT_POSE)},
 )
 STATUS = Schema(
     Status,
@@ -207,7 +225,7 @@ CONTROL = (
     Schema(PowerRobot, 1, {"action": Choice(PowerAction)}),
     Schema(
         RobotExchange,
-        4,
+        5,
         {
             "commands": ListOf(COMMAND),
             "advance_ns": COUNT,
@@ -216,7 +234,7 @@ CONTROL = (
             "clock": Choice(RobotClock),
         },
     ),
-    Schema(RobotStates, 3, {"states": ListOf(OBSERVATION)}),
+    Schema(RobotStates, 4, {"states": ListOf(OBSERVATION)}),
 )
 SCHEMAS: tuple[Schema[Any], ...] = (
     SEQUENCE,
@@ -224,6 +242,8 @@ SCHEMAS: tuple[Schema[Any], ...] = (
     WEIGHTS,
     COMMAND,
     OBSERVATION,
+    OBJECT_POSE,
+    TRACKED,
     STATUS,
     SPEC,
     *CONTROL,

@@ -406,7 +406,9 @@ def test_after_a_clearance_was_lost_twice_nobody_drives_until_a_person_resets(
     served.push(0.048)
     served.stand(1)
     for number in (2, 0):
-        with pytest.raises(RefusedError, match=r"protective stop: .* by hand, then reset"):
+        with pytest.raises(
+            RefusedError, match=r"protective stop: .* by hand, then `gfm robot reset`"
+        ):
             served.stand(number)
     assert served.bridge.status().gauges["waits_for_reset"] == 1.0
     served.ask("robot/power", PowerRobot(action=PowerAction.RESET))

@@ -29,6 +29,7 @@ from gfm_wire import (
     EnvironmentRequest,
     Message,
     NotReady,
+    ObjectPose,
     PlaceObject,
     PowerAction,
     PowerRobot,
@@ -48,6 +49,7 @@ from gfm_wire import (
     Stamp,
     StatusRequest,
     StopRobot,
+    TrackedObject,
     WeightsRequest,
     decode,
     decode_stamped,
@@ -81,6 +83,10 @@ COMMAND = Command(
     values=np.array([0.1, -0.2]),
     stamp_ns=-5,
     number=9,
+    needs_object=True,
+)
+POSE = ObjectPose(
+    position=np.zeros(3), quaternion=np.array([1.0, 0.0, 0.0, 0.0]), covariance=np.eye(6)
 )
 OBSERVATION = Observation(
     joint_names=("right_j0", "right_j1"),
@@ -149,6 +155,9 @@ EXAMPLES: tuple[Message, ...] = (
     RecordDone(path="a/b.mcap", ticks=100),
     PlaceObject(pose=np.arange(7.0)),
     SetPayload(mass_kg=0.6, com_m=np.arange(3.0)),
+    POSE,
+    TrackedObject(stamp_ns=3, pose=POSE, views={"left": POSE}),
+    TrackedObject(stamp_ns=3),
     ByHand(),
     ReleaseRobot(),
     StopRobot(reason="it smells"),

@@ -69,6 +69,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             where a position servo of the arm pushes with all that it has.
         flight_s: How much a flight record holds: of every stop one is written.
         flights_kept: How many of them are kept.
+        object_age_s: A pose of the object that is older is none for whoever needs one: ten looks of
+            a camera at 20 Hz.
         object_spread_m: Standard deviation of a tracked object's place, as its tracker documents it
         object_spread_rad: ... and of its turn; recordings carry both.
         command_age_s: A command stamped longer ago is refused (wall clock only). 0.2 s is how long
@@ -100,6 +102,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
     behind_s: float = 0.25
     flight_s: float = 5.0
     flights_kept: int = 50
+    object_age_s: float = 0.5
     object_spread_m: float = 0.001
     object_spread_rad: float = 0.01
     command_age_s: float = 0.2
@@ -121,6 +124,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             "behind_s": (0.0, 10.0),
             "flight_s": (0.1, 60.0),
             "flights_kept": (1, 10_000),
+            "object_age_s": (0.02, 10.0),
             "object_spread_m": (0.0, 1.0),
             "object_spread_rad": (0.0, 3.2),
             "command_age_s": (0.01, 10.0),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 from gfm.core import Clock, Command, CommandKind
@@ -29,6 +29,12 @@ class Heard:
     command: Command
     begins: bool
     heard_ns: int
+
+
+def in_order(command: Command, joint_names: tuple[str, ...]) -> Command:
+    """Returns a command with its joints in an order; it names them all."""
+    order = [command.joint_names.index(name) for name in joint_names]
+    return replace(command, joint_names=joint_names, values=command.values[order])
 
 
 @final

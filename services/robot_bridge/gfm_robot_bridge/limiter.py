@@ -22,8 +22,8 @@ from gfm_robot_bridge.torque import Dynamics, limited_torque
 _SERVO_LAG_S = 0.1
 #: An arm with a load that its gravity compensation does not know sinks while its speeds are told to
 #: be 0. After so much of that, s, it holds its position instead. A position servo brakes 1.6 times
-#: as hard as a speed servo; by then the lag at the ramp's end (0.1 s) has halved, so that this is no
-#: harder than the ramp. Every moment more costs way.
+#: as hard as a speed servo; the lag at the end of a ramp (0.1 s) has halved by then, so that this
+#: is no harder than the ramp. Every moment more costs way.
 _SETTLES_S = 0.08
 
 

@@ -42,6 +42,8 @@ class Reason(IntFlag):
     """It would have led out of the workspace."""
     COLLISION = 1024
     """It would have led too near to what stands around the arm, or to the arm itself."""
+    OBJECT = 2048
+    """It was made for where the object is, and that is not known, or not any more."""
 
 
 @dataclass(frozen=True, kw_only=True)

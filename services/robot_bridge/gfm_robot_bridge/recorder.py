@@ -18,6 +18,7 @@ from gfm.recording.writer import BASE_FRAME
 from gfm_robot_bridge import periods
 from gfm_robot_bridge.background import Background, Piece
 from gfm_robot_bridge.content import Content
+from gfm_robot_bridge.object_port import Seen
 from gfm_robot_bridge.recording_file import RecordingFile
 from gfm_robot_bridge.scene import Scene
 from gfm_wire import Ack, RecordDone, RecordStart
@@ -174,6 +175,12 @@ class Recorder:
             self._frames(recording, report)
             self._object_pose(recording, report)
 
+    def tracked(self, seen: Seen) -> None:
+        """Takes where the object is by a tracker outside, and by each of its cameras alone."""
+        recording = self._recording
+        if recording is not None and not recording.ended:
+            self._write(recording.file, partial(_tracked, seen))
+
     def period(self, newest: Observation) -> None:
         """Takes the newest report of a period with what is in force."""
         recording = self._recording
@@ -237,6 +244,16 @@ def _seen(
     writer.write_object_pose(seen_ns, place, turn, content.covariance)
     frame = Frame(parent=BASE_FRAME, child="object", position=place, quaternion=turn)
     writer.write_frames(schemas.FRAMES, seen_ns, [frame])
+
+
+def _tracked(seen: Seen, writer: RecordingWriter) -> None:
+    poses = {**seen.told.views, "": seen.pose}
+    for camera, pose in poses.items():
+        place, turn, spread = pose.position, pose.quaternion, pose.covariance
+        writer.write_object_pose(seen.stamp_ns, place, turn, spread, camera)
+        child = f"object_by_{camera}" if camera else "object"
+        frame = Frame(parent=BASE_FRAME, child=child, position=place, quaternion=turn)
+        writer.write_frames(schemas.FRAMES, seen.stamp_ns, [frame])
 
 
 def _period(newest: Observation, timed: bool, writer: RecordingWriter) -> None:

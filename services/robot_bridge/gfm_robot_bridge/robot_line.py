@@ -9,6 +9,7 @@ from typing import final
 from gfm.core import Clock, Command, Observation
 from gfm_robot_bridge.flight import FlightRecord
 from gfm_robot_bridge.limits import Reason
+from gfm_robot_bridge.object_port import ObjectPort
 from gfm_robot_bridge.plan import Plan
 from gfm_robot_bridge.recorder import Recorder
 from gfm_robot_bridge.robot import Robot
@@ -51,6 +52,7 @@ class RobotLine:
         clock: Of this process.
         recorder: Takes commands, stamped with when they act, and reports.
         flight: Remembers both.
+        objects: Adds where the object is to the newest report, where the robot does not say.
 
     Attributes:
         newest: The newest report, with what is in force; None before the first.
@@ -58,7 +60,12 @@ class RobotLine:
     """
 
     def __init__(
-        self, robot: Robot, clock: Clock, recorder: Recorder, flight: FlightRecord
+        self,
+        robot: Robot,
+        clock: Clock,
+        recorder: Recorder,
+        flight: FlightRecord,
+        objects: ObjectPort,
     ) -> None:
         self.newest: Observation | None = None
         self.under_way = False
@@ -66,6 +73,7 @@ class RobotLine:
         self._clock = clock
         self._recorder = recorder
         self._flight = flight
+        self._objects = objects
         self._in_force = _InForce()
         self._stamp_ns = -1
 
@@ -111,7 +119,7 @@ class RobotLine:
         if not reports:
             return 0
         self.newest = replace(
-            reports[-1],
+            self._objects.added_to(reports[-1]),
             received_ns=self._clock.now_ns(),
             **(vars(self._in_force) | {"reason": int(self._in_force.reason)}),
         )

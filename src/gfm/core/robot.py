@@ -29,6 +29,8 @@ class Command:
         values: Setpoints, shape (J,).
         stamp_ns: When it was issued, on the issuer's clock.
         number: Counts the issuer's commands from 0, so that gaps show.
+        needs_object: Whether it was made for where the object is: where that is not known, or not
+            any more, the robot is stopped instead.
     """
 
     kind: CommandKind
@@ -36,6 +38,7 @@ class Command:
     values: Array
     stamp_ns: int
     number: int = 0
+    needs_object: bool = False
 
     def __post_init__(self) -> None:
         check_shapes({"values": self.values}, {"values": (len(self.joint_names),)})

@@ -238,7 +238,7 @@ class AttemptRunner:
     def _moves(self, speed: Array) -> bool:
         """Lets the arm move for a period, rad/s, (J,); False where the bridge had to stop it."""
         try:
-            self._driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed)
+            self._driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed, needs_object=True)
         except RefusedError as error:
             if str(error).startswith(PROTECTIVE_STOP):
                 return False

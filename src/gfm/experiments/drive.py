@@ -149,7 +149,12 @@ class Driver:
                 return
 
     def command(
-        self, kind: CommandKind, joint_names: tuple[str, ...], values: Array
+        self,
+        kind: CommandKind,
+        joint_names: tuple[str, ...],
+        values: Array,
+        *,
+        needs_object: bool = False,
     ) -> Observation:
         """Sends one command; returns what the robot reported a control period later."""
         command = Command(
@@ -158,6 +163,7 @@ class Driver:
             values=values,
             stamp_ns=self._clock.utc_ns(),
             number=self._number,
+            needs_object=needs_object,
         )
         self._number += 1
         answer = self._ask("robot/command", command)

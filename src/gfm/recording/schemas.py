@@ -14,6 +14,8 @@ REQUESTED = "/joint_command_requested"
 REASON = "/joint_command_reason"
 OBJECT_POSE = "/object_pose"
 OBJECT_POSE_SPREAD = "/object_pose_with_covariance"
+#: Before those two: what one camera says alone.
+CAMERA = "/camera/{}"
 FRAMES = "/tf"
 FIXED_FRAMES = "/tf_static"
 DESCRIPTION = "/robot_description"

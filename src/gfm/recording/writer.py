@@ -95,7 +95,12 @@ class RecordingWriter:
         self.write_message(schemas.REASON, schemas.REASON_MASK, {"data": mask}, stamp_ns)
 
     def write_object_pose(
-        self, stamp_ns: int, position: Array, quaternion: Array, covariance: Array | None = None
+        self,
+        stamp_ns: int,
+        position: Array,
+        quaternion: Array,
+        covariance: Array | None = None,
+        camera: str = "",
     ) -> None:
         """Writes one pose in the base frame, with its covariance on a topic of its own.
 
@@ -104,14 +109,16 @@ class RecordingWriter:
             position: m, shape (3,).
             quaternion: w x y z, shape (4,).
             covariance: Of x, y, z and the turns about them, m and rad, shape (6, 6); or None.
+            camera: That alone sees it there, whose topics these are; none: all together.
         """
+        place = schemas.CAMERA.format(camera) if camera else ""
         head, pose = messages.header(stamp_ns, BASE_FRAME), messages.pose(position, quaternion)
         message: messages.Message = {"header": head, "pose": pose}
-        self.write_message(schemas.OBJECT_POSE, schemas.POSE, message, stamp_ns)
+        self.write_message(place + schemas.OBJECT_POSE, schemas.POSE, message, stamp_ns)
         if covariance is not None:
             spread = {"pose": pose, "covariance": covariance.ravel().tolist()}
             message = {"header": head, "pose": spread}
-            topic, kind = schemas.OBJECT_POSE_SPREAD, schemas.POSE_SPREAD
+            topic, kind = place + schemas.OBJECT_POSE_SPREAD, schemas.POSE_SPREAD
             self.write_message(topic, kind, message, stamp_ns)
 
     def write_frames(self, topic: str, stamp_ns: int, frames: Sequence[messages.Frame]) -> None:

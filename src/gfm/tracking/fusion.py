@@ -7,7 +7,7 @@ voice like a camera's, but no weight in the mean.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +54,7 @@ class Fused:
         tags: How many tags speak for it, counted by every camera.
         used: The cameras that it was made of.
         rejected: Those that disagree with it.
+        views: What each of them says alone: of what it leaves open, what agrees best.
         was_expected: Whether it agrees with what was expected.
     """
 
@@ -62,6 +63,7 @@ class Fused:
     tags: int
     used: tuple[str, ...]
     rejected: tuple[str, ...]
+    views: Mapping[str, Candidate]
     was_expected: bool
 
 
@@ -96,6 +98,7 @@ def fuse(estimates: Sequence[Estimate], expected: Expected | None = None) -> Fus
         tags=sum(one.tags for one in best.agreeing.values()),
         used=tuple(best.agreeing),
         rejected=tuple(e.camera for e in estimates if e.camera not in best.agreeing),
+        views={e.camera: best.agreeing.get(e.camera, e.candidates[0]) for e in estimates},
         was_expected=best.was_expected,
     )
     rivals = (t for t in truths if t.cost < best.cost + _MARGIN)

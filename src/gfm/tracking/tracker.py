@@ -79,6 +79,7 @@ class Tracked:
         velocity: From the two newest poses, m/s and rad/s, shape (6,), None before the second.
         smooth_velocity: The same from all of them, filtered.
         used: The cameras that it was made of.
+        views: What each camera said of it alone, those included that were not believed.
         fresh: Whether it is of this look.
         refused: Cameras that were not believed this time, with why.
     """
@@ -91,6 +92,7 @@ class Tracked:
     velocity: Array | None
     smooth_velocity: Array | None
     used: tuple[str, ...]
+    views: Mapping[str, Candidate]
     fresh: bool
     refused: Mapping[str, str]
 
@@ -290,6 +292,7 @@ class Tracker:
             velocity=None if known is None else known.velocity,
             smooth_velocity=None if known is None or motion is None else motion.velocity,
             used=() if known is None else known.fused.used,
+            views={} if known is None else known.fused.views,
             fresh=is_fresh,
             refused=refused,
         )
