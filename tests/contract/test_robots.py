@@ -14,6 +14,7 @@ from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.intera.sawyer import InteraSawyer, SawyerSettings
 from gfm_robot_bridge.mirror import MirrorRobot
+from gfm_robot_bridge.object_port import TRACKED, ObjectPort
 from gfm_robot_bridge.robot import Robot
 from gfm_robot_bridge.rosbridge_sawyer.config import RosbridgeConfig
 from gfm_robot_bridge.rosbridge_sawyer.memory import MemoryDoor, MemoryLink
@@ -23,7 +24,7 @@ from gfm_robot_bridge.simulated.__main__ import build_robot
 from gfm_robot_bridge.simulated.config import SimulatedConfig
 from gfm_robot_bridge.simulated.hidden import GivenEffect
 from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
-from gfm_wire import PowerAction, RobotClock, SetPayload
+from gfm_wire import ObjectPose, PowerAction, RobotClock, SetPayload, TrackedObject
 
 PERIOD_S = 0.02
 COUNT = len(JOINT_NAMES)
@@ -194,6 +195,28 @@ def test_reports_are_whole_and_each_is_later_than_the_last(running) -> None:
     for report in running.reports:
         assert report.joint_names == JOINT_NAMES
         assert np.isfinite([report.position, report.velocity, report.effort]).all()
+
+
+def test_it_takes_an_object_s_pose_from_outside_until_that_is_old(running) -> None:
+    hub, clock = MemoryHub(), ManualClock(10**9)
+    port = ObjectPort(MemoryTransport(hub, clock=clock), clock, RobotClock.WALL, 500_000_000)
+    told = ObjectPose(
+        position=np.array([0.5, 0.1, 0.2]),
+        quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+        covariance=np.eye(6),
+    )
+    message = TrackedObject(stamp_ns=clock.utc_ns() - 30_000_000, pose=told)
+    MemoryTransport(hub, name="tracker", clock=clock).request(TRACKED, message, timeout_s=1.0)
+    robot_ns = running.robot.time_ns()
+    assert port.problem(running.newest) == "object: nobody says where it is"
+    assert [seen.stamp_ns for seen in port.hear(robot_ns)] == [robot_ns - 30_000_000]
+    report = port.added_to(running.newest)
+    assert report.object_position.tolist() == [0.5, 0.1, 0.2]
+    assert report.object_stamp_ns == robot_ns - 30_000_000
+    assert port.problem(report) == ""
+    running.run(0.6)
+    assert port.added_to(running.newest).object_position is None
+    assert "ms old, expected at most 500 ms" in port.problem(running.newest)
 
 
 def test_its_clock_goes_with_its_reports(running) -> None:

@@ -39,7 +39,7 @@ from gfm.sim.sawyer_numbers import BASKET_XYZ
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.__main__ import build as build_bridge
 from gfm_robot_bridge.config import BridgeConfig
-from gfm_robot_bridge.guard import Guard
+from gfm_robot_bridge.guard import Guard, Loss
 from gfm_robot_bridge.limits import Reason
 from gfm_robot_bridge.simulated.__main__ import build as build_robot
 from gfm_robot_bridge.simulated.cell import Cell, cell_model
@@ -289,7 +289,11 @@ def test_an_arm_that_the_bridge_stops_has_failed_and_is_tried_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said: list[str] = []
-    monkeypatch.setattr(Guard, "problem", lambda _guard, _seen: said.pop() if said else "")
+
+    def loss(_guard: Guard, _seen: object) -> Loss | None:
+        return Loss(words=said.pop(), again=False) if said else None
+
+    monkeypatch.setattr(Guard, "loss", loss)
 
     def comes_too_near(seen: Array32) -> Array32:
         said.append("plate and basket_floor are 4 mm apart")
@@ -341,7 +345,9 @@ def test_an_object_that_is_lost_ends_an_attempt(
     def skipped(tracker: Tracker) -> None:
         tracker.next_ns += 33_333_333
 
-    with pytest.raises(RefusedError, match=r"the object was last seen 1\.0 s ago"):
+    with pytest.raises(
+        RefusedError, match=r"object: its pose is 5\d\d ms old, expected at most 500 ms"
+    ):
         attempts(rig.driver, goes_blind).make(0, 0, "blind")
 
 

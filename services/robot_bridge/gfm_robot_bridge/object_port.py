@@ -129,9 +129,15 @@ class ObjectPort:
         if held := self._lease.refusal(request.stamp, self._clock.now_ns()):
             return held
         age_ns = self._clock.utc_ns() - message.stamp_ns
-        if not -_AHEAD_NS <= age_ns <= self._oldest_ns:
-            when = f"{abs(age_ns) * 1e-6:.0f} ms {'old' if age_ns > 0 else 'in the future'}"
-            return f"pose is {when}, expected at most {self._oldest_ns * 1e-6:g} ms"
+        if age_ns > self._oldest_ns:
+            return (
+                f"pose is {age_ns * 1e-6:.0f} ms old, expected at most {self._oldest_ns * 1e-6:g}"
+            )
+        if -age_ns > _AHEAD_NS:
+            return (
+                f"pose is {-age_ns * 1e-6:.0f} ms in the future, expected at most "
+                f"{_AHEAD_NS * 1e-6:g}: the clocks differ"
+            )
         if message.stamp_ns < self._told_ns:
             return f"pose is {(self._told_ns - message.stamp_ns) * 1e-6:.0f} ms older than the last"
         for camera in message.views:

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 from gfm.core import BadInputError, ConfigError
+from gfm.launch.flags import add_endpoint, address_of
 from gfm.recording.new_file import check_free, new_file
 
 if TYPE_CHECKING:
-    from gfm.recording.writer import RecordingWriter
     from gfm.sim.cell import FreeObject
     from gfm.tracking.calibrate import BoardView
-    from gfm.tracking.camera import Camera
-    from gfm.tracking.detect import Image
     from gfm.tracking.files import CameraFile
-    from gfm.tracking.frames import Frames
     from gfm.tracking.layout import TagLayout
-    from gfm.tracking.tracker import Tracked
 
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
@@ -91,6 +85,11 @@ def _add_run(tools: Subparsers) -> None:
         "--rate-hz", type=float, default=30.0, help="of looks (default: %(default)g)"
     )
     parser.add_argument("--out", type=Path, metavar="NEW.mcap", help="record the poses, too")
+    group = parser.add_argument_group("robot")
+    group.add_argument(
+        "--send", action="store_true", help="tell the robot bridge of a run where the object is"
+    )
+    add_endpoint(group, "--connect", "router of that run")
     parser.set_defaults(run=_run)
 
 
@@ -173,45 +172,18 @@ def _intrinsics(
 
 def _run(arguments: argparse.Namespace) -> None:
     _check_extra()
-    from gfm.core import MonotonicClock
-    from gfm.tracking.files import read_camera
-    from gfm.tracking.frames import frames_of
+    from gfm.experiments.track_run import Following, follow
 
     _check_rate(arguments.rate_hz)
-    layout = _layout(arguments.object)
-    cameras = [read_camera(Path(path)) for path, _ in arguments.cameras]
-    if arguments.out is not None:
-        check_free(arguments.out)
-    clock, sources = MonotonicClock(), {}
-
-    def now_s() -> float:
-        return 1e-9 * clock.now_ns()
-
-    try:
-        for camera, (_, source) in zip(cameras, arguments.cameras, strict=True):
-            sources[camera.name] = frames_of(source, arguments.rate_hz, now_s)
-        told = _followed(cameras, layout, sources, now_s)
-        if arguments.out is None:
-            _tell(told, None)
-        else:
-            _record(told, arguments.out)
-    finally:
-        for frames in sources.values():
-            frames.close()
-
-
-def _record(told: Iterable[Tracked], path: Path) -> None:
-    """Tells each pose, and records those that are new."""
-    from gfm.recording.writer import RecordingWriter
-
-    writer = RecordingWriter(path, about={"software": "gfm track"})
-    try:
-        with suppress(KeyboardInterrupt):  # how one ends that follows live cameras
-            _tell(told, writer)
-    except BaseException:
-        writer.discard()
-        raise
-    writer.close()
+    follow(
+        Following(
+            cameras=[(Path(path), source) for path, source in arguments.cameras],
+            layout=_layout(arguments.object),
+            rate_hz=arguments.rate_hz,
+            out=arguments.out,
+            address=address_of(arguments) if arguments.send else None,
+        )
+    )
 
 
 def _layout(name: str) -> TagLayout:
@@ -223,65 +195,6 @@ def _layout(name: str) -> TagLayout:
     if not name.endswith(".toml"):
         raise BadInputError(f"--object {name}: expected {', '.join(_OBJECTS)} or a file .toml")
     return read_layout(Path(name))
-
-
-def _followed(
-    cameras: Sequence[Camera],
-    layout: TagLayout,
-    sources: Mapping[str, Frames],
-    now_s: Callable[[], float],
-) -> Iterator[Tracked]:
-    """Yields what is known at each look, until the first source has no more images."""
-    from gfm.tracking.detect import TagDetector
-    from gfm.tracking.tracker import Look, Tracker, TrackerState
-
-    tracker, state, detector = Tracker(cameras, layout), TrackerState(), TagDetector()
-    while True:
-        looks = []
-        for camera in cameras:
-            if (newest := sources[camera.name].newest()) is None:
-                return
-            time_s, image = newest
-            _check_size(camera, image)
-            looks.append(Look(camera=camera.name, time_s=time_s, seen=detector.detect(image)))
-        is_live = any(frames.is_live for frames in sources.values())
-        now = now_s() if is_live else max(look.time_s for look in looks)
-        told, state = tracker.step(now, looks, state)
-        yield told
-
-
-def _check_size(camera: Camera, image: Image) -> None:
-    if (size := (image.shape[1], image.shape[0])) != camera.size_px:
-        raise BadInputError(
-            f"camera {camera.name}: an image of {size[0]} x {size[1]} px, expected "
-            f"{camera.size_px[0]} x {camera.size_px[1]}"
-        )
-
-
-def _tell(poses: Iterable[Tracked], writer: RecordingWriter | None) -> None:
-    for told in poses:
-        sys.stdout.write(json.dumps(_as_json(told)) + "\n")
-        if writer is not None and told.fresh and told.pose is not None and told.time_s is not None:
-            writer.write_object_pose(
-                round(1e9 * told.time_s), told.pose.position, told.pose.quaternion, told.covariance
-            )
-
-
-def _as_json(told: Tracked) -> dict[str, Any]:
-    """Returns what is known: m, rad, s; nothing that is not a number."""
-    pose = told.pose
-    return {
-        "valid": told.valid,
-        "age_s": told.age_s if pose is not None else None,
-        "time_s": told.time_s,
-        "position": None if pose is None else pose.position.tolist(),
-        "quaternion": None if pose is None else pose.quaternion.tolist(),
-        "covariance": None if told.covariance is None else told.covariance.tolist(),
-        "velocity": None if told.velocity is None else told.velocity.tolist(),
-        "smooth_velocity": None if told.smooth_velocity is None else told.smooth_velocity.tolist(),
-        "cameras": list(told.used),
-        "refused": dict(told.refused),
-    }
 
 
 def _tags(arguments: argparse.Namespace) -> None:

@@ -8,7 +8,7 @@ from gfm.launch.address import RunAddress
 from gfm.service.command import CERTS_HELP, ENDPOINT_DEFAULTS, INSECURE_HELP
 
 
-def add_endpoint(parser: argparse.ArgumentParser, flag: str, meaning: str) -> None:
+def add_endpoint(parser: argparse._ActionsContainer, flag: str, meaning: str) -> None:
     """Adds a flag for a router's endpoint, `--run` and `--certs`.
 
     Args:
