@@ -51,11 +51,11 @@ bench-effects: $(VENV)/.installed  ## see whether runs name what their robots hi
 bench-joint-control: $(VENV)/.installed build/peers  ## compare all models of the arm, 3 effects x 3 seeds (an hour)
 	PYTHONPATH=build/peers $(BIN)/python benchmarks/joint_control.py
 
-bench-bridge: $(VENV)/.installed  ## attack the robot bridge, and stop it in every way (20 minutes)
-	$(BIN)/python benchmarks/bridge_safety.py --commands 60000 --tries 100
+bench-bridge: $(VENV)/.installed  ## attack the robot bridge, and stop it in every way (hours; goes on where it ended)
+	$(BIN)/python benchmarks/bridge_safety.py --commands 1000000 --tries 100 --parts build/bridge_parts
 
-bench-kills: $(VENV)/.installed  ## kill a process that records, 1,000 times (25 minutes)
-	$(BIN)/python benchmarks/recording_kills.py --kills 1000
+bench-kills: $(VENV)/.installed  ## kill a process that records, 10,000 times (4 hours; goes on where it ended)
+	$(BIN)/python benchmarks/recording_kills.py --kills 10000 --parts build/kill_parts
 
 bench-fit: $(VENV)/.installed build/peers  ## fit generalized forces warm and from nothing (half an hour)
 	PYTHONPATH=build/peers $(BIN)/python benchmarks/fit_forces.py

@@ -97,6 +97,7 @@ class AttemptRunner:
         self._task, self._arm, self._policy, self._driver = task, arm, policy, driver
         self._seed, self._person = seed, person or Person()
         self._tip = SiteKinematics(arm.nominal, END_EFFECTOR_SITE)
+        self._is_held = False
 
     def begin(self) -> None:
         """Makes sure that this robot can be driven: at the right rate, with an object in sight.
@@ -133,8 +134,9 @@ class AttemptRunner:
             with self._driver.recording(recording, about) as told:
                 tried = self._tried(goal)
         finally:
-            with suppress(GfmError):  # where the robot is gone, that was said already
-                self._stand(_STOPS_S)
+            if not self._is_held:
+                with suppress(GfmError):  # where the robot is gone, that was said already
+                    self._stand(_STOPS_S)
         if tried is None:
             return None
         return replace(tried, trial=trial, recording=told[0].path if told else "")
@@ -154,18 +156,25 @@ class AttemptRunner:
         """Returns whether the tool is clear of the floor; False where that was broken off.
 
         By speeds: a position servo first gives way under a load that it does not know, by about as
-        much as the bridge lets a clearance lose.
+        much as the bridge lets a clearance lose. But where the bridge holds the arm already, that
+        has happened, and speeds would let it sink: there by positions, from those that it holds.
         """
-        self._driver.begin(JOINT_NAMES, _WAIT_S)
+        driver, joints = self._driver, self._arm.model.layout.dof
+        driver.begin(JOINT_NAMES, _WAIT_S, driver.newest.position if self._is_held else None)
+        self._is_held = False
         for _ in range(round(_LIFT_S / CONTROL_PERIOD_S)):
-            qpos = self._qpos(self._driver.newest, _SOMEWHERE)
+            qpos = self._qpos(driver.newest, _SOMEWHERE)
             if self._tip.positions(qpos)[0, 2] - BASKET_XYZ[2] >= _LOW_M:
                 break
             if self._person.interrupts():
                 return False
-            moves = self._tip.jacobian(qpos[0])[:, self._arm.model.layout.dof]
+            moves = self._tip.jacobian(qpos[0])[:, joints]
             speed = np.linalg.pinv(moves) @ [0.0, 0.0, _LIFT_M_S]
-            self._driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed)
+            told = driver.newest.applied
+            if told is not None and told.kind is CommandKind.POSITION:
+                driver.command(told.kind, JOINT_NAMES, told.values + CONTROL_PERIOD_S * speed)
+            else:
+                driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed)
         return True
 
     def _object_put_back(self, pose: Array) -> bool:
@@ -241,6 +250,7 @@ class AttemptRunner:
             self._driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed, needs_object=True)
         except RefusedError as error:
             if str(error).startswith(PROTECTIVE_STOP):
+                self._is_held = True
                 return False
             raise
         return True

@@ -134,13 +134,23 @@ class Driver:
             raise AssertionError("begin() comes first")
         return self._newest
 
-    def begin(self, joint_names: tuple[str, ...], wait_s: float) -> None:
-        """Begins a session by standing still; waits for a bridge and a robot that come later."""
+    def begin(self, joint_names: tuple[str, ...], wait_s: float, at: Array | None = None) -> None:
+        """Begins a session by standing still; waits for a bridge and a robot that come later.
+
+        Args:
+            joint_names: J of them.
+            wait_s: How long.
+            at: A position near which to stand, rad, shape (J,): of an arm that the bridge holds in
+                position mode. None: in velocity mode.
+        """
+        kind, values = CommandKind.POSITION, at
+        if values is None:
+            kind, values = CommandKind.VELOCITY, np.zeros(len(joint_names))
         deadline_ns = self._clock.now_ns() + round(wait_s * 1e9)
         while True:
             self._number = 0
             try:
-                self.command(CommandKind.VELOCITY, joint_names, np.zeros(len(joint_names)))
+                self.command(kind, joint_names, values)
             except (UnreachableError, RefusedError):
                 if self._clock.now_ns() > deadline_ns:
                     raise
