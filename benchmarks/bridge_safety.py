@@ -260,6 +260,9 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--parts", type=Path, help="where parts are kept (default: nowhere)")
+    parser.add_argument(
+        "--no-work", action="store_true", help="only report the parts that are done"
+    )
     parser.add_argument("--shuffled", action="store_true", help="parts in random order")
     parser.add_argument("--out", type=Path, help="Markdown to write (default: print)")
     arguments = parser.parse_args()
@@ -275,7 +278,9 @@ def main() -> None:
         def do(name: str) -> Part:
             return _timed(partial(works[name].made, folder / "recordings", seed), name)
 
-        parts = done_parts(arguments.parts or folder / "parts", names, do)
+        parts = done_parts(
+            arguments.parts or folder / "parts", names, None if arguments.no_work else do
+        )
     done = {work: parts[name] for name, work in works.items() if name in parts}
     text = report(done, seed, commits(parts))
     if arguments.out is None:

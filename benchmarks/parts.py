@@ -17,26 +17,34 @@ from typing import Any
 Part = Mapping[str, Any]
 
 
-def done_parts(folder: Path, names: Sequence[str], work: Callable[[str], Part]) -> dict[str, Part]:
+def done_parts(
+    folder: Path, names: Sequence[str], work: Callable[[str], Part] | None
+) -> dict[str, Part]:
     """Does the parts that are not done and that nobody else works on; returns all that are done.
 
     Args:
         folder: Where parts are kept; one that exists is gone on with.
         names: Of all parts.
-        work: Does the part of a name.
+        work: Does the part of a name; None: what is not done stays so.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for name in names:
-        path = folder / f"{name}.json"
-        with _alone(folder / f"{name}.lock") as alone:
-            if alone and not path.exists():
-                _write(path, {"commit": commit(), **work(name)})
+    if work is not None:
+        for name in names:
+            _do(folder, name, work)
     paths = {name: folder / f"{name}.json" for name in names}
     return {
         name: json.loads(path.read_text(encoding="utf-8"))
         for name, path in paths.items()
         if path.exists()
     }
+
+
+def _do(folder: Path, name: str, work: Callable[[str], Part]) -> None:
+    """Does a part, unless it is done or somebody else does it."""
+    path = folder / f"{name}.json"
+    with _alone(folder / f"{name}.lock") as alone:
+        if alone and not path.exists():
+            _write(path, {"commit": commit(), **work(name)})
 
 
 def commit() -> str:

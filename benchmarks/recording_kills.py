@@ -289,6 +289,9 @@ def main() -> int:
     parser.add_argument("--longest-s", type=float, default=2.5, help="until a kill")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--parts", type=Path, help="where parts are kept (default: nowhere)")
+    parser.add_argument(
+        "--no-work", action="store_true", help="only report the parts that are done"
+    )
     parser.add_argument("--out", type=Path, help="Markdown")
     arguments = parser.parse_args()
     logging.disable()
@@ -303,7 +306,8 @@ def main() -> int:
         return killed_part(rng, kills, longest_s)
 
     with tempfile.TemporaryDirectory() as place:
-        parts = done_parts(arguments.parts or Path(place), list(names), work)
+        folder, do = arguments.parts or Path(place), None if arguments.no_work else work
+        parts = done_parts(folder, list(names), do)
     tally = together(parts.values())
     text = report(tally, arguments.seed, commits(parts))
     sys.stdout.write(text)

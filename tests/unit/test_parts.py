@@ -30,4 +30,5 @@ def test_what_another_one_does_is_left_to_it(tmp_path: Path) -> None:
     with (tmp_path / "a.lock").open("w") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
         assert list(done_parts(tmp_path, ["a", "b"], lambda _name: {})) == ["b"]
+    assert list(done_parts(tmp_path, ["a", "b"], None)) == ["b"]
     assert list(done_parts(tmp_path, ["a", "b"], lambda _name: {})) == ["a", "b"]
