@@ -179,7 +179,7 @@ def test_who_says_that_nobody_knows_takes_the_pose_away_at_once(rig: Rig) -> Non
         ({"pose": pose(quaternion=np.full(4, 1.0))}, "quaternion of length 2, expected 1"),
         ({"pose": pose(covariance=-np.eye(6))}, "covariance that is none"),
         ({"views": {"left": pose(covariance=np.tri(6))}}, "covariance that is none"),
-        ({"views": {"a/b": pose()}}, "camera 'a/b': expected a letter"),
+        ({"views": {"a/b": pose()}}, "camera 'a/b': expected letters, digits, - or _"),
     ],
 )
 def test_what_cannot_be_is_refused_and_counted(rig: Rig, parts: dict[str, Any], words: str) -> None:

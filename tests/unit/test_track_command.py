@@ -205,6 +205,7 @@ def test_images_in_a_folder_become_poses_and_a_recording(tmp_path, capsys):
         topics = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
     assert topics.count("/object_pose") == 4
     assert topics.count("/object_pose_with_covariance") == 4
+    assert topics.count("/camera/front/object_pose_with_covariance") == 4
 
 
 def test_tags_are_written_to_print(tmp_path, capsys):

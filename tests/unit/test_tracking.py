@@ -9,7 +9,8 @@ import pytest
 
 pytest.importorskip("cv2")
 
-from gfm.core import ConfigError
+from gfm.core import ConfigError, ManualClock
+from gfm.experiments.track_send import KEY, PoseSender, as_message
 from gfm.sim.cell import object_boxes
 from gfm.tracking.cell_cameras import cell_cameras
 from gfm.tracking.detect import Detection, TagDetector, tag_image
@@ -20,6 +21,8 @@ from gfm.tracking.rendering import CellRenderer, NoRendererError, with_pixel_noi
 from gfm.tracking.rigid import Pose, apart, looking, moved, pose_of, turn_by, turn_of
 from gfm.tracking.sighting import candidates
 from gfm.tracking.tracker import Look, Tracker, TrackerState
+from gfm.transport import MemoryHub, MemoryTransport
+from gfm_wire import Ack, TrackedObject
 
 CAMERAS = cell_cameras()
 SURE = tuple(replace(camera, spread_m=1e-9, spread_rad=1e-9) for camera in CAMERAS)
@@ -237,6 +240,41 @@ def test_velocities_of_even_motion_are_found():
     ):
         np.testing.assert_allclose(told[:3], step[:3] / PERIOD_S, atol=place)
         np.testing.assert_allclose(told[3:], step[3:] / PERIOD_S, atol=turn)
+
+
+def test_a_bridge_is_told_a_pose_with_its_date_and_by_camera_or_that_there_is_none():
+    one, utc_ns = Followed(), 10**18
+    assert as_message(one.look(POSE), one.time_s, utc_ns) == TrackedObject(stamp_ns=utc_ns)
+    for _ in range(4):
+        one.look(POSE)
+    told = as_message(one.told, one.time_s + 0.02, utc_ns)
+    assert told.stamp_ns == utc_ns - 20_000_000
+    np.testing.assert_array_equal(told.pose.position, one.told.pose.position)
+    np.testing.assert_array_equal(told.pose.covariance, told.pose.covariance.T)
+    np.testing.assert_allclose(told.pose.covariance, one.told.covariance)
+    assert set(told.views) == {camera.name for camera in CAMERAS}
+    names = tuple(camera.name for camera in CAMERAS)
+    for _ in range(6):
+        one.look(POSE, frozen=names)
+    assert as_message(one.told, one.time_s, utc_ns).pose is None
+
+
+def test_a_bridge_that_says_no_or_nothing_is_one_line_and_sending_goes_on(caplog):
+    hub, clock, one = MemoryHub(), ManualClock(10**9), Followed()
+    sender = PoseSender(MemoryTransport(hub, clock=clock), clock)
+    server = MemoryTransport(hub, name="bridge", clock=clock).serve(KEY)
+    for answer in (False, False, True, True):
+        sender.tell(one.look(POSE), one.time_s)
+        request = server.receive()
+        if answer:
+            request.reply(Ack())
+        else:
+            request.refuse("the clocks differ")
+    sender.tell(one.look(POSE), one.time_s)
+    said = [record.getMessage() for record in caplog.records]
+    assert len(said) == 2
+    assert "the clocks differ" in said[0]
+    assert said[1] == "the bridge takes the poses again"
 
 
 def test_two_cameras_of_one_name_are_refused():

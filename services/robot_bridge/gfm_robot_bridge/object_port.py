@@ -22,7 +22,7 @@ _AHEAD_NS = 50_000_000
 _SILENCE_NS = 1_000_000_000
 _QUATERNION_TOLERANCE = 1e-3
 #: A camera's name is part of a topic's.
-_CAMERA = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,49}")
+_CAMERA = re.compile(r"[A-Za-z0-9_-]{1,50}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +142,7 @@ class ObjectPort:
             return f"pose is {(self._told_ns - message.stamp_ns) * 1e-6:.0f} ms older than the last"
         for camera in message.views:
             if not _CAMERA.fullmatch(camera):
-                return f"camera {camera!r}: expected a letter, then letters, digits or _"
+                return f"camera {camera!r}: expected letters, digits, - or _"
         poses = message.views if message.pose is None else {**message.views, "": message.pose}
         return next((why for one in poses.values() if (why := _cannot_be(one))), "")
 
