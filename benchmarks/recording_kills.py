@@ -274,6 +274,7 @@ def report(tally: Tally, seed: int, ran_on: str) -> str:
         f"| complete recordings, all readable with every report | {tally.whole} |",
         f"| parts left by a kill, readable | {tally.parts} |",
         f"| parts that had no measurement yet | {tally.young} |",
+        f"| kills while there was no part | {tally.kills - tally.parts - tally.young} |",
         f"| lost of a part: median | {np.median(lost):.3f} s |",
         f"| lost of a part: 99 % at most | {np.percentile(lost, 99):.3f} s |",
         f"| lost of a part: most | {lost.max():.3f} s |",
