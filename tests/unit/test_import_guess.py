@@ -303,6 +303,24 @@ def test_a_format_that_no_name_tells_is_asked_for(tmp_path: Path) -> None:
         guess(tmp_path / "run.txt")
 
 
+def test_what_says_that_it_was_measured_comes_before_what_was_filtered(tmp_path: Path) -> None:
+    columns = [TIME_MS, 2.0 * POSITION, POSITION, COMMAND]
+    head = "t,pos_filt1,pos_filt2,pos_meas1,pos_meas2,q_des1,q_des2"
+    path = csv_file(tmp_path, head, np.column_stack(columns))
+    assert "rather than pos_filt1, it says measured" in guess(path)
+    np.testing.assert_array_equal(run_by_guess(path).position, POSITION)
+    filtered = run_by_guess(path, use=("pos_filt",))
+    np.testing.assert_array_equal(filtered.position, 2.0 * POSITION)
+
+
+def test_two_measured_columns_are_still_asked_about(tmp_path: Path) -> None:
+    columns = [TIME_MS, 2.0 * POSITION, POSITION, COMMAND]
+    head = "t,pos_actual1,pos_actual2,pos_meas1,pos_meas2,q_des1,q_des2"
+    path = csv_file(tmp_path, head, np.column_stack(columns))
+    with pytest.raises(ConfigError, match="position of shoulder: pos_actual1, pos_meas1 fit"):
+        guess(path)
+
+
 MODEL = """
 <mujoco>
   <compiler angle="radian"/>

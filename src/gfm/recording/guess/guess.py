@@ -196,6 +196,8 @@ def _line(
         offset, why = 0.0, f"{unit.unit} per second, as positions are {unit.unit}"
     if key == "command" and signal.counted:
         why = f"{signal.why}; {why}"
+    if signal.before:
+        why = f"{why}; rather than {', '.join(signal.before)}, it says measured"
     text = f"{key} = {column_text(signal.column, signal.index, scale, offset)}"
     return Line(text=text, why=why)
 

@@ -33,6 +33,8 @@ _OTHER = _words(
     "acc acceleration accelerations current duty enable enabled err error gain index kd kp load "
     "max min pwm stamp temp temperature time timestamp voltage"
 )
+#: Words of what was measured itself: such a column comes before one that was filtered or computed.
+MEASURED = _words("actual meas measured")
 DEGREES = _words("deg degree degrees")
 #: Words of joints' names that a file may leave out.
 _GENERIC = _words("axis joint link motor servo")

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from gfm.core import CommandKind, ConfigError
 from gfm.core.checks import Array
-from gfm.recording.guess.names import Role, joint_of, role_of, words
+from gfm.recording.guess.names import MEASURED, Role, joint_of, role_of, words
 from gfm.recording.guess.robot import Robot
 from gfm.recording.mapping import Column
 from gfm.recording.tables import Table
@@ -30,6 +30,7 @@ class Signal:
         index: Which element of the column's lists.
         why: How the joint was told.
         counted: By its place, not by a name.
+        before: Columns that fit, too, and do not say that they were measured.
     """
 
     joint: str
@@ -38,6 +39,7 @@ class Signal:
     index: int | None
     why: str
     counted: bool = False
+    before: tuple[str, ...] = ()
 
     def values(self, table: Table) -> Array:
         """Returns its numbers as they are in the file, shape (T,)."""
@@ -125,6 +127,8 @@ def chosen(
 ) -> dict[str, Signal]:
     """Returns the one signal of a role for each joint that has it.
 
+    Where several fit and `use` names none, one whose name says that it was measured counts.
+
     Args:
         signals: All of them.
         what: The role in a word, for messages.
@@ -140,14 +144,23 @@ def chosen(
             found.setdefault(one.joint, []).append(one)
     for joint, several in found.items():
         preferred = [one for one in several if one.column.startswith(tuple(use))] if use else []
-        if len(preferred or several) > 1:
+        best = preferred or _measured(several)
+        if len(best) > 1:
             listed = ", ".join(one.column for one in several)
             raise ConfigError(
                 f"{what} of {joint}: {listed} fit; expected one (--use COLUMN says which; the "
                 "beginning of its name is enough)"
             )
-        found[joint] = preferred or several
+        found[joint] = best
     return {joint: several[0] for joint, several in found.items()}
+
+
+def _measured(several: Sequence[Signal]) -> Sequence[Signal]:
+    """Returns the one signal that says it was measured, where no other does; or all of them."""
+    said = [one for one in several if MEASURED & set(words(one.column))]
+    if len(said) != 1 or len(several) == 1:
+        return several
+    return [replace(said[0], before=tuple(one.column for one in several if one is not said[0]))]
 
 
 def chosen_commands(
