@@ -13,6 +13,7 @@ import argparse
 import json
 import os
 import platform
+import resource
 import time
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -52,7 +53,7 @@ def ask(who: str, case: Path, out: Path, minutes: float) -> None:
     if (out / "made.json").exists():
         return
     out.mkdir(parents=True, exist_ok=True)
-    began = time.monotonic()
+    began, cpu_began_s = time.monotonic(), _cpu_s()
     if who == GFM:
         told = ["--model", str(case / "model.xml"), "--out", str(out / "diagnosis")]
         held = ["--holdout", *map(str, sorted(case.glob("held_*.mcap")))]
@@ -63,8 +64,19 @@ def ask(who: str, case: Path, out: Path, minutes: float) -> None:
         words = [str(PEER), "--peer", who, "--case", str(case), "--out", str(_report(who, out))]
         more = {"PYTHONPATH": _with_peers()}
         status = run_python(words, out / "log", PEER_LIMIT_S, more)
-    made = {"wall_s": time.monotonic() - began, "commit": commit(), "status": status}
+    made = {
+        "wall_s": time.monotonic() - began,
+        "cpu_s": _cpu_s() - cpu_began_s,
+        "commit": commit(),
+        "status": status,
+    }
     (out / "made.json").write_text(json.dumps(made))
+
+
+def _cpu_s() -> float:
+    """Returns the processor time of all processes that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _with_peers() -> str:
@@ -80,7 +92,8 @@ def answer(one: PublicSet, who: str, out: Path) -> Judged | None:
     if not _report(who, out).exists():
         return None
     made = json.loads((out / "made.json").read_text())
-    return judged(one, who, json.loads(_report(who, out).read_text()), made["wall_s"])
+    report = json.loads(_report(who, out).read_text())
+    return judged(one, who, report, wall_s=made["wall_s"], cpu_s=made["cpu_s"])
 
 
 def page(sets: Sequence[PublicSet], answers: Sequence[Judged], silent: Sequence[str]) -> str:

@@ -27,6 +27,7 @@ class Judged:
         after: The same of the corrected model, rad.
         floor: Sensor noise, rad.
         wall_s: Time that it took.
+        cpu_s: Of that, what a processor worked on it.
     """
 
     set_name: str
@@ -39,6 +40,7 @@ class Judged:
     after: float
     floor: float
     wall_s: float
+    cpu_s: float
 
     @property
     def abstained(self) -> bool:
@@ -46,7 +48,9 @@ class Judged:
         return not self.right and not self.false
 
 
-def judged(one: PublicSet, who: str, report: Mapping[str, Any], wall_s: float) -> Judged:
+def judged(
+    one: PublicSet, who: str, report: Mapping[str, Any], *, wall_s: float, cpu_s: float
+) -> Judged:
     """Returns what a report is worth.
 
     An effect on several joints counts on each of them.
@@ -56,6 +60,7 @@ def judged(one: PublicSet, who: str, report: Mapping[str, Any], wall_s: float) -
         who: Whose report it is.
         report: `report.json`, or what a peer makes in its form.
         wall_s: Time that it took.
+        cpu_s: Of that, what a processor worked on it.
     """
     named = [
         (effect["effect"], joint)
@@ -75,6 +80,7 @@ def judged(one: PublicSet, who: str, report: Mapping[str, Any], wall_s: float) -
         after=error["after"],
         floor=error["noise_floor"],
         wall_s=wall_s,
+        cpu_s=cpu_s,
     )
 
 
@@ -82,15 +88,16 @@ def table(answers: Sequence[Judged]) -> str:
     """Returns all answers as a table."""
     rows = [
         "| set | who | verdict | right of known | false names | before, rad | after, rad | noise | "
-        "took |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "took, s | CPU, s |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for one in answers:
         right = f"{len(one.right)} of {one.known}" if one.known else "nothing to find"
         named = "names nothing" if one.abstained else _places(one.false)
         rows.append(
             f"| {one.set_name} | {one.who} | {one.verdict} | {right} | {named} "
-            f"| {one.before:.4f} | {one.after:.4f} | {one.floor:.1g} | {one.wall_s:.0f} s |"
+            f"| {one.before:.4f} | {one.after:.4f} | {one.floor:.1g} "
+            f"| {one.wall_s:.0f} | {one.cpu_s:.0f} |"
         )
     return "\n".join(rows)
 

@@ -78,6 +78,7 @@ def halves(run: Trajectory, at: float) -> list[Trajectory]:
             stamp_ns=run.stamp_ns[part],
             position=run.position[part],
             velocity=None if run.velocity is None else run.velocity[part],
+            effort=None if run.effort is None else run.effort[part],
             command_stamp_ns=run.command_stamp_ns[part],
             command=run.command[part],
         )
