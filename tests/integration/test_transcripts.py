@@ -1,0 +1,58 @@
+"""The ways from files to a verdict that the documentation shows are those that are gone here."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import pytest
+from foreign import Sources
+from transcripts import PAGE, WAYS, Way, gone, typed
+
+DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
+#: What the page says that was typed.
+TYPED = re.compile(r"^\$ (.+)$", re.MULTILINE)
+#: A diagnosis ends at once: that it reaches a verdict is what counts here.
+SHORT = " --minutes 0.02 --no-film"
+VERDICTS = ("Explained", "Partly explained", "Unexplained", "No gap", "Insufficient data")
+
+
+@pytest.fixture
+def data() -> Path:
+    """The recordings that files are made of; they stay outside the repository."""
+    if not DATA.is_dir() and os.environ.get("CI") != "true":
+        pytest.skip(f"no recordings in {DATA}")
+    assert DATA.is_dir(), f"no recordings in {DATA}"
+    return DATA
+
+
+def test_the_page_types_what_the_ways_say() -> None:
+    said = [command for command in TYPED.findall(PAGE.read_text()) if command != "ls"]
+    assert said == [command for way in WAYS for command in way.commands]
+
+
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
+def test_a_way_has_at_most_three_commands_and_no_editor(way: Way) -> None:
+    assert len(way.commands) <= 3
+    assert all(command.startswith("gfm ") for command in way.commands)
+
+
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
+def test_a_way_reaches_a_verdict_on_short_recordings(way: Way, tmp_path: Path, data: Path) -> None:
+    imported, _, diagnosed = way.commands
+    way.make(tmp_path, Sources(data=data, longest_s=2.5, most=2))
+    first = typed(imported, tmp_path)
+    assert first.status == 0, first.text
+    last = typed(diagnosed + SHORT, tmp_path)
+    assert last.status == 0, last.text
+    assert any(verdict in last.text for verdict in VERDICTS), last.text
+    assert (tmp_path / "diagnosis" / "report.html").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
+def test_a_whole_way_ends_well(way: Way, tmp_path: Path, data: Path) -> None:
+    said = gone(way, tmp_path, Sources(data=data, most=way.recordings))
+    assert [one.status for one in said] == [0] * (1 + len(way.commands)), said[-1].text
+    assert any(verdict in said[-1].text for verdict in VERDICTS)
