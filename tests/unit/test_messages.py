@@ -44,6 +44,11 @@ RUN = {
     "gfm transfer": ("a folder that is in use",),
     "gfm train": ("an unknown environment",),
     "gfm run": ("a folder that is in use",),
+    "gfm track": (
+        "run: images of another size than the camera's",
+        "calibrate: images of two sizes",
+        "tags: one that the family lacks",
+    ),
     "gfm up": ("an unknown environment",),
     "gfm-actor": ("an unknown setting",),
     "gfm-robot-bridge": ("a share of the speed above 1",),

@@ -286,5 +286,8 @@ def test_without_drake_the_extra_is_named():
         "try:\n    _engine('drake')\nexcept ConfigError as error:\n    print(error)"
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    expected = "engine is drake, which is not installed: pip install 'gfm-sim2real[drake]'"
+    expected = (
+        "engine is drake, which needs the package pydrake, not installed; expected it: "
+        "pip install 'gfm-sim2real[drake]'"
+    )
     assert told.stdout.strip() == expected

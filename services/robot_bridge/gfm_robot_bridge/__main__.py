@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from gfm.core import Clock, ConfigError
+from gfm.core import Clock
+from gfm.core.extras import needs
 from gfm.service import Service, make_parser, service_main
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import Transport
@@ -50,14 +51,8 @@ def _robot(config: BridgeConfig, transport: Transport, clock: Clock) -> Robot:
 
 def _sawyer(config: BridgeConfig, clock: Clock) -> Robot:
     """Returns a Sawyer that has introduced itself; websockets are loaded for it only."""
-    try:
+    with needs("robot is sawyer, which needs", "websockets", "ros"):
         from gfm_robot_bridge.intera.websocket_link import WebsocketLink
-    except ModuleNotFoundError as exc:
-        if exc.name != "websockets":
-            raise
-        raise ConfigError(
-            "robot is sawyer, which needs websockets: pip install 'gfm-sim2real[ros]'"
-        ) from exc
     link = WebsocketLink(*address(config.ros), clock)
     settings = SawyerSettings(
         software=config.robot_software,

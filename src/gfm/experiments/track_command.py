@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from gfm.core import BadInputError, ConfigError
+from gfm.core import BadInputError
+from gfm.core.extras import needs
 from gfm.launch.flags import add_endpoint, address_of
 from gfm.recording.new_file import check_free, new_file
 
@@ -111,13 +112,8 @@ def _add_draw(tools: Subparsers) -> None:
 
 
 def _check_extra() -> None:
-    try:
+    with needs("tracking needs", "cv2", "tracking"):
         import gfm.tracking.detect  # noqa: F401
-    except ImportError as exc:
-        raise ConfigError(
-            f"tracking needs a package that is not installed ({exc.name}); expected it: "
-            "pip install 'gfm-sim2real[tracking]'"
-        ) from exc
 
 
 def _calibrate(arguments: argparse.Namespace) -> None:

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gfm.core import ConfigError
+from gfm.core.extras import needs
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -44,14 +44,8 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Makes what is missing, and says what that was."""
-    try:
+    with needs("certificates need", "cryptography", "certs"):
         from gfm.launch.certs import make_certificates
-    except ModuleNotFoundError as exc:
-        if exc.name is None or exc.name.partition(".")[0] != "cryptography":
-            raise
-        raise ConfigError(
-            "certificates need the package cryptography: pip install 'gfm-sim2real[certs]'"
-        ) from exc
     made = make_certificates(arguments.out, arguments.hosts, arguments.days, datetime.now(UTC))
     for folder, is_new in made:
         sys.stdout.write(f"{folder}: {'made' if is_new else 'kept'}\n")

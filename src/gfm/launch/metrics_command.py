@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from gfm.core import BadInputError, ConfigError
+from gfm.core.extras import needs
 from gfm.launch.flags import add_endpoint, address_of
 from gfm.service import StopSignal, start_logging
 from gfm.transport import is_loopback
@@ -52,14 +53,8 @@ def add_parser(subparsers: Subparsers) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Serves until told to stop."""
     host, port = place(arguments.http, insecure=arguments.insecure)
-    try:
+    with needs("metrics need", "prometheus_client", "metrics"):
         from gfm.launch.prometheus import RunCollector
-    except ModuleNotFoundError as exc:
-        if exc.name is None or exc.name.partition(".")[0] != "prometheus_client":
-            raise
-        raise ConfigError(
-            "metrics need the package prometheus_client: pip install 'gfm-sim2real[metrics]'"
-        ) from exc
     start_logging("info")
     stopped = StopSignal()
     with address_of(arguments).open(Role.WATCHER, name="metrics") as transport:

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 
 import msgspec
 
-from gfm.core import ConfigError, MonotonicClock
+from gfm.core import MonotonicClock
+from gfm.core.extras import needs
 from gfm.service import StopSignal, exit_status, make_parser, run_service, start_logging
 from gfm.service.command import parse_config
 from gfm.transport import MemoryHub, MemoryTransport
@@ -64,12 +65,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _door(ros: str) -> Door:
-    try:
+    with needs("a rosbridge needs", "websockets", "ros"):
         from gfm_robot_bridge.rosbridge_sawyer.websocket_door import WebsocketDoor
-    except ModuleNotFoundError as exc:
-        if exc.name != "websockets":
-            raise
-        raise ConfigError("a rosbridge needs websockets: pip install 'gfm-sim2real[ros]'") from exc
     return WebsocketDoor(*address(ros))
 
 

@@ -6,7 +6,8 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from gfm.core import Clock, ConfigError
+from gfm.core import Clock
+from gfm.core.extras import needs
 from gfm.service import Service, make_parser, service_main
 from gfm.sim.sawyer import READY
 from gfm.transport import Transport
@@ -47,14 +48,8 @@ def _engine(name: str) -> MakeMechanics:
     """Returns what moves the robot; Drake is loaded where it is asked for only."""
     if name == "mujoco":
         return Arm
-    try:
+    with needs("engine is drake, which needs", "pydrake", "drake"):
         from gfm_robot_bridge.simulated.drake_arm import DrakeArm
-    except ModuleNotFoundError as exc:
-        if exc.name is None or exc.name.partition(".")[0] != "pydrake":
-            raise
-        raise ConfigError(
-            "engine is drake, which is not installed: pip install 'gfm-sim2real[drake]'"
-        ) from exc
     return DrakeArm
 
 

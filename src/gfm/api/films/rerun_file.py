@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 
 from gfm.api.films.motion import Motion
-from gfm.core import ConfigError
 from gfm.core.checks import Array
+from gfm.core.extras import needs
 from gfm.sim.layout import make_layout
 
 if TYPE_CHECKING:
@@ -46,9 +46,8 @@ def write_rrd(path: Path, motion: Motion, model: mujoco.MjModel) -> None:
     Raises:
         ConfigError: the extra `rerun` is not installed.
     """
-    if not rerun_is_here():
-        raise ConfigError(f"{path}: it needs the extra rerun (pip install 'gfm-sim2real[rerun]')")
-    import rerun as rr
+    with needs(f"{path}: it needs", "rerun", "rerun"):
+        import rerun as rr
 
     part = path.with_name(f".{path.name}.part")
     with rr.RecordingStream("gfm_diagnosis", recording_id=motion.recording) as stream:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from types import ModuleType
 
-from gfm.core import ConfigError
+from gfm.core.extras import needs
 
 
 def needed(module: str, what: str) -> ModuleType:
@@ -18,9 +18,5 @@ def needed(module: str, what: str) -> ModuleType:
     Raises:
         ConfigError: the package is not installed.
     """
-    try:
+    with needs(f"{what} need", module.partition(".")[0], "formats"):
         return import_module(module)
-    except ModuleNotFoundError as exc:
-        package = module.partition(".")[0]
-        advice = "expected it: pip install 'gfm-sim2real[formats]'"
-        raise ConfigError(f"{what} need the package {package}, not installed; {advice}") from exc
