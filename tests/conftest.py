@@ -15,9 +15,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import pytest
 
 from gfm.core import Trajectory
+from gfm.importing import imported, load_mapping
 from gfm.recording import write_recording
-from gfm.recording.importing import imported
-from gfm.recording.mapping import load_mapping
 from swings import swing
 
 ROOT = Path(__file__).resolve().parents[1]

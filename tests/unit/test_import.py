@@ -14,10 +14,10 @@ import pytest
 from gfm.core import BadInputError, CommandKind, ConfigError, RecordingError
 from gfm.core.rounding import in_steps_of, resolution
 from gfm.experiments import import_command
+from gfm.importing import imported
+from gfm.importing.mapping import Mapping, load_mapping
+from gfm.importing.reading_times import at_stamps
 from gfm.recording import read_recording
-from gfm.recording.importing import imported
-from gfm.recording.mapping import Mapping, load_mapping
-from gfm.recording.reading_times import at_stamps
 
 SIMPLE = """
 format = "csv"

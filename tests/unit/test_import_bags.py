@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind, RecordingError
+from gfm.importing import imported
+from gfm.importing.mapping import Mapping, load_mapping
+from gfm.importing.ros_bag import read_bag
 from gfm.recording import read_recording
-from gfm.recording.importing import imported
-from gfm.recording.mapping import Mapping, load_mapping
-from gfm.recording.ros_bag import read_bag
 from made_bags import (
     COMMAND,
     CONTROLLER_STATE,

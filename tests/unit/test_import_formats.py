@@ -16,9 +16,9 @@ import pytest
 import scipy.io
 
 from gfm.core import ConfigError, RecordingError
-from gfm.recording.formats.needed import needed
-from gfm.recording.importing import imported
-from gfm.recording.mapping import Mapping, load_mapping
+from gfm.core.extras import needed
+from gfm.importing import imported
+from gfm.importing.mapping import Mapping, load_mapping
 
 BEGAN_NS = 1_700_000_000_123_456_789
 STAMP_NS = BEGAN_NS + 5_000_000 * np.arange(20)
@@ -179,4 +179,4 @@ def test_times_beyond_any_clock_are_refused(tmp_path: Path) -> None:
 def test_a_missing_package_is_named_with_what_to_install(monkeypatch: Any) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(ConfigError, match=r"pyarrow, not installed; .*'gfm-sim2real\[formats\]'"):
-        needed("pyarrow", "Parquet files")
+        needed("pyarrow", "Parquet files need", "formats")

@@ -14,10 +14,9 @@ import pytest
 from gfm import cli
 from gfm.core import CommandKind, ConfigError, RecordingError
 from gfm.experiments import import_command
+from gfm.importing import imported, mapping_of
+from gfm.importing.guess import Asked, Robot, guessed_mapping
 from gfm.recording import read_recording
-from gfm.recording.guess import Asked, Robot, guessed_mapping
-from gfm.recording.importing import imported
-from gfm.recording.mapping import mapping_of
 from made_bags import (
     BEGAN_NS,
     COMMAND,

@@ -12,8 +12,8 @@ import pyarrow.parquet
 import pytest
 
 from gfm.core import RecordingError
-from gfm.recording.importing import imported
-from gfm.recording.mapping import Mapping, load_mapping
+from gfm.importing import imported
+from gfm.importing.mapping import Mapping, load_mapping
 from made_datasets import ACTION, FPS, FRAMES, NAMES, STATE, dataset, info
 
 

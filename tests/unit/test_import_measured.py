@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind, Trajectory
-from gfm.recording.guess import Asked, Robot, guessed_mapping
-from gfm.recording.importing import imported
-from gfm.recording.mapping import mapping_of
+from gfm.importing import imported, mapping_of
+from gfm.importing.guess import Asked, Robot, guessed_mapping
 
 ROOT = Path(__file__).resolve().parents[2]
 Measured = Callable[[str, str], list[Trajectory]]

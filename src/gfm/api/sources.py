@@ -12,11 +12,10 @@ from gfm.api.models import Model, load_nominal
 from gfm.api.provenance import sha256
 from gfm.api.recordings import Files, in_one_order
 from gfm.core import ConfigError, RecordingError, Trajectory
+from gfm.importing import imported, load_mapping, mapping_of
+from gfm.importing.formats import TABLE_FORMATS
+from gfm.importing.guess import Asked, Robot, guessed_mapping
 from gfm.recording import read_recording
-from gfm.recording.formats import TABLE_FORMATS
-from gfm.recording.guess import Asked, Robot, guessed_mapping
-from gfm.recording.importing import imported
-from gfm.recording.mapping import load_mapping, mapping_of
 from gfm.recording.mcap_file import read_mcap
 from gfm.recording.schemas import COMMAND, JOINT_STATES
 from gfm.sim.drive_names import driven_joints

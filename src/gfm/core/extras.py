@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
+from types import ModuleType
 
 from gfm.core.errors import ConfigError
 
@@ -28,3 +30,18 @@ def needs(what: str, package: str, extra: str) -> Iterator[None]:
             raise
         advice = f"expected it: pip install 'gfm-sim2real[{extra}]'"
         raise ConfigError(f"{what} the package {package}, not installed; {advice}") from exc
+
+
+def needed(module: str, what: str, extra: str) -> ModuleType:
+    """Returns a module of an optional package.
+
+    Args:
+        module: Its full name.
+        what: What needs it, with its verb.
+        extra: Of gfm-sim2real, that installs it.
+
+    Raises:
+        ConfigError: the package is not installed.
+    """
+    with needs(what, module.partition(".")[0], extra):
+        return import_module(module)

@@ -12,7 +12,7 @@ from gfm.core import BadInputError, ConfigError, Trajectory
 from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators
 
 if TYPE_CHECKING:
-    from gfm.recording.mapping import Mapping
+    from gfm.importing.mapping import Mapping
 
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
@@ -58,7 +58,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Reads everything first, so that bad input leaves nothing behind; then writes."""
-    from gfm.recording.importing import imported
+    from gfm.importing import imported
 
     mapping = _mapping(arguments)
     if arguments.model is not None and not arguments.yes:
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _mapping(arguments: argparse.Namespace) -> Mapping:
     """Returns the mapping that was given, or guesses and prints one."""
-    from gfm.recording.mapping import load_mapping
+    from gfm.importing import load_mapping
 
     flags = {
         "--yes": arguments.yes,
@@ -99,8 +99,8 @@ def _offered(arguments: argparse.Namespace) -> Mapping:
     """Guesses a mapping, and prints it."""
     from gfm.api.models import load_nominal
     from gfm.api.sources import mapping_for
-    from gfm.recording.guess import Asked
-    from gfm.recording.mapping import mapping_of
+    from gfm.importing import mapping_of
+    from gfm.importing.guess import Asked
 
     asked = Asked(use=tuple(arguments.use), unit=arguments.unit)
     model = load_nominal(arguments.model, arguments.actuators)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array, Stamps
-from gfm.recording.formats.needed import needed
+from gfm.core.extras import needed
 from gfm.recording.new_file import check_free, new_file
 
 #: How the unit of a command is written in a column's name, and in the name of an array.
@@ -125,7 +125,8 @@ def _as_csv(recording: Trajectory) -> Writers:
 
 
 def _as_parquet(recording: Trajectory) -> Writers:
-    arrow, parquet = needed("pyarrow", "Parquet files"), needed("pyarrow.parquet", "Parquet files")
+    arrow = needed("pyarrow", "Parquet files need", "formats")
+    parquet = needed("pyarrow.parquet", "Parquet files need", "formats")
 
     def write(stream: Stream, path: Path) -> None:
         table = arrow.table(_table(stream))

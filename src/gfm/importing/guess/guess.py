@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from gfm.core import CommandKind, RecordingError
-from gfm.recording.formats import TABLE_FORMATS
-from gfm.recording.guess.clock import bag_time_lines, time_line
-from gfm.recording.guess.lines import Line, column_text, quoted, toml
-from gfm.recording.guess.names import DEGREES, words
-from gfm.recording.guess.order import in_followed_order
-from gfm.recording.guess.robot import Asked, Robot
-from gfm.recording.guess.signals import Signal, chosen, chosen_commands, signals_of
-from gfm.recording.guess.topics import bag_topics
-from gfm.recording.guess.units import Told, Unit, check_same_unit, to_rad, told_unit
-from gfm.recording.lerobot import TIMESTAMP, episodes
-from gfm.recording.tables import Table, read_table
+from gfm.importing.formats import TABLE_FORMATS
+from gfm.importing.guess.clock import bag_time_lines, time_line
+from gfm.importing.guess.lines import Line, column_text, quoted, toml
+from gfm.importing.guess.names import DEGREES, words
+from gfm.importing.guess.order import in_followed_order
+from gfm.importing.guess.robot import Asked, Robot
+from gfm.importing.guess.signals import Signal, chosen, chosen_commands, signals_of
+from gfm.importing.guess.topics import bag_topics
+from gfm.importing.guess.units import Told, Unit, check_same_unit, to_rad, told_unit
+from gfm.importing.lerobot import TIMESTAMP, episodes
+from gfm.importing.tables import Table, read_table
 
 _BAGS = (".bag", ".db3", ".mcap")
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 from gfm.core import CommandKind, ConfigError
 from gfm.core.checks import Array
-from gfm.recording.guess.names import MEASURED, Role, joint_of, role_of, words
-from gfm.recording.guess.robot import Robot
-from gfm.recording.mapping import Column
-from gfm.recording.tables import Table
+from gfm.importing.guess.names import MEASURED, Role, joint_of, role_of, words
+from gfm.importing.guess.robot import Robot
+from gfm.importing.mapping import Column
+from gfm.importing.tables import Table
 
 _IN_ORDER = "the order is taken to be the model's"
 

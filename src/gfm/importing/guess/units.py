@@ -13,7 +13,7 @@ import numpy as np
 
 from gfm.core import ConfigError
 from gfm.core.checks import Array
-from gfm.recording.guess.robot import Robot
+from gfm.importing.guess.robot import Robot
 
 _TURN = 2.0 * np.pi
 #: Where LeRobot's normalised positions end: calibrated ranges are mapped to it, and clipped.

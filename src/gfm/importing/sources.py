@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gfm.core import RecordingError
-from gfm.recording.lerobot import episodes
-from gfm.recording.mapping import Files, Mapping
-from gfm.recording.ros_bag import bag_tables
-from gfm.recording.tables import Table, read_table
+from gfm.importing.lerobot import episodes
+from gfm.importing.mapping import Files, Mapping
+from gfm.importing.ros_bag import bag_tables
+from gfm.importing.tables import Table, read_table
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from gfm.recording.formats.columns import Columns
+from gfm.importing.formats.columns import Columns
 
 
 def read_json(content: bytes, key: str) -> Columns:

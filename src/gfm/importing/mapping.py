@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from gfm.core import CommandKind, ConfigError
-from gfm.recording.formats import TABLE_FORMATS
+from gfm.importing.formats import TABLE_FORMATS
 
 #: Joints are read within a cycle; more is another unit.
 MOST_OFFSET_S = 0.1

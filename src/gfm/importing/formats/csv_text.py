@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 
-from gfm.recording.formats.columns import Columns
+from gfm.importing.formats.columns import Columns
 
 
 def read_csv(content: bytes, _rows: str) -> Columns:

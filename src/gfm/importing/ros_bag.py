@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gfm.core import RecordingError
-from gfm.recording.formats.needed import needed
-from gfm.recording.mapping import Topics
-from gfm.recording.ros_messages import ROW_OF, Row
-from gfm.recording.tables import Table
+from gfm.core.extras import needed
+from gfm.importing.mapping import Topics
+from gfm.importing.ros_messages import ROW_OF, Row
+from gfm.importing.tables import Table
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -95,7 +95,7 @@ def read_bag(path: Path, topics: Collection[str] | None = None) -> Bag:
         RecordingError: no bag, or damaged; a topic is missing, empty, or of no use.
         ConfigError: the package `rosbags` is not installed.
     """
-    highlevel = needed("rosbags.highlevel", "ROS bags")
+    highlevel = needed("rosbags.highlevel", "ROS bags need", "formats")
     try:
         with highlevel.AnyReader([path], default_typestore=_definitions()) as reader:
             types = {c.topic: str(c.msgtype) for c in reader.connections}
@@ -116,14 +116,15 @@ def read_bag(path: Path, topics: Collection[str] | None = None) -> Bag:
 
 def _definitions() -> Typestore:
     """Returns ROS 2's own message types, for bags that do not define theirs."""
-    typesys = needed("rosbags.typesys", "ROS bags")
+    typesys = needed("rosbags.typesys", "ROS bags need", "formats")
     store: Typestore = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     return store
 
 
 def _damage() -> tuple[type[Exception], ...]:
     """Returns what reading a damaged bag raises, by the modules of `rosbags` and beside them."""
-    own = tuple(getattr(needed(module, "ROS bags"), name) for module, name in _ERRORS)
+    modules = ((needed(module, "ROS bags need", "formats"), name) for module, name in _ERRORS)
+    own = tuple(getattr(module, name) for module, name in modules)
     return (*own, OSError, EOFError, ArithmeticError, AssertionError, LookupError, *_OF_BYTES)
 
 

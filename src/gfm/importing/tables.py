@@ -16,8 +16,8 @@ import numpy as np
 
 from gfm.core import RecordingError
 from gfm.core.checks import Array, Stamps
-from gfm.recording.formats import TABLE_FORMATS
-from gfm.recording.mapping import Column
+from gfm.importing.formats import TABLE_FORMATS
+from gfm.importing.mapping import Column
 
 #: Recordings are stamped with int32 seconds.
 LAST_STAMP_S = 2**31

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from gfm.core.checks import Array
-from gfm.recording.guess.signals import Signal
-from gfm.recording.ros_bag import LOG_TIME
-from gfm.recording.tables import Table
+from gfm.importing.guess.signals import Signal
+from gfm.importing.ros_bag import LOG_TIME
+from gfm.importing.tables import Table
 
 #: Another order counts where joints follow it so much closer.
 _CLOSER = 0.5

@@ -1,11 +1,11 @@
 """Formats of tables: one module each, one function from bytes to columns."""
 
-from gfm.recording.formats.columns import Columns
-from gfm.recording.formats.csv_text import read_csv
-from gfm.recording.formats.json_rows import read_json
-from gfm.recording.formats.matlab import read_mat
-from gfm.recording.formats.numpy_npz import read_npz
-from gfm.recording.formats.parquet import read_parquet
+from gfm.importing.formats.columns import Columns
+from gfm.importing.formats.csv_text import read_csv
+from gfm.importing.formats.json_rows import read_json
+from gfm.importing.formats.matlab import read_mat
+from gfm.importing.formats.numpy_npz import read_npz
+from gfm.importing.formats.parquet import read_parquet
 
 #: By the name that a mapping gives them. Each takes the file's bytes and the key of json's rows,
 #: and raises ValueError, TypeError or KeyError where the bytes are no such table.

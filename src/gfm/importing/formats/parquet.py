@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import io
 
-from gfm.recording.formats.columns import Columns
-from gfm.recording.formats.needed import needed
+from gfm.core.extras import needed
+from gfm.importing.formats.columns import Columns
 
 
 def read_parquet(content: bytes, _rows: str) -> Columns:
@@ -13,8 +13,9 @@ def read_parquet(content: bytes, _rows: str) -> Columns:
 
     Fields of a structure are named STRUCTURE.FIELD; time stamps are whole nanoseconds.
     """
-    arrow = needed("pyarrow", "Parquet files")
-    table = needed("pyarrow.parquet", "Parquet files").read_table(io.BytesIO(content))
+    arrow = needed("pyarrow", "Parquet files need", "formats")
+    parquet = needed("pyarrow.parquet", "Parquet files need", "formats")
+    table = parquet.read_table(io.BytesIO(content))
     while any(arrow.types.is_struct(kind) for kind in table.schema.types):
         table = table.flatten()
     cells = {}

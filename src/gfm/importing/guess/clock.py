@@ -6,11 +6,11 @@ import numpy as np
 
 from gfm.core import RecordingError
 from gfm.core.checks import Array
-from gfm.recording.guess.lines import Line, column_text
-from gfm.recording.guess.names import words
-from gfm.recording.mapping import Column
-from gfm.recording.ros_bag import LOG_TIME, STAMP
-from gfm.recording.tables import Table
+from gfm.importing.guess.lines import Line, column_text
+from gfm.importing.guess.names import words
+from gfm.importing.mapping import Column
+from gfm.importing.ros_bag import LOG_TIME, STAMP
+from gfm.importing.tables import Table
 
 _NAMES = frozenset(
     ("seconds", "secs", "stamp", "t", "time", "times", "timestamp", "timestamps", "ts")

@@ -8,7 +8,7 @@ import zlib
 
 import numpy as np
 
-from gfm.recording.formats.columns import Columns, columns_of_arrays
+from gfm.importing.formats.columns import Columns, columns_of_arrays
 
 
 def read_npz(content: bytes, _rows: str) -> Columns:

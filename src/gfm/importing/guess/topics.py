@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gfm.core import RecordingError
-from gfm.recording.guess.names import TOLD, joint_of, words
-from gfm.recording.guess.robot import Robot
-from gfm.recording.guess.signals import Signal, signals_of
-from gfm.recording.ros_bag import Bag, read_bag
-from gfm.recording.ros_messages import JOINT_STATE, MULTI_ARRAY, ROW_OF, TRAJECTORY
-from gfm.recording.tables import Table
+from gfm.importing.guess.names import TOLD, joint_of, words
+from gfm.importing.guess.robot import Robot
+from gfm.importing.guess.signals import Signal, signals_of
+from gfm.importing.ros_bag import Bag, read_bag
+from gfm.importing.ros_messages import JOINT_STATE, MULTI_ARRAY, ROW_OF, TRAJECTORY
+from gfm.importing.tables import Table
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,12 +12,12 @@ import numpy as np
 from gfm.core import BadInputError, ConfigError, ObjectTrack, RecordingError, Trajectory
 from gfm.core.checks import Array, Stamps
 from gfm.core.rounding import in_steps_of
-from gfm.recording.mapping import Column, JointColumns, Mapping, as_column
+from gfm.importing.mapping import Column, JointColumns, Mapping, as_column
+from gfm.importing.reading_times import at_stamps
+from gfm.importing.sources import Source, sources
+from gfm.importing.tables import Table
 from gfm.recording.reader import MIN_STATES, QUATERNION_TOLERANCE
-from gfm.recording.reading_times import at_stamps
-from gfm.recording.sources import Source, sources
 from gfm.recording.streams import check_one_clock
-from gfm.recording.tables import Table
 
 #: Joint states come tens to thousands of times a second; what lies outside is another unit.
 LEAST_PERIOD_S, MOST_PERIOD_S = 1e-4, 1.0

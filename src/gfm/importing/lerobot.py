@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from gfm.core import RecordingError
-from gfm.recording.formats.needed import needed
-from gfm.recording.tables import Table
+from gfm.core.extras import needed
+from gfm.importing.tables import Table
 
 EPISODE, TIMESTAMP = "episode_index", "timestamp"
 STATE, ACTION = "observation.state", "action"
@@ -116,7 +116,7 @@ def _elements(name: str, feature: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _frames(dataset: Dataset, file: Path) -> dict[str, list[float]]:
     """Returns the columns of one file."""
-    parquet = needed("pyarrow.parquet", "LeRobot datasets")
+    parquet = needed("pyarrow.parquet", "LeRobot datasets need", "formats")
     cells: dict[str, list[float]] = {}
     try:
         frames = parquet.read_table(file, columns=list(dataset.elements))

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gfm.recording.formats.columns import Columns, columns_of_arrays
-from gfm.recording.formats.needed import needed
+from gfm.core.extras import needed
+from gfm.importing.formats.columns import Columns, columns_of_arrays
 
 _HDF5 = b"MATLAB 7.3 MAT-file"
 #: Of an array without elements, of which HDF5 keeps the shape alone.
@@ -30,9 +30,9 @@ def read_mat(content: bytes, _rows: str) -> Columns:
 
 
 def _variables(content: bytes) -> dict[str, Any]:
-    matlab = needed("scipy.io.matlab", "MATLAB files")
+    matlab = needed("scipy.io.matlab", "MATLAB files need", "formats")
     try:
-        variables = needed("scipy.io", "MATLAB files").loadmat(
+        variables = needed("scipy.io", "MATLAB files need", "formats").loadmat(
             io.BytesIO(content), simplify_cells=True
         )
     except (matlab.MatReadError, OSError, EOFError) as exc:
@@ -41,7 +41,7 @@ def _variables(content: bytes) -> dict[str, Any]:
 
 
 def _variables_of_hdf5(content: bytes) -> dict[str, Any]:
-    h5py = needed("h5py", "MATLAB files of version 7.3")
+    h5py = needed("h5py", "MATLAB files of version 7.3 need", "formats")
     try:
         with h5py.File(io.BytesIO(content)) as file:
             return dict(_members(file))
