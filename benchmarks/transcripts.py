@@ -36,7 +36,7 @@ on this page is of a real run, made by
     python benchmarks/transcripts.py --data DIR
 
 on a machine that was very busy ({date}): commands took several times what they take alone, and
-diagnoses, which were given three minutes (`--minutes 3`), found less than they would. Without that
+diagnoses, which were given one minute (`--minutes 1`), found less than they would. Without that
 flag they take up to ten. Long answers are cut, and say by how much.
 
 `pip install 'gfm-sim2real[recording,simulation,report,formats]'` installs what these ways need.
@@ -78,7 +78,7 @@ measured and filtered columns side by side and number the joints. The URDF has n
         commands=(
             "gfm import run*.csv --model arm.urdf --actuators torque --yes --out recordings",
             "gfm doctor arm.urdf recordings --actuators torque",
-            "gfm diagnose recordings/*.mcap --model arm.urdf --actuators torque --minutes 3 "
+            "gfm diagnose recordings/*.mcap --model arm.urdf --actuators torque --minutes 1 "
             "--out diagnosis",
         ),
     ),
@@ -96,7 +96,7 @@ that has 0.35 kg m² more than the model.""",
         commands=(
             "gfm import motion* --model arm.xml --yes --out recordings",
             "gfm doctor arm.xml recordings",
-            "gfm diagnose recordings/*.mcap --model arm.xml --minutes 3 --out diagnosis",
+            "gfm diagnose recordings/*.mcap --model arm.xml --minutes 1 --out diagnosis",
         ),
     ),
     Way(
@@ -112,7 +112,7 @@ this arm.""",
         commands=(
             "gfm import so101_motions --model so101.xml --unit degrees --yes --out recordings",
             "gfm doctor so101.xml recordings",
-            "gfm diagnose recordings/*.mcap --model so101.xml --minutes 3 --out diagnosis",
+            "gfm diagnose recordings/*.mcap --model so101.xml --minutes 1 --out diagnosis",
         ),
     ),
 )
