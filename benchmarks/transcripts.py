@@ -1,6 +1,6 @@
 """Goes three ways of a new user from files to a verdict, and writes down what the commands say.
 
-    python benchmarks/transcripts.py --data ../shared/data  # all; rewrites the page
+    python benchmarks/transcripts.py --data ../shared/data  # all
     python benchmarks/transcripts.py --data ../shared/data --only csv
 
 The files are those that people have: `foreign` makes them of recordings at hand, in a folder of
@@ -27,20 +27,6 @@ from foreign import Sources, lerobot_dataset, ros2_bags, table_and_urdf  # noqa:
 PAGE = ROOT / "docs" / "first_diagnosis.md"
 #: Of a longer answer the page keeps these lines from its beginning and its end.
 _FIRST, _LAST = 22, 10
-_HEAD = """\
-# From your files to a verdict
-
-Three ways from what people have to a verdict, without an editor. Every command and every answer
-on this page is of a real run, made by
-
-    python benchmarks/transcripts.py --data DIR
-
-on a machine that was very busy ({date}): commands took several times what they take alone, and
-diagnoses, which were given one minute (`--minutes 1`), found less than they would. Without that
-flag they take up to ten. Long answers are cut, and say by how much.
-
-`pip install 'gfm-sim2real[recording,simulation,report,formats]'` installs what these ways need.
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,15 +55,14 @@ WAYS = (
         name="csv",
         title="Tables and a URDF",
         words="""\
-A two-joint arm with torque-controlled drives: four measured runs of the DFKI double pendulum
+A two-joint arm with torque-controlled drives: two measured runs of the DFKI double pendulum
 (design C.1), its builders' own tables, and a URDF with their masses and inertias. The tables have
 measured and filtered columns side by side and number the joints. The URDF has no actuators:
 `--actuators torque` adds them.""",
         make=table_and_urdf.make,
-        recordings=4,
+        recordings=2,
         commands=(
             "gfm import run*.csv --model arm.urdf --actuators torque --yes --out recordings",
-            "gfm doctor arm.urdf recordings --actuators torque",
             "gfm diagnose recordings/*.mcap --model arm.urdf --actuators torque --minutes 1 "
             "--out diagnosis",
         ),
@@ -92,10 +77,9 @@ a gripper in it, in another order than the model's, and the controller's command
 project's; only the bags are as a robot's recorder leaves them. What is hidden: a rotor of right_j2
 that has 0.35 kg m² more than the model.""",
         make=ros2_bags.make,
-        recordings=6,
+        recordings=3,
         commands=(
             "gfm import motion* --model arm.xml --yes --out recordings",
-            "gfm doctor arm.xml recordings",
             "gfm diagnose recordings/*.mcap --model arm.xml --minutes 1 --out diagnosis",
         ),
     ),
@@ -103,15 +87,14 @@ that has 0.35 kg m² more than the model.""",
         name="lerobot",
         title="A LeRobot dataset",
         words="""\
-An SO-101: five measured motions of a real arm (github.com/isaac-sim2real/sage), as a dataset of
+An SO-101: two measured motions of a real arm (github.com/isaac-sim2real/sage), as a dataset of
 version 3 in degrees, and the model with the figures of MuJoCo Menagerie. A dataset does not say its
 unit; `--unit degrees` does where sizes leave it open. [An SO-101 at home](so101.md) has more about
 this arm.""",
         make=lerobot_dataset.make,
-        recordings=5,
+        recordings=2,
         commands=(
             "gfm import so101_motions --model so101.xml --unit degrees --yes --out recordings",
-            "gfm doctor so101.xml recordings",
             "gfm diagnose recordings/*.mcap --model so101.xml --minutes 1 --out diagnosis",
         ),
     ),
@@ -167,7 +150,18 @@ def section(way: Way, said: Sequence[Said]) -> str:
     """Returns a way's part of the page."""
     blocks = "\n".join(_block(one) for one in said)
     took = ", ".join(f"{one.took_s:.0f} s" for one in said[1:])
-    return f"\n## {way.title}\n\n{way.words}\n\n{blocks}\nThe commands took {took}.\n"
+    date = time.strftime("%Y-%m-%d")
+    return f"\n## {way.title}\n\n{way.words}\n\n{blocks}\nThe commands took {took} ({date}).\n"
+
+
+def with_section(page: str, way: Way, part: str) -> str:
+    """Returns the page with a new part of a way in the place of the old one."""
+    title = f"## {way.title}\n"
+    before, found, rest = page.partition(f"\n{title}")
+    if not found:
+        raise SystemExit(f"{PAGE.name}: no part {title.strip()!r}; expected one to replace")
+    _, next_title, after = rest.partition("\n## ")
+    return before + part + next_title + after
 
 
 def _block(said: Said) -> str:
@@ -182,19 +176,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Goes the ways; returns 1 where one ends before its verdict."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--data", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--only", choices=[way.name for way in WAYS], help="writes no page")
+    parser.add_argument("--only", choices=[way.name for way in WAYS])
     arguments = parser.parse_args(argv)
-    page, failed = _HEAD.format(date=time.strftime("%Y-%m-%d")), False
+    failed = False
     for way in WAYS:
         if arguments.only in (None, way.name):
             with tempfile.TemporaryDirectory() as folder:
                 said = gone(way, Path(folder), Sources(data=arguments.data, most=way.recordings))
             failed |= said[-1].status != 0
-            part = section(way, said)
-            print(part, flush=True)
-            page += part
-    if not failed and arguments.only is None:
-        PAGE.write_text(page)
+            print(section(way, said), flush=True)
+            if said[-1].status == 0:
+                PAGE.write_text(with_section(PAGE.read_text(), way, section(way, said)))
     return int(failed)
 
 

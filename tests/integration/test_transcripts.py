@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from foreign import Sources
-from transcripts import PAGE, WAYS, Way, gone, typed
+from transcripts import PAGE, WAYS, Said, Way, gone, section, typed, with_section
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 #: What the page says that was typed.
@@ -32,6 +32,20 @@ def test_the_page_types_what_the_ways_say() -> None:
     assert said == [command for way in WAYS for command in way.commands]
 
 
+def test_a_part_of_the_page_takes_the_place_of_the_old_one() -> None:
+    first, second, third = WAYS
+    page = "head\n" + "".join(f"\n## {way.title}\n\nold {way.name}\n" for way in WAYS)
+    lines = "\n".join(f"line {i}" for i in range(100))
+    said = [Said(command=command, text=lines, status=0, took_s=2.0) for command in ("ls", "gfm")]
+    for way in (second, third):
+        page = with_section(page, way, section(way, said))
+    assert page.startswith(f"head\n\n## {first.title}\n\nold {first.name}\n\n## {second.title}\n")
+    assert [way.title for way in WAYS] == re.findall("^## (.+)$", page, re.MULTILINE)
+    assert page.count("... 68 more lines ...") == 4
+    with pytest.raises(SystemExit, match="no part"):
+        with_section("head\n", first, "")
+
+
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
 def test_a_way_has_at_most_three_commands_and_no_editor(way: Way) -> None:
     assert len(way.commands) <= 3
@@ -40,7 +54,7 @@ def test_a_way_has_at_most_three_commands_and_no_editor(way: Way) -> None:
 
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
 def test_a_way_reaches_a_verdict_on_short_recordings(way: Way, tmp_path: Path, data: Path) -> None:
-    imported, _, diagnosed = way.commands
+    imported, diagnosed = way.commands
     way.make(tmp_path, Sources(data=data, longest_s=2.5, most=2))
     first = typed(imported, tmp_path)
     assert first.status == 0, first.text
