@@ -155,7 +155,7 @@ def chosen(
     return {joint: several[0] for joint, several in found.items()}
 
 
-def _measured(several: Sequence[Signal]) -> Sequence[Signal]:
+def _measured(several: list[Signal]) -> list[Signal]:
     """Returns the one signal that says it was measured, where no other does; or all of them."""
     said = [one for one in several if MEASURED & set(words(one.column))]
     if len(said) != 1 or len(several) == 1:
