@@ -10,6 +10,7 @@ from gfm.core import ConfigError, EnvironmentSpec, ManualClock, RefusedError, Se
 from gfm.envs.batched import Transition
 from gfm.envs.registry import EnvironmentSettings
 from gfm.rl.learner import LearnerSettings, init_learner, policy_tensors
+from gfm.service.ledger import Ledger
 from gfm.service.refusals import Refusals
 from gfm.transport import MemoryHub, MemoryTransport, Transport
 from gfm_actor.assembler import Acted, Assembler
@@ -149,14 +150,16 @@ def acknowledgement(sequence, **changes):
 class Post:
     """An outbox, and someone who answers as replay."""
 
-    def __init__(self, window=4):
+    def __init__(self, window=4, ledger=None):
         self.clock = ManualClock(10**9)
         self.hub = MemoryHub()
         self.replay = MemoryTransport(self.hub, name="replay", clock=self.clock)
         self.server = self.replay.serve("replay/insert")
         transport = MemoryTransport(self.hub, name="a", clock=self.clock)
         self.refusals = Refusals()
-        self.outbox = Outbox(transport, self.clock, self.refusals, window=window, timeout_s=1.0)
+        self.outbox = Outbox(
+            transport, self.clock, self.refusals, window=window, timeout_s=1.0, ledger=ledger
+        )
 
     def receive(self):
         requests = []
@@ -628,3 +631,25 @@ def test_an_actor_in_a_run_for_something_else_is_refused():
 def test_environment_settings_that_cannot_be_used_are_refused(settings, message):
     with pytest.raises(ConfigError, match=message):
         completed(ActorConfig(), telling(settings))
+
+
+class Noted(Ledger):
+    """Remembers what it was told."""
+
+    def __init__(self):
+        self.numbers = []
+
+    def note(self, sequence):
+        self.numbers.append(sequence.number)
+
+
+def test_the_ledger_hears_of_what_was_acknowledged_and_of_nothing_else():
+    noted = Noted()
+    post = Post(ledger=noted)
+    for number in range(3):
+        post.outbox.send(sequence(number))
+    first, second, _ = post.receive()
+    first.reply(acknowledgement(first.message))
+    second.refuse("no")
+    post.outbox.poll()
+    assert noted.numbers == [0]

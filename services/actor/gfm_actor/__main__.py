@@ -46,6 +46,9 @@ def make_actor_parser() -> argparse.ArgumentParser:
     group.add_argument(
         "--seed", type=int, help="of episodes and sampled actions (default: made from the name)"
     )
+    group.add_argument(
+        "--ledger", metavar="DIR", help="note there what replay acknowledged (default: nowhere)"
+    )
     return parser
 
 

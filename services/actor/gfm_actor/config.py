@@ -33,6 +33,8 @@ class ActorConfig(ServiceConfig, frozen=True, kw_only=True):
         drain_s: How long to wait at the end for what is unacknowledged.
         seed: Of the environment's episodes and of the sampled actions; None makes one from the
             name, so that actors that were started alike do not act alike.
+        ledger: Folder that gets, per life of the actor, a file of what replay acknowledged; empty
+            for none. `python -m gfm_replay.audit` compares it with what replay kept.
     """
 
     role: ClassVar[Role] = Role.ACTOR
@@ -47,6 +49,7 @@ class ActorConfig(ServiceConfig, frozen=True, kw_only=True):
     max_steps_per_s: Positive | None = None
     drain_s: Annotated[float, Meta(ge=0.0)] = 2.0
     seed: int | None = None
+    ledger: str = ""
 
     def __post_init__(self) -> None:
         super().__post_init__()

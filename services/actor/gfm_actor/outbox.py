@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import final
 
 from gfm.core import Clock, RefusedError, Sequence, UnreachableError
+from gfm.service.ledger import Ledger, NoLedger
 from gfm.service.presence import Presence
 from gfm.service.refusals import Refusals
 from gfm.transport import PendingReply, Transport
@@ -58,6 +59,7 @@ class Outbox:
         *,
         window: int,
         timeout_s: float,
+        ledger: Ledger | None = None,
     ) -> None:
         self.sent = 0
         self.acked = 0
@@ -70,6 +72,7 @@ class Outbox:
         self._clock = clock
         self._window = window
         self._timeout_s = timeout_s
+        self._ledger = ledger or NoLedger()
         self._replay = Presence("replay", clock)
         self._heard: tuple[str, int] | None = None
         self._letters: deque[_Letter] = deque()
@@ -131,6 +134,7 @@ class Outbox:
             wrong = f"an acknowledgement up to {answer.cursor} where {self.sent} were sent"
         else:
             self._note_replay(stamp)
+            self._ledger.note(sent)
             self.acked += 1
             self.note = ""
             return True

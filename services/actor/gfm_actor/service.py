@@ -14,6 +14,7 @@ from gfm.core.checks import Array32
 from gfm.envs.batched import BatchedEnvironment, Transition
 from gfm.rl.policy_numpy import GaussianPolicy
 from gfm.service import Service, make_status
+from gfm.service.ledger import make_ledger
 from gfm.service.refusals import Refusals
 from gfm.transport import Transport
 from gfm_actor.assembler import Acted, Assembler, Segment
@@ -56,7 +57,12 @@ class ActorService(Service):
             max_age_s=config.max_weights_age_s,
         )
         self._outbox = Outbox(
-            transport, clock, self._refusals, window=config.window, timeout_s=config.timeout_s
+            transport,
+            clock,
+            self._refusals,
+            window=config.window,
+            timeout_s=config.timeout_s,
+            ledger=make_ledger(config.ledger, config.name, self._epoch),
         )
         self._assembler = Assembler(env.spec, env.num_envs, config.sequence_length)
         self._observation = env.reset()

@@ -12,13 +12,12 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from gfm.core import Batch, ConfigError, EnvironmentSpec, Sequence
+from gfm.core import SEQUENCE_ARRAYS, Batch, ConfigError, EnvironmentSpec, Sequence
 from gfm_replay.arrivals import Life
 from gfm_replay.door import NoRoomError, NotTakenError
 from gfm_replay.journal import Journal, Kept
 from gfm_replay.records import Layout
 
-FIELDS = ("observation", "action", "reward", "discount", "log_prob")
 LABELS = ("weights_life", "weights_version")
 
 
@@ -76,7 +75,7 @@ class SequenceBuffer:
     @property
     def sequence_bytes(self) -> int:
         """Of one sequence; 0 before the first."""
-        return sum(int(self._arrays[name][0].nbytes) for name in FIELDS if self._arrays)
+        return sum(int(self._arrays[name][0].nbytes) for name in SEQUENCE_ARRAYS if self._arrays)
 
     def insert(self, sequence: Sequence, life: Life, spec: EnvironmentSpec) -> None:
         """Stores a sequence, over the oldest one where the ring is full.
@@ -114,7 +113,7 @@ class SequenceBuffer:
 
     def _reserve(self, sequence: Sequence, spec: EnvironmentSpec) -> None:
         steps = len(sequence.reward)
-        each = sum(getattr(sequence, name).nbytes for name in FIELDS)
+        each = sum(getattr(sequence, name).nbytes for name in SEQUENCE_ARRAYS)
         capacity = self._capacity_bytes // each if steps else 0
         if capacity == 0:
             raise NotTakenError(
@@ -132,7 +131,7 @@ class SequenceBuffer:
         self._spec_digest = layout.spec.digest
         self._arrays = {
             name: np.empty((layout.capacity, *fields[name][0].shape), fields[name][0].base)
-            for name in (*FIELDS, *LABELS)
+            for name in (*SEQUENCE_ARRAYS, *LABELS)
         }
 
     def _take(self, kept: Kept) -> None:
@@ -151,7 +150,7 @@ class SequenceBuffer:
         self._stored, self._next = count, count % self.capacity
 
     def _check(self, sequence: Sequence) -> None:
-        for name in FIELDS:
+        for name in SEQUENCE_ARRAYS:
             got, expected = getattr(sequence, name).shape, self._arrays[name].shape[1:]
             if got != expected:
                 raise NotTakenError("shape", f"{name} has shape {got}, expected {expected}")

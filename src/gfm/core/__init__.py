@@ -17,7 +17,13 @@ from gfm.core.errors import (
 )
 from gfm.core.plausible import ACTION_LIMIT, LOG_PROB_LIMIT, implausible
 from gfm.core.robot import Command, CommandKind, Observation
-from gfm.core.sequence import Batch, EnvironmentSpec, Sequence
+from gfm.core.sequence import (
+    SEQUENCE_ARRAYS,
+    Batch,
+    EnvironmentSpec,
+    Sequence,
+    arrays_checksum,
+)
 from gfm.core.status import Status
 from gfm.core.trajectory import ObjectTrack, Trajectory
 from gfm.core.weights import Weights
@@ -25,6 +31,7 @@ from gfm.core.weights import Weights
 __all__ = [
     "ACTION_LIMIT",
     "LOG_PROB_LIMIT",
+    "SEQUENCE_ARRAYS",
     "BadInputError",
     "Batch",
     "Clock",
@@ -50,5 +57,6 @@ __all__ = [
     "UnreachableError",
     "Weights",
     "WireError",
+    "arrays_checksum",
     "implausible",
 ]

@@ -8,13 +8,19 @@ from __future__ import annotations
 
 import hashlib
 import math
+import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gfm.core.checks import Array32, check_shapes
 from gfm.core.errors import ConfigError
+
+SEQUENCE_ARRAYS = ("observation", "action", "reward", "discount", "log_prob")
+"""The fields of a Sequence, and of a Batch, that are arrays of its transitions."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,6 +103,19 @@ class Sequence:
                 "log_prob": (steps,),
             },
         )
+
+    @property
+    def checksum(self) -> int:
+        """Of its arrays, by `arrays_checksum`."""
+        return arrays_checksum(getattr(self, name) for name in SEQUENCE_ARRAYS)
+
+
+def arrays_checksum(arrays: Iterable[NDArray[Any]]) -> int:
+    """Returns the CRC-32 of arrays, one after the other, in C order."""
+    checksum = 0
+    for array in arrays:
+        checksum = zlib.crc32(array.tobytes(), checksum)
+    return checksum
 
 
 @dataclass(frozen=True, kw_only=True)
