@@ -7,9 +7,11 @@ LOCK_VENV := build/lock
 RUN_ARGS ?=
 # A command that takes `build` and `compose` as docker does.
 export CONTAINER_ENGINE ?= docker
+# The engine's own command, for what compose has no word for: `network disconnect`, `pause`.
+export CONTAINER_CLI ?= docker
 IMAGES := router replay bridge robot actor learner
 
-.PHONY: help run test test-slow test-containers check docs format lock images clean bench-messages bench-effects bench-joint-control bench-bridge bench-kills bench-fit bench-tracking bench-diagnosis
+.PHONY: help run test test-slow test-faults test-containers check docs format lock images clean bench-messages bench-effects bench-joint-control bench-bridge bench-kills bench-fit bench-tracking bench-diagnosis
 
 help:  ## say what can be made
 	@sed -En 's/^([a-z-]+):.*## (.*)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -41,6 +43,9 @@ check: $(VENV)/.installed docs  ## check format, lint, imports, types and links 
 
 docs: $(VENV)/.installed  ## build the documentation as a site, build/site; fails on a broken link
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
+test-faults: $(VENV)/.installed  ## hurt a system of processes 160 times (40 minutes; again goes on)
+	$(BIN)/python benchmarks/faults.py --folder build/faults --kills 100 --others 60
 
 bench-messages: $(VENV)/.installed  ## give every command bad input; writes docs/messages.md (two minutes)
 	$(BIN)/python benchmarks/messages.py

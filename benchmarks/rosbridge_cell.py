@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import final
 
 import numpy as np
+from relay import Relay
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -111,61 +112,6 @@ class Witness:
                 at_ns = CLOCK.now_ns()
                 position, velocity = np.array(msg["position"]), np.array(msg["velocity"])
                 self.seen.append(Seen(at_ns=at_ns, position=position, velocity=velocity))
-
-
-@final
-class Relay:
-    """Passes bytes on, both ways, until it is cut; a cut closes every connection at once.
-
-    Args:
-        port: Of the server on this machine.
-        own_port: On which to listen; 0 takes a free one.
-
-    Attributes:
-        port: On which it listens.
-    """
-
-    def __init__(self, port: int, own_port: int = 0) -> None:
-        self._target = port
-        self._ends: list[socket.socket] = []
-        self._listener = socket.create_server(("127.0.0.1", own_port))
-        self.port: int = self._listener.getsockname()[1]
-        self._threads = [threading.Thread(target=self._accept, daemon=True)]
-        self._threads[0].start()
-
-    def cut(self) -> None:
-        """Closes all, and returns when that is so."""
-        _shut(self._listener)
-        self._threads[0].join()
-        for end in self._ends:
-            _shut(end)
-        for thread in self._threads:
-            thread.join()
-        for end in (self._listener, *self._ends):
-            end.close()
-
-    def _accept(self) -> None:
-        with suppress(OSError):
-            while True:
-                near, _ = self._listener.accept()
-                far = socket.create_connection(("127.0.0.1", self._target))
-                self._ends += [near, far]
-                for pair in ((near, far), (far, near)):
-                    self._threads.append(threading.Thread(target=_pass_on, args=pair, daemon=True))
-                    self._threads[-1].start()
-
-
-def _pass_on(source: socket.socket, target: socket.socket) -> None:
-    with suppress(OSError):
-        while data := source.recv(65536):
-            target.sendall(data)
-    _shut(source)
-    _shut(target)
-
-
-def _shut(end: socket.socket) -> None:
-    with suppress(OSError):
-        end.shutdown(socket.SHUT_RDWR)
 
 
 @final
