@@ -103,7 +103,7 @@ class Rig:
         )
 
     def _hurtable(self, process: ProcessSpec) -> ProcessSpec:
-        """Returns a process whose clock can be set back, and whose line can be cut if it has one."""
+        """Returns a process whose clock can be set back and, if it has a line, that can be cut."""
         name, line = process.name, self._lines.get(process.name)
         clock = ("--set-back-file", str(self._clock_file(name)), "--service", process.module)
         cable = () if line is None else ("--connect", f"tcp/127.0.0.1:{line.port}")

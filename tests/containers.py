@@ -15,7 +15,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 SERVICES = ("router", "replay", "learner", "actor", "robot", "robot_bridge")
-PATIENCE_S = 180.0
+PATIENCE_S = 900.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +48,7 @@ class Project:
             check=check,
             capture_output=True,
             text=True,
-            timeout=300.0,
+            timeout=PATIENCE_S,
             cwd=ROOT,
             env=os.environ | self.settings,
         )
@@ -75,9 +75,20 @@ class Project:
 
 @contextmanager
 def running(project: Project, actors: int, services: Iterable[str] = SERVICES) -> Iterator[None]:
-    """Brings up a system; nothing of it is left afterwards."""
+    """Brings up a system; nothing of it is left afterwards, nor was there from an earlier one."""
+    _remove(project)
     try:
         project.compose("up", "-d", "--scale", f"actor={actors}", *services)
         yield
     finally:
+        _remove(project)
+
+
+def _remove(project: Project) -> None:
+    """Removes containers and volumes.
+
+    Some engines begin with volumes while the last containers still have them: what the first call
+    left there the second one takes.
+    """
+    for _ in range(2):
         project.compose("down", "--remove-orphans", "--volumes", check=False)

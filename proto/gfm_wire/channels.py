@@ -31,7 +31,7 @@ WHO = {
     Role.ROBOT_BRIDGE: "`gfm-robot-bridge`",
     Role.TRACKER: "`gfm track run --send`",
     Role.DRIVER: "`gfm record`, `gfm excite`, `gfm drive`, `gfm robot`",
-    Role.WATCHER: "`gfm status`, `gfm metrics`, `gfm robot stop`",
+    Role.WATCHER: "`gfm status`, `gfm top`, `gfm metrics`, `gfm robot stop`",
     Role.SUPERVISOR: "`gfm up`",
 }
 

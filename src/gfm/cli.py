@@ -137,10 +137,16 @@ SUBCOMMANDS = (
         summary="ask a running system how it is",
     ),
     Subcommand(
+        name="top",
+        module="gfm.launch.top_command",
+        adder="add_parser",
+        summary="watch a running system, live",
+    ),
+    Subcommand(
         name="metrics",
         module="gfm.launch.metrics_command",
         adder="add_parser",
-        summary="serve a running system's numbers to Prometheus",
+        summary="serve a system's numbers: a page, Prometheus",
     ),
     Subcommand(
         name="robot",

@@ -26,7 +26,9 @@ def has_weights(least: int):
 
 @pytest.mark.usefixtures("system")
 def test_four_actors_learn_with_everybody_in_a_container_of_its_own():
-    sums = PROJECT.asked_until(has_weights(50))
+    sums = PROJECT.asked_until(
+        lambda sums: sums["weights_version"] >= 50 and len(sums["processes"]) == 9
+    )
     roles = sorted(process["role"] for process in sums["processes"])
     services = ["learner", "replay", "robot", "robot_bridge", "router"]
     assert roles == ["actor"] * 4 + services

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections import Counter
 
-import pytest
-
 import faults
+import pytest
 from faults import TARGETS, done, figures, last_of_runs, plan, table
+
 from gfm_replay.audit import Audit
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from gfm.core import BadInputError, UnreachableError
 from gfm.transport import Credentials, ZenohTransport, default_endpoint, read_credentials
 from gfm_wire import Role
 
@@ -55,3 +56,17 @@ class RunAddress:
             timeout_s=timeout_s,
             credentials=self.credentials(role),
         )
+
+    def watch(self, *, name: str = "", timeout_s: float) -> ZenohTransport:
+        """Returns a watcher's connection to the run.
+
+        Raises:
+            BadInputError: nobody is there.
+        """
+        try:
+            return self.open(Role.WATCHER, name=name, timeout_s=timeout_s)
+        except UnreachableError as exc:
+            raise BadInputError(
+                f"no system at {self.router}: start one with `gfm up`, or name another with "
+                "--connect"
+            ) from exc

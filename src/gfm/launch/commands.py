@@ -23,7 +23,6 @@ from gfm.core import (
     ConfigError,
     MonotonicClock,
     Status,
-    UnreachableError,
 )
 from gfm.launch.address import RunAddress
 from gfm.launch.flags import add_endpoint, address_of
@@ -250,14 +249,7 @@ def run_status(arguments: argparse.Namespace) -> int:
 
 def _answers(address: RunAddress) -> tuple[list[Status], list[Status]]:
     """Returns what services say, and what their keeper says of them."""
-    try:
-        transport = address.open(Role.WATCHER, timeout_s=_STATUS_TIMEOUT_S)
-    except UnreachableError as exc:
-        raise BadInputError(
-            f"no system at {address.router}: start one with `gfm up`, or name another with "
-            "--connect"
-        ) from exc
-    with transport:
+    with address.watch(timeout_s=_STATUS_TIMEOUT_S) as transport:
         found = statuses(transport, timeout_s=_STATUS_TIMEOUT_S)
         kept = keeper_statuses(transport, timeout_s=_STATUS_TIMEOUT_S)
     if not found and not kept:

@@ -7,11 +7,16 @@ import logging
 import re
 import time
 from collections.abc import Callable
+from functools import partial
+from threading import Thread
 from typing import TYPE_CHECKING
 
-from gfm.core import BadInputError, ConfigError
+from gfm.core import ConfigError, MonotonicClock
 from gfm.core.extras import needs
 from gfm.launch.flags import add_endpoint, address_of
+from gfm.launch.live_page import live_page
+from gfm.launch.overview import Onlooker
+from gfm.launch.web import application, listening
 from gfm.service import StopSignal, start_logging
 from gfm.transport import is_loopback
 from gfm_wire import Role
@@ -24,8 +29,8 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 _DESCRIPTION = """\
-Serves what the services of a running system say of themselves to Prometheus, at /metrics: it asks
-them whenever it is asked. Names carry units (seconds, bytes); labels say whose they are.
+Serves what the services of a running system say of themselves: as a page for people, at /, which
+reads on a phone, and to Prometheus, at /metrics. It asks them whenever it is asked.
 """
 _DEFAULT = "127.0.0.1:9464"
 _PLACE = re.compile(r"(?P<host>[^/\s:]+|\[[0-9a-fA-F:]+\]):(?P<port>\d{1,5})")
@@ -36,7 +41,7 @@ _LOOK_S = 0.2
 def add_parser(subparsers: Subparsers) -> None:
     """Adds `gfm metrics`."""
     parser = subparsers.add_parser(
-        "metrics", help="serve a running system's numbers to Prometheus", description=_DESCRIPTION
+        "metrics", help="serve a system's numbers: a page, Prometheus", description=_DESCRIPTION
     )
     parser.add_argument(
         "--http", default=_DEFAULT, metavar="HOST:PORT", help="where (default: %(default)s)"
@@ -57,9 +62,12 @@ def run(arguments: argparse.Namespace) -> int:
         from gfm.launch.prometheus import RunCollector
     start_logging("info")
     stopped = StopSignal()
-    with address_of(arguments).open(Role.WATCHER, name="metrics") as transport:
+    address = address_of(arguments)
+    with address.open(Role.WATCHER, name="metrics") as transport:
         stopped.install()
-        _serve(RunCollector(transport, timeout_s=_ASK_S), host, port, stopped)
+        onlooker = Onlooker(transport, MonotonicClock(), timeout_s=_ASK_S)
+        page = partial(_page, onlooker, address.run)
+        _serve(RunCollector(transport, timeout_s=_ASK_S), page, host, port, stopped)
     return 0
 
 
@@ -81,16 +89,22 @@ def place(text: str, *, insecure: bool) -> tuple[str, int]:
     return host, int(match["port"])
 
 
-def _serve(collector: Collector, host: str, port: int, stopped: Callable[[], bool]) -> None:
-    from prometheus_client import CollectorRegistry, start_http_server
+def _page(onlooker: Onlooker, run_name: str) -> str:
+    return live_page(onlooker.look(), run_name)
+
+
+def _serve(
+    collector: Collector, page: Callable[[], str], host: str, port: int, stopped: Callable[[], bool]
+) -> None:
+    from prometheus_client import CollectorRegistry, make_wsgi_app
 
     registry = CollectorRegistry()
     registry.register(collector)
-    try:
-        server, thread = start_http_server(port, host, registry)
-    except OSError as exc:
-        raise BadInputError(f"cannot listen on {host}:{port}: {exc.strerror}") from exc
-    _log.info("serving http://%s:%d/metrics", host, server.server_port)
+    server = listening(host, port, application(make_wsgi_app(registry), page))
+    thread = Thread(target=server.serve_forever, name="http", daemon=True)
+    thread.start()
+    where = f"http://[{host}]:{server.port}" if ":" in host else f"http://{host}:{server.port}"
+    _log.info("serving a page at %s/ and metrics at %s/metrics", where, where)
     try:
         while not stopped():
             time.sleep(_LOOK_S)
