@@ -142,12 +142,14 @@ def test_it_serves_what_services_say_when_it_is_asked(monkeypatch):
 
     def stopped() -> bool:
         """Asks once, as Prometheus does."""
-        with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics") as answer:
-            texts.append(answer.read().decode())
+        for path in ("metrics", ""):
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/{path}") as answer:
+                texts.append(answer.read().decode())
         return True
 
     with answering(MemoryTransport(hub), ACTOR):
-        metrics_command._serve(collector, "127.0.0.1", port, stopped)
+        metrics_command._serve(collector, lambda: "the page", "127.0.0.1", port, stopped)
+    assert texts[1] == "the page"
     assert read(texts[0])["gfm_env_steps_total", "actor", "a-0", "h"] == 70.0
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.1", port))
