@@ -156,7 +156,7 @@ class Outbox:
             self._replay.heard()
             self.refused += 1
             self.note = f"replay refused sequence {letter.sequence.number}: {letter.refusal}"
-            _log.warning("%s", self.note)
+            _log.warning("%s", self.note, extra={"sequence": letter.sequence.number})
             return True
         self._replay.lost(error)
         self.note = f"waiting for replay: {error}"

@@ -112,6 +112,10 @@ class LearnerService(Service):
         )
 
     @override
+    def lasting(self) -> frozenset[str]:
+        return frozenset({"learner_steps"})
+
+    @override
     def close(self) -> None:
         """Saves, unless what would be saved is broken."""
         if self._healthy:

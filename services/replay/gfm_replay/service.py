@@ -101,6 +101,11 @@ class ReplayService(Service):
         )
 
     @override
+    def lasting(self) -> frozenset[str]:
+        kept = ("replay_sequences", "replay_steps", "samples")
+        return frozenset(kept if self._journal is not None else ())
+
+    @override
     def close(self) -> None:
         if self._journal is not None:
             self._journal.close()

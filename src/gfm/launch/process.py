@@ -38,7 +38,8 @@ class ChildProcess:
         self._beat_path = log_dir / f"{spec.name}.beat"
         self._beaten_ns = 0
         set_aside(self.log_path)
-        told = (*arguments, "--heartbeat-file", str(self._beat_path))
+        kept = ("--sums-file", str(log_dir / f"{spec.name}.sums.json"))
+        told = (*arguments, "--heartbeat-file", str(self._beat_path), *kept)
         with self.log_path.open("wb") as log:
             self._popen = subprocess.Popen(
                 [sys.executable, "-m", "gfm.launch.child", spec.module, *told],

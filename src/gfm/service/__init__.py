@@ -7,9 +7,9 @@ from gfm.service.command import (
     parse_config,
     serve,
     service_main,
-    start_logging,
 )
 from gfm.service.config import ServiceConfig, read_config
+from gfm.service.logs import start_logging
 from gfm.service.loop import run_service
 from gfm.service.service import RunningService, Service, make_status
 from gfm.service.signals import StopSignal

@@ -20,11 +20,13 @@ from msgspec.structs import replace
 
 from gfm.core import BadInputError, Clock, GfmError, MonotonicClock
 from gfm.parser import OneLineParser
-from gfm.service.config import LogLevel, ServiceConfig, read_config, unique_name
+from gfm.service.config import ServiceConfig, read_config, unique_name
 from gfm.service.heartbeat import make_heartbeat
+from gfm.service.logs import LogFormat, LogLevel, start_logging
 from gfm.service.loop import run_service
 from gfm.service.service import Service
 from gfm.service.signals import StopRequested, StopSignal
+from gfm.service.sums import make_sums
 from gfm.transport import ZenohTransport, default_endpoint
 
 _log = logging.getLogger(__name__)
@@ -66,6 +68,9 @@ def make_parser(
         "--section", metavar="NAME", help="table of that file to read (default: all of it)"
     )
     group.add_argument("--log-level", choices=get_args(LogLevel), help="(default: info)")
+    group.add_argument(
+        "--log-format", choices=get_args(LogFormat), help="json: an object per line (default: text)"
+    )
     return parser
 
 
@@ -93,6 +98,9 @@ def _add_connection_flags(parser: argparse.ArgumentParser, *, listens: bool) -> 
     group.add_argument("--name", help="unique name within the run (default: from host and pid)")
     group.add_argument(
         "--heartbeat-file", metavar="FILE", help="touch this while all is well, for a supervisor"
+    )
+    group.add_argument(
+        "--sums-file", metavar="FILE", help="go on with the counts in it (default: from zero)"
     )
 
 
@@ -132,10 +140,12 @@ def service_main(
 
 def serve(config: Config, build: Callable[[Config, ZenohTransport, Clock], Service]) -> None:
     """Joins the run that the settings name and runs what `build` makes of them until a signal."""
-    start_logging(config.log_level)
+    who = {"run": config.run, "role": str(config.role), "service": config.name}
+    start_logging(config.log_level, config.log_format, who)
     _log.info("settings: %s", msgspec.json.encode(config).decode())
     clock = MonotonicClock()
     heartbeat = make_heartbeat(config.heartbeat_file, clock)
+    sums = make_sums(config.sums_file, clock)
     with open_transport(config) as transport, suppress(StopRequested):
         stopped = StopSignal()
         stopped.install()
@@ -143,15 +153,8 @@ def serve(config: Config, build: Callable[[Config, ZenohTransport, Clock], Servi
         with stopped.at_once():
             service = build(config, transport, clock)
         _log.info("running")
-        run_service(service, transport, clock, stopped, heartbeat)
+        run_service(service, transport, clock, stopped, heartbeat, sums)
     _log.info("stopped")
-
-
-def start_logging(level: LogLevel) -> None:
-    """Sends log lines to stderr."""
-    logging.basicConfig(
-        level=level.upper(), format="%(asctime)s %(levelname)s %(name)s: %(message)s", force=True
-    )
 
 
 def exit_status(run: Callable[[], int | None]) -> int:

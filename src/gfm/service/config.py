@@ -11,15 +11,15 @@ import socket
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import msgspec
 
 from gfm.core import BadInputError, ConfigError
+from gfm.service.logs import LogFormat, LogLevel
 from gfm.transport import Credentials, check_endpoints, default_endpoint, read_credentials
 from gfm_wire import Role
 
-LogLevel = Literal["debug", "info", "warning", "error"]
 _NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
@@ -37,7 +37,10 @@ class ServiceConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         wait_s: How long to wait for the router at the start.
         name: Unique within the run; empty means made from host and process id.
         heartbeat_file: File that the service's loop touches twice a second; empty for none.
+        sums_file: File of what earlier processes of this service counted, which its counters go on
+            from; empty for none.
         log_level: Least severe event that is logged.
+        log_format: Lines for people, or one JSON object per line.
     """
 
     role: ClassVar[Role] = Role.WATCHER
@@ -50,7 +53,9 @@ class ServiceConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     wait_s: float = 30.0
     name: str = ""
     heartbeat_file: str = ""
+    sums_file: str = ""
     log_level: LogLevel = "info"
+    log_format: LogFormat = "text"
 
     def __post_init__(self) -> None:
         if self.name and not _NAME.fullmatch(self.name):

@@ -8,6 +8,7 @@ from gfm.core import Clock
 from gfm.service.heartbeat import Heartbeat, NoHeartbeat
 from gfm.service.service import RunningService, Service
 from gfm.service.stand_in import standing_in
+from gfm.service.sums import Sums
 from gfm.transport import Transport
 
 _SHORTEST_NAP_NS = 100_000
@@ -29,6 +30,7 @@ def run_service(
     clock: Clock,
     stopped: Callable[[], bool],
     heartbeat: Heartbeat | None = None,
+    sums: Sums | None = None,
 ) -> None:
     """Steps a service until `stopped` says so, then closes it.
 
@@ -36,7 +38,7 @@ def run_service(
     have something to tell: an actor's last sequences, a bridge's hold command.
     """
     heartbeat = heartbeat or NoHeartbeat()
-    running = RunningService(service, transport)
+    running = RunningService(service, transport, sums)
     worked_ns = clock.now_ns()
     with standing_in(running, clock, stopped) as stand_in:
         try:
@@ -52,4 +54,5 @@ def run_service(
                     clock.sleep_until_ns(wake_ns if due_ns is None else min(wake_ns, due_ns))
         finally:
             service.close()
+            running.write_sums()
             heartbeat.end()

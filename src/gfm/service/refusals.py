@@ -45,7 +45,8 @@ class Refusals:
         self.note = f"refused a message of {name}: {detail}"
         count = self._reasons[reason]
         if count == 10 ** (len(str(count)) - 1):  # a flood must not fill the log
-            _log.warning("%s (%s, %d so far)", self.note, reason, count)
+            about = {"sender": name, "reason": reason}
+            _log.warning("%s (%s, %d so far)", self.note, reason, count, extra=about)
 
     @property
     def counters(self) -> Mapping[str, int]:

@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import final
 
 from gfm.core import Status
+from gfm.service.sums import Sums
 from gfm.service.usage import process_usage
 from gfm.transport import Transport
 from gfm_wire import StatusRequest
@@ -35,6 +36,10 @@ class Service(ABC):
     @abstractmethod
     def status(self) -> Status:
         """Returns what this service says of itself; its role and name stay the same."""
+
+    def lasting(self) -> frozenset[str]:
+        """Returns the counters that go on by themselves when the service is started again."""
+        return frozenset()
 
     @abstractmethod
     def close(self) -> None:
@@ -65,8 +70,9 @@ def make_status(
 class RunningService:
     """A service together with its answers to `status/<role>/<name>`."""
 
-    def __init__(self, service: Service, transport: Transport) -> None:
+    def __init__(self, service: Service, transport: Transport, sums: Sums | None = None) -> None:
         self._service = service
+        self._sums = sums
         self._transport = transport
         status = service.status()
         self._server = transport.serve(f"status/{status.role}/{status.name}")
@@ -74,7 +80,14 @@ class RunningService:
     def step(self) -> bool:
         """Steps the service and answers one question for its status; returns whether any did."""
         worked = self._service.step()
+        if self._sums is not None and self._sums.is_due():
+            self.write_sums()
         return self.answer(self.status) or worked
+
+    def write_sums(self) -> None:
+        """Writes what the next process of this service shall go on from, where that is wanted."""
+        if self._sums is not None:
+            self._sums.write(self.status().counters)
 
     def answer(self, status: Callable[[], Status]) -> bool:
         """Answers one question for the status, if there is one, and returns whether there was.
@@ -100,5 +113,7 @@ class RunningService:
         counters = dict(status.counters)
         counters |= {f"rejected_{reason}": count for reason, count in refused.items()}
         counters["rejected_messages"] = counters.get("rejected_messages", 0) + sum(refused.values())
+        if self._sums is not None:
+            counters = self._sums.total(counters, self._service.lasting())
         gauges = {**status.gauges, **process_usage()}
         return replace(status, counters=counters, gauges=gauges)
