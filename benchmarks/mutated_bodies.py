@@ -2,9 +2,9 @@
 
     python benchmarks/mutated_bodies.py --bodies 200000 --folder runs/mutated
 
-Bodies that the system itself sends, and the worst well-formed ones of every kind, are damaged: bits
-turned, bytes cut out, doubled, put in or exchanged, two bodies joined. Replay, learner, actor, robot
-and bridge run in one thread and have to go on after every thousand. A chunk of bodies is made from
+Bodies that the system itself sends, and the worst well-formed ones of every kind, are damaged:
+bits turned, bytes cut out, doubled, put in or exchanged, two bodies joined. All services of a run
+run in one thread and have to go on after every thousand. A chunk of bodies is made from
 the seed and its number alone; the folder keeps what was done, and the same command goes on there.
 Exit status 1 where anybody failed; the chunk that did it is named.
 """

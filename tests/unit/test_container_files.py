@@ -15,6 +15,7 @@ import pytest
 from gfm.launch.spec import START_ORDER
 from gfm.launch.supervision import DEADLINES_S
 from gfm.service import read_config
+from gfm_actor.config import ActorConfig
 from gfm_replay.config import ReplayConfig
 from gfm_wire import Role
 
@@ -107,6 +108,8 @@ def test_volumes_that_are_mounted_are_declared():
 def test_replay_keeps_each_environment_s_sequences_apart_on_its_volume(folder):
     config = read_config(ReplayConfig, folder / "replay.toml", {})
     assert config.folder == f"/replay/{folder.name}"
+    actor = read_config(ActorConfig, folder / "actor.toml", {})
+    assert config.sequence_length == actor.sequence_length
     assert "replay:/replay" in SERVICES["replay"]["volumes"]
 
 

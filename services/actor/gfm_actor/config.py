@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from gfm.core import ConfigError
+from gfm.core import SEQUENCE_LENGTH, ConfigError
 from gfm.envs.registry import EnvironmentSettings, episode_steps
 from gfm.service import ServiceConfig
 from gfm_wire import Role
@@ -42,7 +42,7 @@ class ActorConfig(ServiceConfig, frozen=True, kw_only=True):
     env: str = "gfm_fit"
     environment: EnvironmentSettings = EnvironmentSettings()
     num_envs: Count = 32
-    sequence_length: Count = 10
+    sequence_length: Count = SEQUENCE_LENGTH
     window: Annotated[int, Meta(ge=1, le=1024)] = 64
     timeout_s: Positive = 5.0
     max_weights_age_s: Positive = 60.0

@@ -19,6 +19,7 @@ from gfm.core.plausible import ACTION_LIMIT, LOG_PROB_LIMIT, implausible
 from gfm.core.robot import Command, CommandKind, Observation
 from gfm.core.sequence import (
     SEQUENCE_ARRAYS,
+    SEQUENCE_LENGTH,
     Batch,
     EnvironmentSpec,
     Sequence,
@@ -32,6 +33,7 @@ __all__ = [
     "ACTION_LIMIT",
     "LOG_PROB_LIMIT",
     "SEQUENCE_ARRAYS",
+    "SEQUENCE_LENGTH",
     "BadInputError",
     "Batch",
     "Clock",

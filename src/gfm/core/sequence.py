@@ -22,6 +22,9 @@ from gfm.core.errors import ConfigError
 SEQUENCE_ARRAYS = ("observation", "action", "reward", "discount", "log_prob")
 """The fields of a Sequence, and of a Batch, that are arrays of its transitions."""
 
+SEQUENCE_LENGTH = 10
+"""Transitions of a sequence, where nobody says otherwise."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class EnvironmentSpec:

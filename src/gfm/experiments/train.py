@@ -14,6 +14,8 @@ from gfm.experiments.progress import Phase, RunProgress
 from gfm.experiments.train_config import RunFolder, TrainConfig, open_run
 from gfm.experiments.train_curves import SystemCurves, in_words
 from gfm.launch import (
+    Keeper,
+    SupervisionConfig,
     Supervisor,
     SystemSpec,
     actor_processes,
@@ -21,8 +23,10 @@ from gfm.launch import (
     learner_process,
     replay_process,
     router_process,
+    sequence_length_of,
     statuses,
 )
+from gfm.transport import Transport
 
 _CHECK_NS, _ROW_NS = 200_000_000, 5_000_000_000
 _START, _LEARN = "start the services", "learn"
@@ -80,7 +84,16 @@ def train(
             with progress.phase(_START):
                 supervisor.start(stopped)
             with progress.phase(_LEARN):
-                _follow(supervisor, curves, progress, config.learner_steps, clock, stopped)
+                keeper = Keeper(supervisor, SupervisionConfig(), clock)
+                _follow(
+                    keeper,
+                    supervisor.transport,
+                    curves,
+                    progress,
+                    config.learner_steps,
+                    clock,
+                    stopped,
+                )
     except BadInputError:
         if fresh:  # a service refused its settings: nothing was learned
             shutil.rmtree(request.out)
@@ -94,21 +107,25 @@ def train(
 
 
 def _follow(
-    supervisor: Supervisor,
+    keeper: Keeper,
+    transport: Transport,
     curves: SystemCurves,
     progress: RunProgress,
     learner_steps: int,
     clock: Clock,
     stopped: Callable[[], bool],
 ) -> None:
-    """Writes a row every few seconds, and looks in between whether everybody is alive."""
+    """Writes a row every few seconds; in between, what has died or hangs is started again."""
     begun: int | None = None
     row_ns = clock.now_ns()
     while not stopped():
-        supervisor.check()
+        keeper.step()
         if clock.now_ns() >= row_ns:
             row_ns = clock.now_ns() + _ROW_NS
-            row = curves.add(statuses(supervisor.transport), clock.utc_ns() * 1e-9)
+            found = statuses(transport)
+            if all(status.role != "learner" for status in found):
+                continue  # it is being started again
+            row = curves.add(found, clock.utc_ns() * 1e-9)
             begun = curves.learner_steps if begun is None else begun
             share = (curves.learner_steps - begun) / max(learner_steps - begun, 1)
             progress.say(in_words(row, learner_steps), share=share)
@@ -142,7 +159,10 @@ def training_system(config: TrainConfig, folder: RunFolder, life: int) -> System
         endpoint=free_endpoint(),
         processes=(
             router_process(),
-            replay_process((*told("replay"), "--seed", str(seed), "--folder", str(folder.replay))),
+            replay_process(
+                (*told("replay"), "--seed", str(seed), "--folder", str(folder.replay)),
+                sequence_length_of(folder.config, "actor"),
+            ),
             learner_process(learner),
             *actor_processes(config.actors, seed, (*told("actor"), "--env", config.env)),
         ),

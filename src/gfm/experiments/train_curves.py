@@ -20,7 +20,8 @@ _GAUGES = ("episode_return_mean", "success_rate", "tracking_rmse_rad", "curricul
 class SystemCurves:
     """Writes rows to `metrics.jsonl` and TensorBoard in the run's folder.
 
-    Counters of services begin at zero with every start; here they go on from the last row.
+    Services go on counting where those before them ended; here no sum falls, also while one of them
+    is away.
 
     Attributes:
         life: Starts of this run before this one.
@@ -32,7 +33,7 @@ class SystemCurves:
         last = rows[-1] if rows else {}
         self.life = int(last.get("life", -1)) + 1
         self.learner_steps = 0
-        self._before = {name: last.get(name, 0.0) for name in _COUNTERS}
+        self._sums = {name: last.get(name, 0.0) for name in _COUNTERS}
         self._sink = FolderMetrics(folder.progress)
         self._at: tuple[float, float, float] | None = None
 
@@ -44,10 +45,9 @@ class SystemCurves:
             time_s: Since 1970-01-01 UTC.
         """
         steps = max((s.counters.get("learner_steps", 0) for s in statuses), default=0)
-        row = {
-            name: before + sum(s.counters.get(name, 0) for s in statuses)
-            for name, before in self._before.items()
-        }
+        for name, before in self._sums.items():
+            self._sums[name] = max(before, sum(s.counters.get(name, 0) for s in statuses))
+        row = dict(self._sums)
         row |= _means(statuses)
         row |= self._rates(time_s, steps, row["env_steps"])
         row["life"] = self.life

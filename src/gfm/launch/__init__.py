@@ -12,6 +12,7 @@ from gfm.launch.spec import (
     replay_process,
     robot_processes,
     router_process,
+    sequence_length_of,
 )
 from gfm.launch.supervision import SupervisionConfig
 from gfm.launch.supervisor import Supervisor, watching
@@ -31,6 +32,7 @@ __all__ = [
     "replay_process",
     "robot_processes",
     "router_process",
+    "sequence_length_of",
     "statuses",
     "summary",
     "watching",

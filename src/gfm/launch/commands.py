@@ -37,6 +37,7 @@ from gfm.launch.spec import (
     replay_process,
     robot_processes,
     router_process,
+    sequence_length_of,
     settings_of,
 )
 from gfm.launch.supervision import SupervisionConfig
@@ -174,7 +175,10 @@ def _system(arguments: argparse.Namespace, directory: Path) -> SystemSpec:
     replay = ("--folder", str(directory / "replay"))
     processes = [
         router_process(),
-        replay_process((*settings_of(settings, "replay"), *replay)),
+        replay_process(
+            (*settings_of(settings, "replay"), *replay),
+            sequence_length_of(settings and settings / "actor.toml"),
+        ),
         learner_process((*settings_of(settings, "learner"), *env, *checkpoints)),
         *actor_processes(arguments.actors, arguments.seed, (*settings_of(settings, "actor"), *env)),
     ]

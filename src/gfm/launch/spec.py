@@ -7,8 +7,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from gfm.core import ConfigError
+from gfm.core import SEQUENCE_LENGTH, ConfigError
 from gfm.launch.address import RunAddress
+from gfm.service.config import read_toml
 from gfm.transport import check_endpoints
 
 START_ORDER = ("router", "replay", "learner", "robot", "robot_bridge", "actor")
@@ -23,6 +24,8 @@ ENGINES = {"sim": "mujoco", "drake": "drake"}
 
 LOCKSTEP = ("--clock", "lockstep")
 """What a simulated robot and its bridge are both told where time shall pass with commands only."""
+
+_LENGTH = "sequence_length"
 
 _MODULES = {
     "router": "gfm.launch.router",
@@ -115,9 +118,30 @@ def router_process() -> ProcessSpec:
     return _process("router", "router", (), hub=True)
 
 
-def replay_process(arguments: Iterable[str] = ()) -> ProcessSpec:
-    """Returns the replay service."""
-    return _process("replay", "replay", arguments)
+def replay_process(
+    arguments: Iterable[str] = (), sequence_length: int = SEQUENCE_LENGTH
+) -> ProcessSpec:
+    """Returns the replay service.
+
+    Args:
+        arguments: Of its command line.
+        sequence_length: Transitions of the actors' sequences: whoever comes first with another
+            number keeps nobody out.
+    """
+    return _process("replay", "replay", ("--sequence-length", str(sequence_length), *arguments))
+
+
+def sequence_length_of(path: Path | None, section: str = "") -> int:
+    """Returns how long an actor's sequences are.
+
+    Args:
+        path: TOML file of its settings; None, or none there: the default.
+        section: The table of that file which has them; empty: all of it.
+    """
+    if path is None or not path.exists():
+        return SEQUENCE_LENGTH
+    settings = read_toml(path)
+    return int((settings.get(section, {}) if section else settings).get(_LENGTH, SEQUENCE_LENGTH))
 
 
 def learner_process(arguments: Iterable[str] = ()) -> ProcessSpec:
