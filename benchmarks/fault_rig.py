@@ -38,7 +38,8 @@ from gfm.launch import (
 
 ACTORS = 4
 LINES = ("replay", "learner", "actor-0")
-PATIENCE_S = 180.0
+PATIENCE_S = 600.0
+START_S = 300.0  # on a busy machine
 SAMPLES_PER_INSERT = 8.0
 _LOOK_S = 0.05
 _FULL_BYTES = 1024
@@ -69,7 +70,7 @@ class Rig:
         self._newest = (0, 0)
         self._endpoint = free_endpoint()
         self._lines = {name: Relay(self._port) for name in LINES}
-        self.supervisor = Supervisor(self._system(), folder / "logs")
+        self.supervisor = Supervisor(self._system(), folder / "logs", start_timeout_s=START_S)
         self.supervisor.start()
         # Every fault is the first: what died before does not lengthen the pause.
         deadlines = dict.fromkeys(("router", "replay", "learner", "actor"), HANG_DEADLINE_S)
@@ -157,8 +158,23 @@ class Rig:
         self.wait(lambda: grew(progress(self.supervisor), before))
 
     def told(self) -> list[Status]:
-        """Returns what the services say of themselves."""
+        """Returns what the services say of themselves, those that answer."""
         return statuses(self.supervisor.transport, timeout_s=0.3)
+
+    def everybody(self) -> list[Status]:
+        """Returns what all services say of themselves.
+
+        Raises:
+            NeverWholeError: they never all answer.
+        """
+        found: list[Status] = []
+
+        def all_answer() -> bool:
+            found[:] = self.told()
+            return len(found) == len(self.supervisor.children)
+
+        self.wait(all_answer)
+        return found
 
     def kill(self, name: str, _rng: np.random.Generator) -> None:
         """SIGKILL; returns when a new process was started."""

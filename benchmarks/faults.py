@@ -64,7 +64,7 @@ def hurt(rig: Rig, kind: str, name: str, rng: np.random.Generator) -> dict[str, 
     # What lasts as long as it is told to is no part of the recovery.
     from_s = began_s if kind in ("kill", "hang", "set_back") else ended_s
     whole_s = time.monotonic() - from_s
-    told = rig.told()
+    told = rig.everybody()
     gauges = {status.role: status.gauges for status in told}
     return {
         "kind": kind,

@@ -2,10 +2,11 @@
 
     python benchmarks/mutated_bodies.py --bodies 200000 --folder runs/mutated
 
-Bodies that the system itself sends, and the worst well-formed ones of every kind, are damaged:
-bits turned, bytes cut out, doubled, put in or exchanged, two bodies joined. All services of a run
-run in one thread and have to go on after every thousand. A chunk of bodies is made from
-the seed and its number alone; the folder keeps what was done, and the same command goes on there.
+Bodies that the system itself sends, and the worst well-formed ones of every kind, are damaged: in
+one half bits are turned, bytes cut out, doubled, put in or exchanged, bodies joined; in the other
+one value is taken out, or an odd one stands in its place. All services of a run step in one thread
+and have to go on after every thousand. A chunk is made from the seed and its number alone; the
+folder keeps what was done, and the same command goes on there.
 Exit status 1 where anybody failed; the chunk that did it is named.
 """
 
@@ -23,6 +24,7 @@ from typing import Any, final
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
+import msgpack
 import numpy as np
 
 import gfm_actor.__main__
@@ -167,6 +169,36 @@ def mutated(body: bytes, other: bytes, rng: np.random.Generator) -> bytes:
     return body
 
 
+ODD: tuple[object, ...] = (
+    *(0, -1, 2**63 - 1, -(2**63), 2**64 - 1),
+    *(0.0, -1e300, float("nan"), float("inf")),
+    *("", "x" * 5000, "../../etc", "\0", b"", b"\0" * 64),
+    *(None, True, [], {}, [[]] * 100, {"dtype": "<f4", "shape": [2**40], "data": b""}),
+)
+"""Values that hardly a field takes."""
+
+
+def altered(body: bytes, rng: np.random.Generator) -> bytes:
+    """Returns a body that is well-packed, in which one value is odd, missing or too much."""
+    whole = msgpack.unpackb(body)
+    at = whole
+    while True:
+        places = list(at) if isinstance(at, dict) else list(range(len(at)))
+        place = places[int(rng.integers(len(places)))]
+        below = at[place]
+        if not isinstance(below, (dict, list)) or not below or rng.random() < 0.2:
+            break
+        at = below
+    kind = rng.integers(6)
+    if kind == 0:
+        del at[place]
+    elif kind == 1 and isinstance(at, dict):
+        at["more"] = below
+    else:
+        at[place] = ODD[int(rng.integers(len(ODD)))]
+    return bytes(msgpack.packb(whole))
+
+
 def keys() -> list[tuple[str, bool]]:
     """Returns every key that somebody listens to here, and whether it is a broadcast."""
     found = []
@@ -186,7 +218,7 @@ def chunk(
     found: Counter[str] = Counter()
     for number in range(CHUNK):
         body, other = (seeds[int(rng.integers(len(seeds)))] for _ in range(2))
-        body = mutated(body, other, rng)
+        body = altered(body, rng) if number % 2 else mutated(body, other, rng)
         try:
             decode(body)
         except WireError as error:
