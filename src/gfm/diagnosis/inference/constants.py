@@ -22,7 +22,7 @@ DEGREES_OF_FREEDOM = 4.0
 #: the hypothesis predicts better than with its best rival; by what share of itself it differs
 #: between parts of the data; and how closely what is left follows what it does, beyond how
 #: both follow motion. There is no constant beside them: an exact law and its equal are even odds.
-CONFIDENCE = (1.05, -1.19, -1.59)
+CONFIDENCE = (1.05, -1.24, -1.61)
 #: Share of what speaks for an effect that is taken to speak for it against its best rival, where
 #: no time was left to weigh one.
 UNWEIGHED = 0.73
