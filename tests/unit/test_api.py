@@ -197,6 +197,12 @@ def test_importing_loads_nothing_that_takes_time():
     assert told.stdout.strip() == ""
 
 
+def test_a_diagnosis_needs_no_messages_between_processes():
+    code = "import sys, gfm; gfm.diagnose; import gfm.report; print('zenoh' in sys.modules)"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "False"
+
+
 def test_everything_that_is_offered_is_there_and_nothing_else():
     assert all(hasattr(gfm, name) for name in gfm.__all__)
     assert set(gfm.__all__) <= set(dir(gfm))

@@ -58,7 +58,7 @@ def test_the_version_is_the_package_s(capsys):
 def test_nothing_heavy_is_loaded_before_it_is_needed(name):
     code = (
         f"import sys; from gfm.cli import make_parser; make_parser({name!r}); "
-        "print(*({'torch', 'mujoco', 'scipy', 'plotly', 'gymnasium'} & set(sys.modules)))"
+        "print(*({'torch', 'mujoco', 'scipy', 'plotly', 'gymnasium', 'zenoh'} & set(sys.modules)))"
     )
     loaded = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True

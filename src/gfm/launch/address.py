@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gfm.core import BadInputError, UnreachableError
-from gfm.transport import Credentials, ZenohTransport, default_endpoint, read_credentials
+from gfm.transport import Credentials, default_endpoint, read_credentials
 from gfm_wire import Role
+
+if TYPE_CHECKING:
+    from gfm.transport import ZenohTransport
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +53,8 @@ class RunAddress:
         Raises:
             BadInputError, UnreachableError: as `ZenohTransport.open` does.
         """
+        from gfm.transport import ZenohTransport  # commands that join no run need no zenoh
+
         return ZenohTransport.open(
             run=self.run,
             name=name,

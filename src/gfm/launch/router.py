@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import ClassVar, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 from typing_extensions import override
 
 from gfm.core import Clock, Status
 from gfm.service import Service, ServiceConfig, make_parser, make_status, service_main
-from gfm.transport import ZenohTransport
 from gfm_wire import Role
+
+if TYPE_CHECKING:
+    from gfm.transport import ZenohTransport
 
 
 class RouterConfig(ServiceConfig, frozen=True, kw_only=True):

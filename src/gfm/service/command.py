@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TypeVar, get_args
+from typing import TYPE_CHECKING, TypeVar, get_args
 
 import msgspec
 from msgspec.structs import replace
@@ -27,7 +27,10 @@ from gfm.service.loop import run_service
 from gfm.service.service import Service
 from gfm.service.signals import StopRequested, StopSignal
 from gfm.service.sums import make_sums
-from gfm.transport import ZenohTransport, default_endpoint
+from gfm.transport import default_endpoint
+
+if TYPE_CHECKING:
+    from gfm.transport import ZenohTransport
 
 _log = logging.getLogger(__name__)
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
@@ -117,6 +120,8 @@ def parse_config(
 
 def open_transport(config: ServiceConfig) -> ZenohTransport:
     """Returns the connection that the settings describe."""
+    from gfm.transport import ZenohTransport  # nothing else here needs zenoh
+
     return ZenohTransport.open(
         run=config.run,
         name=config.name,
