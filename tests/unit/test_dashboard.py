@@ -21,7 +21,7 @@ from gfm.transport import MemoryHub, MemoryTransport
 from gfm_actor.config import ActorConfig
 from gfm_learner.config import LearnerConfig
 from gfm_replay.config import ReplayConfig
-from gfm_robot_bridge.service import _COUNTERS
+from gfm_robot_bridge.pilot import _COUNTERS
 from gfm_robot_bridge.timing import Timing
 
 ROOT = Path(__file__).resolve().parents[2]
