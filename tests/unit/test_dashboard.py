@@ -59,7 +59,7 @@ def served() -> set[str]:
         name="b",
         pid=1,
         host="h",
-        counters=dict.fromkeys(_COUNTERS, 0),
+        counters=dict.fromkeys((*_COUNTERS, "overruns"), 0),
         gauges=Timing().gauges(),
     )
     refusing = Status(role="replay", name="r", pid=1, host="h", counters={"refused_from_a": 1})
