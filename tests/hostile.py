@@ -7,7 +7,18 @@ from typing import Any
 import numpy as np
 
 from gfm_wire import Message
-from gfm_wire.kinds import INT64_MAX, Array, Choice, Integer, ListOf, MapOf, Number, Optional, Text
+from gfm_wire.kinds import (
+    INT64_MAX,
+    Array,
+    Choice,
+    Flag,
+    Integer,
+    ListOf,
+    MapOf,
+    Number,
+    Optional,
+    Text,
+)
 from gfm_wire.schema import Schema
 
 SIZES = {"T": 10, "T+1": 11, "B": 8, "O": 2, "A": 1, "J": 1}
@@ -34,5 +45,5 @@ def _worst(kind: object) -> Any:
         return _worst(kind.item)
     if isinstance(kind, Choice):
         return next(iter(kind.words))
-    simple = {Integer: INT64_MAX, Number: 1e300, Text: "x" * 4096}
+    simple = {Flag: True, Integer: INT64_MAX, Number: 1e300, Text: "x" * 4096}
     return simple[type(kind)]

@@ -108,7 +108,7 @@ def test_the_whole_system_drives_records_and_fits_on_this_machine(tmp_path, secu
         pids = [process["pid"] for process in sums["processes"]]
     check_sums(sums)
     assert not any(is_running(pid) for pid in pids)
-    assert all("stopped" in log.read_text() for log in (tmp_path / "logs").iterdir())
+    assert all("stopped" in log.read_text() for log in (tmp_path / "logs").glob("*.log"))
     assert list((tmp_path / "checkpoints").iterdir())
     trajectory = read_recording(recording)
     assert trajectory.joint_names == JOINT_NAMES

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import gfm
-from gfm.api.films import rerun_file
 from gfm.api.films.drawing import MOST_BYTES
 from gfm.api.films.motion import Motion, motion_along, worst_held_out
 from gfm.api.films.overlay import film_of
@@ -186,7 +185,7 @@ def test_a_film_costs_no_answer(diagnosis):
 
 
 def test_without_rerun_its_file_says_what_to_install(motion, tmp_path, monkeypatch):
-    monkeypatch.setattr(rerun_file, "find_spec", lambda _: None)
+    monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(ConfigError, match=r"gfm-sim2real\[rerun\]"):
         write_rrd(tmp_path / "motion.rrd", motion, spec().compile())
     assert not list(tmp_path.iterdir())

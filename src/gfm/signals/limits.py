@@ -117,9 +117,10 @@ def _plateau(signal: Array, demand: Array, width: float) -> float | None:
     for sign in (1.0, -1.0):
         depth = np.percentile(sign * signal, EXTREME) - sign * signal
         top, next_level = np.abs(depth) < width, (depth >= width) & (depth < 2.0 * width)
-        full = top.mean() > PLATEAU and top.sum() > FULLER * max(next_level.sum(), 1)
+        if not (top.mean() > PLATEAU and top.sum() > FULLER * max(next_level.sum(), 1)):
+            continue
         moving = np.abs(np.median(signal[top])) > FROM_ZERO * width
-        flat = full and moving and -depth.min() < OVERSHOOT * width
+        flat = moving and -depth.min() < OVERSHOOT * width
         if flat and _spread(demand[top]) > DEMAND_GOES_ON * spread > 0.0:
             return float(np.median(signal[top]))
     return None
