@@ -26,7 +26,7 @@ from foreign import Sources, lerobot_dataset, ros2_bags, table_and_urdf  # noqa:
 
 PAGE = ROOT / "docs" / "first_diagnosis.md"
 #: Of a longer answer the page keeps these lines from its beginning and its end.
-_FIRST, _LAST = 22, 10
+_FIRST, _LAST = 40, 10
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -114,6 +114,7 @@ def test_an_experiment_of_no_use_is_one_line(tmp_path, capsys, old, new, message
     assert time.monotonic() - began_s < 60.0
 
 
+@pytest.mark.slow
 def test_a_run_begins_with_a_policy_that_is_there(tmp_path, capsys):
     config, first = experiment(tmp_path / "one.toml"), tmp_path / "first"
     assert trained(config, first) == 0

@@ -44,6 +44,7 @@ def changes(*sets, model=MODEL):
     return diagnose(specs, now, [motion(99, sets[-1][0], **sets[-1][1])], since=since).changes
 
 
+@pytest.mark.slow
 def test_nothing_is_said_to_have_changed_where_nothing_did():
     told = changes((dry(0.2), {}), (dry(0.2), {}))
     assert told.sentence == "Nothing changed."

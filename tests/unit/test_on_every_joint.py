@@ -104,6 +104,7 @@ def test_a_delay_beside_friction_is_not_taken_for_lags():
     assert delay.parameters["delay"].value == pytest.approx(0.024, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_delay_beside_friction_on_every_joint_is_not_taken_for_lags():
     friction = (0.4, 0.3)
     found = found_in(delay_s=0.024, friction=friction)
