@@ -20,11 +20,21 @@ from gfm.recording import write_recording
 from swings import swing
 
 ROOT = Path(__file__).resolve().parents[1]
-MEASURED = ROOT.parent / "shared" / "data" / "measured"
+DATA = ROOT.parent / "shared" / "data"
+MEASURED = DATA / "measured"
 
 # A shell starts what it puts in the background with SIGINT ignored, and whatever that starts
 # inherits it. Services under test are told to stop by SIGINT, so it has to reach them.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The recordings at hand, outside the repository: as for `measured`."""
+    if not DATA.is_dir() and os.environ.get("CI") != "true":
+        pytest.skip(f"no recordings in {DATA}")
+    assert DATA.is_dir(), f"no recordings in {DATA}"
+    return DATA
 
 
 @pytest.fixture(scope="session")

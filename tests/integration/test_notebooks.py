@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -52,11 +51,9 @@ def gone_through(name: str, folder: Path, minutes: float, **taken: Any) -> list[
 
 
 @pytest.fixture
-def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of a reader who has the recordings; they stay outside the repository."""
-    if not DATA.is_dir() and os.environ.get("CI") != "true":
-        pytest.skip(f"no recordings in {DATA}")
-    assert DATA.is_dir(), f"no recordings in {DATA}"
+def reader(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a reader who has the recordings."""
+    del data
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

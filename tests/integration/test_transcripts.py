@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 
@@ -10,21 +9,11 @@ import pytest
 from foreign import Sources
 from transcripts import PAGE, WAYS, Said, Way, gone, section, typed, with_section
 
-DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 #: What the page says that was typed.
 TYPED = re.compile(r"^\$ (.+)$", re.MULTILINE)
 #: A diagnosis ends at once: that it reaches a verdict is what counts here.
 SHORT = " --minutes 0.02 --no-film"
 VERDICTS = ("Explained", "Partly explained", "Unexplained", "No gap", "Insufficient data")
-
-
-@pytest.fixture
-def data() -> Path:
-    """The recordings that files are made of; they stay outside the repository."""
-    if not DATA.is_dir() and os.environ.get("CI") != "true":
-        pytest.skip(f"no recordings in {DATA}")
-    assert DATA.is_dir(), f"no recordings in {DATA}"
-    return DATA
 
 
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)

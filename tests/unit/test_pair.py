@@ -24,7 +24,7 @@ from gfm.sim.plant import make_plant, native_spec, stepping_spec
 from gfm.sim.predict import predict
 from gfm.sim.residual import residual_forces
 from gfm.sim.rollout import rollouts
-from gfm.sim.segment import Segment
+from two_joints import a_segment
 
 #: Its dry friction creeps; that of ARM holds, as in every corrected model.
 CREEPING_ARM = (Path(__file__).parents[1] / "data" / "compensated_arm.xml").read_text()
@@ -103,22 +103,6 @@ def written(folder, effects, given=(), spec=None):
     return folder / "corrected.xml"
 
 
-def a_segment(seconds=1.0):
-    time_s = np.arange(0.0, seconds, 0.01)
-    command = np.stack([0.4 * np.sin(5.0 * time_s), 0.3 * np.cos(4.0 * time_s)], axis=1)
-    return Segment(
-        time_s=time_s,
-        position=command,
-        effort=None,
-        kind=CommandKind.POSITION,
-        command_time_s=time_s + 0.0007,
-        command=command,
-        initial_position=command[0],
-        initial_velocity=np.array([2.0, 0.0]),
-        servo_gain=np.array([1.0, 0.9]),
-    )
-
-
 @pytest.mark.parametrize("case", CASES)
 def test_plain_mujoco_loads_the_corrected_model(case, tmp_path):
     model = mujoco.MjModel.from_xml_path(str(written(tmp_path, CASES[case][0])))
@@ -147,11 +131,11 @@ def test_the_pair_predicts_what_the_corrected_model_in_memory_predicts(case, tmp
     spec = mujoco.MjSpec.from_string(ARM)
     file = read_model(written(tmp_path, effects))
     plants = [make_plant(spec, JOINTS, effects), make_plant(file.spec, JOINTS, file.effects)]
-    (in_memory,), (pair,) = predict(plants, [a_segment()])
+    (in_memory,), (pair,) = predict(plants, [a_segment(servo_gain=(1.0, 0.9))])
     # MJCF text has six digits.
     assert pair.position == pytest.approx(in_memory.position, abs=2e-5)
     assert pair.effort == pytest.approx(in_memory.effort, abs=1e-2)
-    nominal = predict([make_plant(spec, JOINTS)], [a_segment()])[0][0]
+    nominal = predict([make_plant(spec, JOINTS)], [a_segment(servo_gain=(1.0, 0.9))])[0][0]
     assert np.abs(nominal.position - in_memory.position).max() > 1e-3
 
 
@@ -166,7 +150,7 @@ def recording_of(effects):
     time_s = np.arange(0.0, 2.0, 0.01)
     command = np.stack([0.4 * np.sin(4.0 * time_s), 0.3 * np.sin(3.0 * time_s)], axis=1)
     run = replace(
-        a_segment(),
+        a_segment(servo_gain=(1.0, 0.9)),
         time_s=time_s,
         position=command,
         command_time_s=time_s,

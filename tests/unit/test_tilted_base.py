@@ -20,10 +20,10 @@ from gfm.sim.hybrid import HybridModel
 from gfm.sim.plant import make_plant, native_spec, stepping_spec
 from gfm.sim.predict import predict
 from gfm.sim.sawyer import JOINT_NAMES, READY
-from gfm.sim.segment import Segment
 from gfm_robot_bridge.simulated.arm import Arm
 from gfm_robot_bridge.simulated.cell import Cell
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
+from two_joints import a_segment
 
 ARM = """
 <mujoco>
@@ -96,29 +96,13 @@ def test_no_tilt_is_none():
     assert error.force == pytest.approx(0.0, abs=1e-12)
 
 
-def segment():
-    time_s = np.arange(0.0, 1.0, 0.01)
-    command = np.stack([0.4 * np.sin(5.0 * time_s), 0.3 * np.cos(4.0 * time_s)], axis=1)
-    return Segment(
-        time_s=time_s,
-        position=command,
-        effort=None,
-        kind=CommandKind.POSITION,
-        command_time_s=time_s + 0.0007,
-        command=command,
-        initial_position=command[0],
-        initial_velocity=np.array([2.0, 0.0]),
-        servo_gain=np.ones(2),
-    )
-
-
 def test_a_free_arm_moves_as_under_the_difference_of_the_two_gravities():
     """Which MuJoCo can say of an arm whose bodies are all borne: the two ways must agree."""
     plain = mujoco.MjSpec.from_string(ARM)
     for body in plain.bodies:
         body.gravcomp = 0.0
     plain.option.gravity = np.array(tilted_gravity(0.1, -0.2)) - [0.0, 0.0, -9.81]
-    run = segment()
+    run = a_segment()
     expected = predict([make_plant(plain, JOINTS)], [run])[0][0]
     run = replace(run, position=expected.position)  # the error is taken where it was measured
     tilted = predict([make_plant(mujoco.MjSpec.from_string(ARM), JOINTS, [TILT])], [run])[0][0]
