@@ -1,4 +1,4 @@
-"""Recordings in and out: MCAP, and import from what other tools write."""
+"""Recordings in and out: MCAP, written, read, checked, cut, exported."""
 
 from gfm.recording.reader import read_recording
 from gfm.recording.writer import RecordingWriter, write_recording
