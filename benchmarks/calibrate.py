@@ -23,7 +23,9 @@ from known_truth.robots import Array
 from known_truth.told import Told, all_told
 from scipy.optimize import minimize
 
-FEATURES = ("z_rival", "apart", "follows")
+from gfm.diagnosis.output.claims import MOST_BENT
+
+FEATURES = ("z_rival", "apart", "bends")
 #: Weight of the squares of all amounts: without it they run away where right and
 #: wrong names can be parted without error. As much as a single name's.
 _RIDGE = 1.0
@@ -43,12 +45,12 @@ def features(evidence: Mapping[str, Any] | None) -> Array | None:
     figures = [told.get(name) for name in FEATURES]
     if any(value is None or not math.isfinite(value) for value in figures):
         return None
-    z_rival, apart, follows = (float(value) for value in figures if value is not None)
+    z_rival, apart, bends = (float(value) for value in figures if value is not None)
     return np.array(
         [
             math.log1p(max(z_rival, 0.0)),
             math.sqrt(max(apart, 0.0)),
-            follows,
+            math.atanh(math.sqrt(min(bends, MOST_BENT))),
         ]
     )
 

@@ -16,7 +16,7 @@ def evidence(rng):
         "z_without": float(rng.uniform(-2.0, 30.0)),
         "z_rival": float(rng.uniform(-2.0, 10.0)),
         "apart": float(rng.exponential(2.0)),
-        "follows": float(rng.uniform(0.0, 5.0)),
+        "bends": float(rng.uniform(0.0, 1.0)),
     }
 
 
@@ -59,9 +59,10 @@ def test_names_that_can_be_parted_without_error_give_finite_constants():
 
 
 def test_features_stay_within_their_limits():
-    figures = {"z_without": -3.0, "z_rival": np.e - 1.0, "follows": 0.0, "apart": 0.25}
+    figures = {"z_without": -3.0, "z_rival": np.e - 1.0, "bends": 0.0, "apart": 0.25}
     assert calibrate.features(figures) == pytest.approx([1.0, 0.5, 0.0])
-    assert calibrate.features(figures | {"follows": 2.0})[2] == pytest.approx(2.0)
+    assert calibrate.features(figures | {"bends": 0.25})[2] == pytest.approx(np.arctanh(0.5))
+    assert np.isfinite(calibrate.features(figures | {"bends": 1.0})[2])
     del figures["z_rival"]  # nothing rivals it: so much better than without it
     assert calibrate.features(figures)[0] == 0.0
 
@@ -70,7 +71,7 @@ def test_features_stay_within_their_limits():
 def test_evidence_that_lacks_a_figure_is_none(value):
     assert calibrate.features(evidence(np.random.default_rng(1)) | {"apart": value}) is None
     assert calibrate.features(None) is None
-    assert calibrate.features({"follows": 0.1}) is None
+    assert calibrate.features({"bends": 0.1}) is None
 
 
 def test_guessing_costs_ln_2_and_certain_errors_much_but_not_infinitely():

@@ -17,7 +17,8 @@ from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
 from gfm.diagnosis.search.moves.add import add, best_of
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.reduce import exchange, gains_of_each, remove
-from gfm.diagnosis.search.steps import run, support
+from gfm.diagnosis.search.steps import run
+from gfm.diagnosis.search.support import support
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, find_effect
@@ -383,5 +384,31 @@ def test_laws_of_one_state_are_as_steady_as_they_are_together(rubbing):
     )
     told = {key[0]: one for key, one in support(here, rubbing.search(), ()).items()}
     assert told["coulomb_friction"].apart == told["viscous_friction"].apart
-    assert told["coulomb_friction"].follows == told["viscous_friction"].follows
+    assert told["coulomb_friction"].bends == told["viscous_friction"].bends
     assert told["coulomb_friction"].apart != told["joint_spring"].apart
+
+
+def bent(case, *effects):
+    """How much of what effects leave each of them explains if its amount changes with the state."""
+    told = support(case.with_effects(*effects), case.search(), ())
+    return [told[one.key].bends for one in effects]
+
+
+def test_laws_that_hold_leave_nothing_that_they_would_do_bent(rubbing):
+    assert bent(rubbing, instance("coulomb_friction", torque=0.1)) == [pytest.approx(0.0, abs=0.05)]
+    both = Case(runs(torque=lambda _q, v: dry(_q, v) - 0.2 * v))
+    laws = instance("coulomb_friction", torque=0.1), instance("viscous_friction", coefficient=0.1)
+    assert bent(both, *laws) == [pytest.approx(0.0, abs=0.05)] * 2
+
+
+def test_laws_that_only_come_near_leave_what_they_would_do_bent():
+    """Friction with the root of the speed under two names, and a spring that hardens under one."""
+    root = Case(runs(torque=lambda _q, v: -0.4 * np.sign(v) * np.sqrt(np.abs(v))))
+    laws = instance("coulomb_friction", torque=0.1), instance("viscous_friction", coefficient=0.1)
+    assert min(bent(root, *laws)) > 0.3
+    hard = Case(runs(torque=lambda q, _v: -3.0 * q**3))
+    assert min(bent(hard, instance("joint_spring", stiffness=1.0, rest_angle=0.0))) > 0.5
+
+
+def test_an_effect_without_a_torque_of_its_own_does_not_bend(right):
+    assert bent(right, instance("armature", inertia=0.01)) == [0.0]

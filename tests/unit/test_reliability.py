@@ -51,7 +51,7 @@ def written(folder, effects, suspects=()):
 def test_effects_and_suspects_with_a_confidence_are_collected(tmp_path):
     folder = written(
         tmp_path,
-        [one("armature", "elbow", confidence=0.9, evidence={"follows": 0.1})],
+        [one("armature", "elbow", confidence=0.9, evidence={"bends": 0.1})],
         [
             one("armature", "shoulder", confidence=0.2, reason="explains less"),
             one("payload", "elbow", reason="explains less"),
@@ -64,7 +64,7 @@ def test_effects_and_suspects_with_a_confidence_are_collected(tmp_path):
         (0.2, False, True),
     ]
     assert names[0].case == "case@7"
-    assert names[0].evidence == {"follows": 0.1}
+    assert names[0].evidence == {"bends": 0.1}
     assert names[1].evidence is None
 
 

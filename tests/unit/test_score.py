@@ -400,6 +400,6 @@ def test_few_constants_decide_a_name():
     numbers = [v for name, v in vars(constants).items() if name.isupper()]
     assert len(numbers) <= 10
     assert all(np.isfinite(np.ravel(v)).all() for v in numbers)
-    rival, apart, follows = constants.CONFIDENCE
+    rival, apart, bends = constants.CONFIDENCE
     assert rival > 0.0
-    assert apart < 0.0 > follows
+    assert apart < 0.0 > bends

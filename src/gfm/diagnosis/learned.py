@@ -136,8 +136,8 @@ class LearnedProblem(SegmentedProblem):
         return shapes
 
     @override
-    def motion(self) -> Array:
-        return self.domain.signals["velocity"].ravel()
+    def states(self) -> tuple[Array, Array]:
+        return self.domain.signals["position"], self.domain.signals["velocity"]
 
     @override
     def subset(self, keep: Sequence[int]) -> Self:

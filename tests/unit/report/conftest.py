@@ -45,7 +45,7 @@ def friction(joint="right_j1"):
         parameters={"torque": ParameterEstimate(value=1.32, unit="N m", ci95=(1.27, 1.37))},
         confidence=0.97,
         native=True,
-        evidence={"nats": 5400.0, "z_without": 17.4, "apart": 0.06, "follows": 0.2},
+        evidence={"nats": 5400.0, "z_without": 17.4, "apart": 0.06, "bends": 0.2},
     )
 
 

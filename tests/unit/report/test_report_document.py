@@ -85,7 +85,7 @@ def test_the_document_has_the_fields_of_the_contract(diagnosis_with):
         "parameters": {"torque": {"value": 1.32, "unit": "N m", "ci95": [1.27, 1.37]}},
         "confidence": 0.97,
         "native": True,
-        "evidence": {"nats": 5400.0, "z_without": 17.4, "apart": 0.06, "follows": 0.2},
+        "evidence": {"nats": 5400.0, "z_without": 17.4, "apart": 0.06, "bends": 0.2},
     }
     assert document["suspects"][0]["reason"].startswith("explains 0.4 %")
     assert document["suspects"][0]["decided_by"].startswith("slow reversals")

@@ -20,12 +20,12 @@ WRONG_ALIKE = 0.05
 DEGREES_OF_FREEDOM = 4.0
 #: Of a name: weights of three figures (see `output.claims.features`): by how many standard errors
 #: the hypothesis predicts better than with its best rival; by what share of itself it differs
-#: between parts of the data; and how closely what is left follows what it does, beyond how
-#: both follow motion. There is no constant beside them: an exact law and its equal are even odds.
-CONFIDENCE = (1.05, -1.24, -1.61)
+#: between parts of the data; and how much of what is left its law leaves by not changing with the
+#: state. There is no constant beside them: an exact law and its equal are even odds.
+CONFIDENCE = (1.24, -0.78, -2.71)
 #: Share of what speaks for an effect that is taken to speak for it against its best rival, where
 #: no time was left to weigh one.
-UNWEIGHED = 0.73
+UNWEIGHED = 0.72
 #: Confidence from which on a name is given: below it is a suspect.
 LEAST_CONFIDENCE = 0.5
 #: Share, in squares, of what laws that hold do, that they may leave by not being quite exact: a

@@ -1,11 +1,11 @@
 """Whether a law holds in all parts of the data.
 
-A law that holds has the same amounts early and late, in large motions and in small ones, and leaves
-as much where it acts strongly as where it hardly acts. One that only comes near to what acts is
-fitted to each part anew, and what it misses grows with what it does. How sure a fit is of amounts
-does not tell the two apart: with little noise both are sure.
+A law that holds has the same amounts early and late, in large motions and in small ones, and in
+every state of its joint. One that only comes near to what acts is fitted to each part anew, and
+what it misses is what it would do if it were bent. How sure a fit is of amounts does not tell the
+two apart: with little noise both are sure.
 
-Shape letters: N numbers of a residual, P parameters, B blocks, E effects.
+Shape letters: N numbers of a residual, P parameters, K ways to bend a law.
 """
 
 from __future__ import annotations
@@ -14,15 +14,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.constants import INEXACT_SHARE, LEAST_DISCREPANCY
-from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.inference.fitting import Fit, without
 from gfm.diagnosis.inference.score import RIDGE, Blocks
-
-#: Ranks that differ by less are the same; most that two are alike, so that it stays finite.
-SAME_RANKS, MOST_ALIKE = 1e-6, 1.0 - 1e-6
 
 
 def apart(fitted: Fit, blocks: Blocks, own: NDArray[np.bool_], response: Array) -> float:
@@ -53,43 +48,29 @@ def apart(fitted: Fit, blocks: Blocks, own: NDArray[np.bool_], response: Array) 
     return max(shares)
 
 
-def follows(
-    left: Array, response: Array, motion: Array, blocks: Blocks, joints: Sequence[int]
-) -> float:
-    """Returns how closely what is left follows what an effect does, block by block, beyond chance.
+def bends(fitted: Fit, ways: Array, blocks: Blocks, joint: int) -> float:
+    """Returns how much of what is left on a joint a law leaves that should bend, 0..1.
 
-    And beyond how both follow motion, with which most of what a model lacks grows: a partial rank
-    correlation (Spearman), made normal as Fisher (1924) does, chance taken off its square. What
-    laws that hold leave by not being quite exact is taken off before.
+    The share of the squares there that the law explains, to first order, if its amount may change
+    with the state, beside what other amounts of everything would, and beyond chance.
 
     Args:
-        left: The residual, in units of the noise, shape (N,).
-        response: What the effect changes in it, shape (N,).
-        motion: How fast what is measured moves, in any units, shape (N,).
-        blocks: How all three are divided.
-        joints: On which it acts, by their numbers.
+        fitted: What was fitted, the law among it.
+        ways: What the law changes in the residual, bent in K ways, shape (N, K).
+        blocks: How the residual is divided.
+        joint: On which the law acts, by its number.
     """
-    rows = [piece[:, :, joints] for piece in blocks.pieces]
-    square, strength, speed = (
-        np.array([np.mean(one[piece] ** 2) for piece in rows]) for one in (left, response, motion)
-    )
-    inexact = 1.0 + LEAST_DISCREPANCY**2 + INEXACT_SHARE * strength
-    freedom = len(rows) - 4  # one control beside the three of any correlation
-    alike = _partial_rank_correlation(np.maximum(square - inexact, 0.0), strength, speed)
-    if freedom < 1 or alike <= 0.0:
-        return 0.0
-    return float(np.sqrt(max(np.arctanh(alike) ** 2 - 1.0 / freedom, 0.0)))
-
-
-def _partial_rank_correlation(one: Array, other: Array, control: Array) -> float:
-    """Returns how alike two are in rank, beyond what either has in common with a third, -1..1."""
-    known = np.stack([np.ones(len(control)), rankdata(control)], axis=1)
-    ranks = np.stack([rankdata(one), rankdata(other)], axis=1)
-    beyond = ranks - known @ np.linalg.lstsq(known, ranks, rcond=None)[0]
-    size = np.linalg.norm(beyond, axis=0)
-    if size.min() < SAME_RANKS:
-        return 0.0
-    return float(np.clip(beyond[:, 0] @ beyond[:, 1] / size.prod(), -MOST_ALIKE, MOST_ALIKE))
+    columns = np.concatenate([fitted.jacobian, ways], axis=1)
+    scaled = columns / (np.linalg.norm(columns, axis=0) + 1e-9)
+    change, covariance = _told(scaled, fitted.residual, [piece.ravel() for piece in blocks.pieces])
+    known, own = np.split(scaled, [fitted.jacobian.shape[1]], axis=1)
+    beyond = without(own, np.linalg.qr(known)[0])
+    here = np.concatenate([piece[:, :, joint].ravel() for piece in blocks.pieces])
+    square, bend = beyond[here].T @ beyond[here], len(known.T)
+    told = float(change[bend:] @ square @ change[bend:])
+    chance = float(np.trace(square @ covariance[bend:, bend:]))
+    left = float(fitted.residual[here] @ fitted.residual[here])
+    return float(np.clip((told - chance) / max(left, 1e-9), 0.0, 1.0))
 
 
 def _parts(

@@ -108,11 +108,6 @@ class ObjectProblem(SegmentedProblem):
         return replace(self, state_basis=tuple(orth(each, rcond=1e-3) for each in columns))
 
     @override
-    def motion(self) -> Array:
-        speeds = [np.gradient(one.plane, one.time_s, axis=0) for one in self.segments]
-        return np.concatenate([(speed / self.noise).ravel() for speed in speeds])
-
-    @override
     def settled(self, effects: Sequence[EffectInstance]) -> ObjectProblem:
         # States that suited another model hold this one there: they are looked for from the start.
         problem = self.as_measured()

@@ -37,6 +37,8 @@ from gfm.effects import EffectInstance
 SPREAD_WIDTH, SPREADS_HELD, SPREADS_ASKED = 2.5, 28, 29
 #: More noise floors than this are left by something else than inexact laws.
 FAR_FROM_NOISE = 10.0
+#: Most that counts of what a bent law explains, so that a confidence stays finite.
+MOST_BENT = 0.99
 #: Share of the squared residual from which on a candidate that lost is told.
 LEAST_GAIN = 0.01
 
@@ -81,7 +83,7 @@ def features(evidence: Evidence) -> np.ndarray:
         [
             np.log1p(max(rival.errors, 0.0)),
             np.sqrt(evidence.apart),
-            evidence.follows,
+            np.arctanh(np.sqrt(min(evidence.bends, MOST_BENT))),
         ]
     )
 
@@ -136,7 +138,7 @@ def _figures(evidence: Evidence) -> dict[str, float]:
         "nats": evidence.without.nats,
         "z_without": evidence.without.errors,
         "apart": evidence.apart,
-        "follows": evidence.follows,
+        "bends": evidence.bends,
     }
     return told if evidence.rival is None else {**told, "z_rival": evidence.rival.errors}
 
@@ -179,9 +181,20 @@ def _suspect(instance: EffectInstance, reason: str, gain: float) -> Suspect:
 def _doubtful(instance: EffectInstance, found: SearchResult) -> Suspect:
     evidence = found.evidence[instance.key]
     sure = confidence(evidence)
-    reason = f"more likely wrong than right (confidence {sure:.2f})"
+    reason = f"more likely wrong than right (confidence {sure:.2f}): {_speaks_for(evidence)}"
     told = _suspect(instance, reason, _explained(instance, found))
     return replace(told, confidence=round(sure, 3), evidence=_figures(evidence))
+
+
+def _speaks_for(evidence: Evidence) -> str:
+    """Returns the figures that a confidence is made of, in words."""
+    rival = evidence.without if evidence.rival is None else evidence.rival
+    other = "without it" if evidence.rival is None else "with its best rival"
+    return (
+        f"predicts better than {other} by {rival.errors:.1f} standard errors; its amount differs "
+        f"by {evidence.apart:.0%} between parts of the data; {evidence.bends:.0%} of what is left "
+        "is as if its amount changed with the state of the joint"
+    )
 
 
 def _rivals(found: SearchResult, named: Sequence[EffectInstance]) -> Iterator[Suspect]:

@@ -61,10 +61,9 @@ class Problem(Rollouts):
         ]
 
     @override
-    def motion(self) -> Array:
+    def states(self) -> tuple[Array, Array]:
         speeds = [np.gradient(s.position, s.time_s, axis=0) for s in self.segments]
-        each = zip(speeds, self.channels, strict=True)
-        return np.concatenate([np.tile((v / self.noise.position).ravel(), n) for v, n in each])
+        return np.concatenate([s.position for s in self.segments]), np.concatenate(speeds)
 
     @override
     def positions_alone(self) -> Problem:

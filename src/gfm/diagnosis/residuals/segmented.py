@@ -116,12 +116,13 @@ class SegmentedProblem(LeastSquares):
         """Returns the problem without such limits: what is outlying counts in full."""
         return replace(self, outlying_from=np.inf)
 
-    def motion(self) -> Array:
-        """Returns how fast what is measured moves, number by number of a residual, shape (N,).
+    def states(self) -> tuple[Array, Array]:
+        """Returns where joints were measured and how fast they moved there, shape (M, J) each.
 
-        In units of its noise per second; still where nobody knows.
+        Nowhere, if no joints are measured.
         """
-        return np.zeros(self.slices()[-1].stop)
+        nowhere = np.zeros((0, len(self.joints)))
+        return nowhere, nowhere
 
     def settled(self, effects: Sequence[EffectInstance]) -> Self:
         """Returns the problem begun as it fits best under `effects`; itself if nothing is free."""

@@ -11,26 +11,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
-from gfm.diagnosis.inference.constants import UNWEIGHED
-from gfm.diagnosis.inference.fitting import acting, along_valley, always, measured
-from gfm.diagnosis.inference.score import Difference
-from gfm.diagnosis.inference.steadiness import apart, follows
-from gfm.diagnosis.residuals.outliers import slopes
+from gfm.diagnosis.inference.fitting import acting, along_valley, measured
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.moves.reduce import (
     Compared,
     RivalsOf,
     exchange,
-    gains_of_each,
     remove,
     rivals_of,
 )
 from gfm.diagnosis.search.naming import describe
-from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step
+from gfm.diagnosis.search.support import support
+from gfm.diagnosis.search.trace import Move, SearchResult, Step
 from gfm.diagnosis.search.under_way import MoveFrom, Search
-from gfm.effects import EffectInstance, Key, Scope
 
 #: Steps at most.
 MOST_STEPS = 24
@@ -101,58 +94,3 @@ def _reduced(
         last, here = after is here, remove(after, search)
         if last or not search.in_time():
             return here, compared
-
-
-def support(
-    here: Hypothesis[P], search: Search[P], compared: Sequence[Compared]
-) -> dict[Key, Evidence]:
-    """Returns what speaks for each effect of a hypothesis, also beside its best rival.
-
-    For those that a few segments judge, what spoke for them there: all others know nothing of it.
-    """
-    rivals = {one.instance.key: one for one in compared}
-    steady = _steadiness(here)
-    told = {}
-    for without, instance in gains_of_each(here):
-        beside = rivals.get(instance.key, Compared(instance=instance))
-        rival = -beside.rival.gain if beside.rival else None
-        unweighed = Difference(UNWEIGHED * without.nats, without.error)
-        parts, follows_it = steady[instance.key]
-        told[instance.key] = Evidence(
-            without=search.held.get(instance.key, without),
-            rival=rival if beside.weighed else unweighed,
-            by=beside.rival.new[0] if beside.rival else None,
-            apart=parts,
-            follows=follows_it,
-        )
-    return told
-
-
-def _steadiness(here: Hypothesis) -> dict[Key, tuple[float, float]]:
-    """Returns for each effect by what share of itself it differs between parts of the data.
-
-    And how closely what is left on its joints follows what it does. Laws of one state of one joint
-    are one law, as terms of a series are: they are asked together.
-    """
-    fitted, blocks, joints = here.fit, here.problem.blocks, here.problem.joints
-    laws = [[one is e or _same_law(one, e) for e in fitted.effects] for one in fitted.effects]
-    others = [[e for e, part in zip(fitted.effects, law, strict=True) if not part] for law in laws]
-    whole, *rest = here.problem.plain().residuals([fitted.effects, *others])
-    weights, motion = slopes(fitted.residual, here.problem.limits()), here.problem.motion()
-    told, steady = dict[Key, tuple[float, float]](), always(fitted)
-    for instance, law, without in zip(fitted.effects, laws, rest, strict=True):
-        own = np.array(law)[fitted.owners]
-        beside = own | steady  # what acts now and then, a part may not know
-        known = replace(fitted, jacobian=fitted.jacobian[:, beside])
-        local = instance.effect.scope in (Scope.JOINT, Scope.PAIR)
-        where = [joints.index(name) for name in (instance.joints if local else joints)]
-        told[instance.key] = (
-            apart(known, blocks, own[beside], (without - whole) * weights),
-            follows(whole, without - whole, motion, blocks, where),
-        )
-    return told
-
-
-def _same_law(one: EffectInstance, other: EffectInstance) -> bool:
-    law = one.effect.law_of
-    return law is not None and (law, one.joints) == (other.effect.law_of, other.joints)

@@ -93,14 +93,14 @@ class Evidence:
             nothing rivals it.
         by: That rival.
         apart: By what share of itself it differs between parts of the data, beyond chance.
-        follows: How closely what is left follows what it does, beyond how both follow motion.
+        bends: How much of what is left on its joint it leaves by not changing with the state.
     """
 
     without: Difference
     rival: Difference | None
     by: EffectInstance | None
     apart: float
-    follows: float
+    bends: float
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,88 @@
+"""What speaks for each effect of a hypothesis: what it predicts, and whether its law holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gfm.core.checks import Array
+from gfm.diagnosis.inference.bent import SLIGHTLY, bent, can_bend
+from gfm.diagnosis.inference.constants import UNWEIGHED
+from gfm.diagnosis.inference.fitting import always
+from gfm.diagnosis.inference.score import Difference
+from gfm.diagnosis.inference.steadiness import apart, bends
+from gfm.diagnosis.residuals.outliers import slopes
+from gfm.diagnosis.search.hypothesis import Hypothesis, P
+from gfm.diagnosis.search.moves.reduce import Compared, gains_of_each
+from gfm.diagnosis.search.trace import Evidence
+from gfm.diagnosis.search.under_way import Search
+from gfm.effects import EffectInstance, Key
+
+
+def support(
+    here: Hypothesis[P], search: Search[P], compared: Sequence[Compared]
+) -> dict[Key, Evidence]:
+    """Returns what speaks for each effect of a hypothesis, also beside its best rival.
+
+    For those that a few segments judge, what spoke for them there: all others know nothing of it.
+    """
+    rivals = {one.instance.key: one for one in compared}
+    steady = _steadiness(here)
+    told = {}
+    for without, instance in gains_of_each(here):
+        beside = rivals.get(instance.key, Compared(instance=instance))
+        rival = -beside.rival.gain if beside.rival else None
+        unweighed = Difference(UNWEIGHED * without.nats, without.error)
+        parts, bend = steady[instance.key]
+        told[instance.key] = Evidence(
+            without=search.held.get(instance.key, without),
+            rival=rival if beside.weighed else unweighed,
+            by=beside.rival.new[0] if beside.rival else None,
+            apart=parts,
+            bends=bend,
+        )
+    return told
+
+
+def _steadiness(here: Hypothesis) -> dict[Key, tuple[float, float]]:
+    """Returns for each effect by what share of itself it differs between parts of the data.
+
+    And how much of what is left on its joint its law would explain if it were bent. Laws of one
+    state of one joint are one law, as terms of a series are: they are asked together.
+    """
+    fitted, blocks, laws = here.fit, here.problem.blocks, _laws(here.effects)
+    others = [[one for one in fitted.effects if one not in law] for law in laws]
+    whole, *rest = here.problem.plain().residuals([fitted.effects, *others])
+    weights, steady = slopes(fitted.residual, here.problem.limits()), always(fitted)
+    told = dict[Key, tuple[float, float]]()
+    for law, without in zip(laws, rest, strict=True):
+        own = np.array([one in law for one in fitted.effects])[fitted.owners]
+        beside = own | steady  # what acts now and then, a part may not know
+        known = replace(fitted, jacobian=fitted.jacobian[:, beside])
+        parts = apart(known, blocks, own[beside], (without - whole) * weights)
+        bend = 0.0
+        if torques := [one for one in law if can_bend(one)]:
+            joint = here.problem.joints.index(law[0].joints[0])
+            bend = bends(known, _ways(here, torques) * weights[:, None], blocks, joint)
+        told |= dict.fromkeys((one.key for one in law), (parts, bend))
+    return told
+
+
+def _laws(effects: Sequence[EffectInstance]) -> list[list[EffectInstance]]:
+    """Returns effects, those together that are laws of one state of one joint."""
+    laws = dict[object, list[EffectInstance]]()
+    for one in effects:
+        state = one.effect.law_of
+        laws.setdefault(one.key if state is None else (state, one.joints), []).append(one)
+    return list(laws.values())
+
+
+def _ways(here: Hypothesis, law: Sequence[EffectInstance]) -> Array:
+    """Returns what a law changes in the residual, bent in K ways, by its size, shape (N, K)."""
+    joint = here.problem.joints.index(law[0].joints[0])
+    position, speed = (state[:, joint] for state in here.problem.states())
+    candidates = [(*here.effects, one) for one in bent(law, position, speed)]
+    straight, *rows = here.problem.coarse().residuals(candidates)
+    return np.stack([(row - straight) / SLIGHTLY for row in rows], axis=1)
