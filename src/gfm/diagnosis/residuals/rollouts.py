@@ -28,6 +28,9 @@ from gfm.sim.segment import Prediction, Segment, extrapolated
 
 #: Largest residual that counts, in units of the noise: a simulation that runs away stays finite.
 LARGEST = 1e5
+#: Longest step on which a motor apart from its link is simulated, s, unless the model's own is
+#: longer: the stops of a play give way within four of them.
+MOTOR_STEP_S = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,8 +75,7 @@ class Rollouts(SegmentedProblem):
         noise: Of the sensors.
         after_command: Whether efforts were measured after the command of the same stamp.
         stepping: How models are simulated, by command kind; as they say where there is none. Where
-            a motor is apart from its link, on the model's own step: what rings between them is
-            fast.
+            a motor is apart from its link, on short steps: what rings between them is fast.
         still: Joints that the models drive and nobody recorded, and where they are taken to stand
             still, rad or m.
         in_the_air: Whether segments in which the robot touches something are left out.
@@ -160,7 +162,8 @@ class Rollouts(SegmentedProblem):
         own = Stepping(step_s=float(spec.option.timestep))
         stepping = self.stepping.get(kind, own)
         if self.motors_apart(candidates):
-            stepping = replace(stepping, step_s=own.step_s)
+            longest_s = max(own.step_s, MOTOR_STEP_S)
+            stepping = replace(stepping, step_s=min(stepping.step_s, longest_s))
         elif self.rough and not stepping.implicit:
             stepping = replace(stepping, step_s=2.0 * stepping.step_s)
         if stepping.implicit:

@@ -116,8 +116,13 @@ def _is_worth_a_fit(
         return True
     best = best_of(before, tried)
     most = max(gained, 0.0 if best is None else best.gain.nats)
-    promise = Difference(FIT_GAINS * one.gain.nats, one.gain.error)
+    promise = _promise(one)
     return promise.clear and promise.nats > most and not (again and not worth_more(before, best))
+
+
+def _promise(one: Screened) -> Difference:
+    """Returns by how much a fit of a candidate would predict better at most."""
+    return Difference(FIT_GAINS * one.gain.nats, one.gain.error)
 
 
 def beside(before: Hypothesis, fitted: Fit) -> Tried:
@@ -174,7 +179,7 @@ def _screened(before: Hypothesis, places: Sequence[Place]) -> list[Screened]:
     glanced = [
         one
         for one in screen(before, places, GLANCE_S)
-        if one.gain.notable or not one.instance.effect.separates_motor
+        if _promise(one).notable or not one.instance.effect.separates_motor
     ]
     again = list(dict.fromkeys(one.instance.key for one in glanced))[:LOOKED_AT]
     return screen(before, [p for p in places if p.key in again], SCREENING_S)
