@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gfm.diagnosis.inference.amounts import amounts
 from gfm.diagnosis.inference.constants import ADEQUATE_RATIO, ADEQUATE_SHARE, LEAST_CONFIDENCE
-from gfm.diagnosis.inference.fitting import Fit, amounts
+from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.inference.intervals import half_widths
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.output.claims import (

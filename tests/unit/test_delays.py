@@ -9,7 +9,8 @@ import pytest
 
 from gfm.core import CommandKind
 from gfm.diagnosis.data.segmentation import make_problem
-from gfm.diagnosis.inference.fitting import at_bound, fit
+from gfm.diagnosis.inference.amounts import at_bound
+from gfm.diagnosis.inference.fitting import fit
 from gfm.diagnosis.residuals.problem import timed
 from gfm.diagnosis.search.naming import Recorded, equals_of, looked_for, recorded
 from gfm.effects import EffectInstance, effect_library, find_effect

@@ -5,12 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from gfm.diagnosis.inference.amounts import acting, amounts, at_bound
 from gfm.diagnosis.inference.fitting import (
     LeastSquares,
-    acting,
     along_valley,
-    amounts,
-    at_bound,
     derivatives,
     fit,
     measured,

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from gfm.diagnosis.inference import blocks as division
 from gfm.diagnosis.inference import constants, score
+from gfm.diagnosis.inference.blocks import BLOCK_LEAST, OCTAVES_HZ, SegmentShape
 from gfm.diagnosis.inference.constants import (
     CLEARLY,
     DEGREES_OF_FREEDOM,
@@ -14,16 +16,7 @@ from gfm.diagnosis.inference.constants import (
     WRONG_ALIKE,
 )
 from gfm.diagnosis.inference.fitting import Fit
-from gfm.diagnosis.inference.score import (
-    BLOCK_LEAST,
-    OCTAVES_HZ,
-    Difference,
-    SegmentShape,
-    difference,
-    effective,
-    predictive,
-    room,
-)
+from gfm.diagnosis.inference.score import Difference, difference, effective, predictive, room
 from one_joint import instance
 
 
@@ -40,7 +33,7 @@ class Recorded:
 
 
 def blocks_of(layout, **how):
-    return score.blocks_of(layout.segments, len(layout.joints), **how)
+    return division.blocks_of(layout.segments, len(layout.joints), **how)
 
 
 def recorded(recordings=4, segments=3, joints=("a",), channels=1, measurements=400):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from gfm.diagnosis.inference.blocks import BLOCK_S, SegmentShape, blocks_of
 from gfm.diagnosis.inference.fitting import Fit
-from gfm.diagnosis.inference.score import BLOCK_S, SegmentShape, blocks_of
 from gfm.diagnosis.inference.steadiness import apart, bends
 
 COUNT, BLOCK = 2400, 100

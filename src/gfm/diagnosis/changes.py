@@ -12,7 +12,8 @@ import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.found import Found
-from gfm.diagnosis.inference.fitting import fit, free_parameters
+from gfm.diagnosis.inference.amounts import free_parameters
+from gfm.diagnosis.inference.fitting import fit
 from gfm.diagnosis.output.changes import Changes, SetAmount, sentence_on_changes
 from gfm.diagnosis.output.claims import credible
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps

@@ -23,7 +23,7 @@ from typing_extensions import override
 from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.evidence.torques import TorqueDomain, block_means, torque_domain
-from gfm.diagnosis.inference.score import SegmentShape
+from gfm.diagnosis.inference.blocks import SegmentShape
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.search.candidates import Place, joint_scales, places

@@ -19,7 +19,8 @@ from scipy.optimize import minimize
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.segmentation import make_problem
-from gfm.diagnosis.inference.fitting import amounts, bounds_of, derivatives, with_amounts
+from gfm.diagnosis.inference.amounts import amounts, bounds_of, with_amounts
+from gfm.diagnosis.inference.fitting import derivatives
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.nominal_parameters import least_amounts
 from gfm.effects import EffectInstance, find_effect

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from gfm.diagnosis.inference.amounts import at_bound
 from gfm.diagnosis.inference.constants import CLEARLY
-from gfm.diagnosis.inference.fitting import at_bound
 from gfm.diagnosis.search.naming import Placed, describe, twins
 from gfm.diagnosis.search.trace import Move, SearchResult, Step
 from gfm.effects import EffectInstance

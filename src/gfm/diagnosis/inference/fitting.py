@@ -17,9 +17,15 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from gfm.core.checks import Array
+from gfm.diagnosis.inference.amounts import (
+    amounts,
+    bounds_of,
+    each_without,
+    free_parameters,
+    with_amounts,
+)
 from gfm.diagnosis.residuals.outliers import slopes
 from gfm.effects import EffectInstance, Key
-from gfm.effects import Parameter as EffectParameter
 
 #: Gauss-Newton steps of a fit, and the relative gain below which it ends.
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
@@ -27,8 +33,6 @@ FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
 ROUGH = 1e-2
 #: Factor by which amounts are changed at most to begin elsewhere in a valley.
 FARTHER = 2.0
-#: A parameter this close to its bound, as a share of the allowed range, has not been found.
-AT_BOUND = 1e-3
 #: Damping of the first step, and that beyond which no step helps.
 DAMPING, MOST_DAMPING = 1e-3, 1e3
 
@@ -199,65 +203,10 @@ def without_each(problem: LeastSquares, fitted: Fit) -> list[tuple[EffectInstanc
     return moved
 
 
-def each_without(effects: Sequence[EffectInstance]) -> list[tuple[EffectInstance, ...]]:
-    """Returns, for each effect, the others."""
-    return [tuple(e for e in effects if e is not one) for one in effects]
-
-
-def free_parameters(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:
-    """Returns the parameters that are fitted; a number of periods is found by search instead."""
-    return [(i, p.name) for i, instance in enumerate(effects) for p in _free(instance)]
-
-
-def _free(instance: EffectInstance) -> list[EffectParameter]:
-    return [p for p in instance.effect.parameters if p.name not in instance.effect.fixed]
-
-
 def always(fitted: Fit) -> NDArray[np.bool_]:
     """Returns which derivatives are by amounts of what acts all the time, shape (P,)."""
     rare = np.array([e.effect.intermittent for e in fitted.effects])
     return ~rare[fitted.owners] if rare.any() else np.ones(fitted.jacobian.shape[1], dtype=bool)
-
-
-def at_bound(instance: EffectInstance) -> bool:
-    """Returns whether a fitted parameter is none, or ran into its bound: any beyond would do."""
-    return any(
-        min(abs(instance.values[p.name] - p.lower), abs(p.upper - instance.values[p.name]))
-        < max(AT_BOUND * min(p.upper - p.lower, abs(instance.values[p.name]) + 1e-9), p.least)
-        or abs(instance.values[p.name]) < p.least
-        for p in _free(instance)
-    )
-
-
-def acting(effects: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
-    """Returns the effects of which there is something: a fit may end with none of one."""
-    return tuple(e for e in effects if not _is_none(e))
-
-
-def _is_none(instance: EffectInstance) -> bool:
-    first = instance.effect.parameters[0]
-    value = instance.values[first.name]
-    either_way = first.least > 0.0 and abs(value) <= first.least
-    return either_way or (first.lower == 0.0 and value == 0.0)
-
-
-def amounts(effects: Sequence[EffectInstance]) -> Array:
-    """Returns the values of the free parameters, shape (P,)."""
-    return np.array([effects[i].values[name] for i, name in free_parameters(effects)])
-
-
-def with_amounts(effects: Sequence[EffectInstance], vector: Array) -> tuple[EffectInstance, ...]:
-    """Returns effects with other values of their free parameters, shape (P,)."""
-    values = [dict(instance.values) for instance in effects]
-    for (i, name), value in zip(free_parameters(effects), vector, strict=True):
-        values[i][name] = float(value)
-    return tuple(replace(e, values=v) for e, v in zip(effects, values, strict=True))
-
-
-def bounds_of(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
-    """Returns the least and the largest value of every free parameter, shape (P,) each."""
-    both = [(e.least.get(p.name, p.lower), p.upper) for e in effects for p in _free(e)]
-    return np.array([low for low, _ in both]), np.array([high for _, high in both])
 
 
 def derivatives(

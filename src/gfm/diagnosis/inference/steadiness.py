@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gfm.core.checks import Array
+from gfm.diagnosis.inference.blocks import Blocks
 from gfm.diagnosis.inference.fitting import Fit, without
-from gfm.diagnosis.inference.score import RIDGE, Blocks
+from gfm.diagnosis.inference.score import RIDGE
 
 
 def apart(fitted: Fit, blocks: Blocks, own: NDArray[np.bool_], response: Array) -> float:

@@ -20,7 +20,8 @@ from scipy.linalg import orth
 from typing_extensions import override
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import free_parameters, without
+from gfm.diagnosis.inference.amounts import free_parameters
+from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.objects.segments import ObjectSegment, own_velocity
 from gfm.diagnosis.objects.track import in_plane, turned
 from gfm.diagnosis.residuals.outliers import OUTLYING, bounded

@@ -11,13 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from gfm.diagnosis.inference.amounts import amounts, free_parameters
 from gfm.diagnosis.inference.constants import (
     ADEQUATE_RATIO,
     ADEQUATE_SHARE,
     CONFIDENCE,
     LEAST_CONFIDENCE,
 )
-from gfm.diagnosis.inference.fitting import amounts, free_parameters
 from gfm.diagnosis.inference.intervals import half_widths
 from gfm.diagnosis.output.result import (
     ErrorSummary,

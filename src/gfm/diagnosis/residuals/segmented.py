@@ -17,8 +17,8 @@ import numpy as np
 from typing_extensions import override
 
 from gfm.core.checks import Array
+from gfm.diagnosis.inference.blocks import Blocks, SegmentShape, blocks_of
 from gfm.diagnosis.inference.fitting import LeastSquares
-from gfm.diagnosis.inference.score import Blocks, SegmentShape, blocks_of
 from gfm.effects import EffectInstance
 
 

@@ -11,8 +11,9 @@ import numpy as np
 from typing_extensions import TypeVar
 
 from gfm.core.checks import Array
+from gfm.diagnosis.inference.amounts import amounts
 from gfm.diagnosis.inference.constants import INEXACT_SHARE, LEAST_DISCREPANCY
-from gfm.diagnosis.inference.fitting import ROUGH, Fit, amounts, fit, mean_square, measured
+from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit, mean_square, measured
 from gfm.diagnosis.inference.score import Difference, Predictive, difference, predictive, room
 from gfm.diagnosis.residuals.problem import Problem, unsettled
 from gfm.diagnosis.residuals.segmented import SegmentedProblem

@@ -16,7 +16,8 @@ import numpy as np
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import Fit, free_parameters
+from gfm.diagnosis.inference.amounts import free_parameters
+from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import Effect, EffectInstance, Key, effect_library, find_effect
 

@@ -22,25 +22,11 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import (
-    FIT_STEPS,
-    FIT_TOLERANCE,
-    Fit,
-    amounts,
-    bounds_of,
-    derivatives,
-    with_amounts,
-)
+from gfm.diagnosis.inference.amounts import amounts, bounds_of, with_amounts
+from gfm.diagnosis.inference.blocks import Blocks, SegmentShape, blocks_of
+from gfm.diagnosis.inference.fitting import FIT_STEPS, FIT_TOLERANCE, Fit, derivatives
 from gfm.diagnosis.inference.intervals import standard_errors
-from gfm.diagnosis.inference.score import (
-    Blocks,
-    Difference,
-    Predictive,
-    SegmentShape,
-    blocks_of,
-    difference,
-    predictive,
-)
+from gfm.diagnosis.inference.score import Difference, Predictive, difference, predictive
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.naming import describe
 from gfm.effects import EffectInstance

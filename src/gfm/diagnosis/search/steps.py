@@ -11,7 +11,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
-from gfm.diagnosis.inference.fitting import acting, along_valley, measured
+from gfm.diagnosis.inference.amounts import acting
+from gfm.diagnosis.inference.fitting import along_valley, measured
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.moves.reduce import (
     Compared,

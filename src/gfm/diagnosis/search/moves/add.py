@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from gfm.diagnosis.inference.fitting import ROUGH, Fit, at_bound, fit
+from gfm.diagnosis.inference.amounts import at_bound
+from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P

@@ -12,7 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from gfm.diagnosis.inference.fitting import ROUGH, Fit, acting, fit
+from gfm.diagnosis.inference.amounts import acting
+from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit
 from gfm.diagnosis.residuals.outliers import bounded
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, P

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gfm.diagnosis.inference.fitting import at_bound, measured
+from gfm.diagnosis.inference.amounts import at_bound
+from gfm.diagnosis.inference.fitting import measured
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.initial_states import with_state_basis
 from gfm.diagnosis.residuals.outliers import OUTLYING

@@ -12,14 +12,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from gfm.diagnosis.inference.fitting import (
-    Fit,
-    amounts,
-    at_bound,
-    fit,
-    with_amounts,
-    without_each,
-)
+from gfm.diagnosis.inference.amounts import amounts, at_bound, with_amounts
+from gfm.diagnosis.inference.fitting import Fit, fit, without_each
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, parameters_of
