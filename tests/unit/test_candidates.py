@@ -50,10 +50,14 @@ def recorded(position, effort=None, *, time_s=TIME_S, commands=None, gain=1.0):
     )
 
 
-def test_an_order_is_found_from_less_than_a_period():
-    """12 waves per turn over 0.42 rad: one crest, one trough."""
-    seen = view(0.42, lambda q, _v: 1.9 * np.sin(12 * q - 1.0))
-    assert 12 in cogging_orders(seen, 0)
+def test_an_order_is_found_where_it_is_seen_to_repeat():
+    """12 waves per turn over 0.7 rad: one period and a third. Over 0.42 rad it is any curve."""
+
+    def wave(q, _v):
+        return 1.9 * np.sin(12 * q - 1.0)
+
+    assert 12 in cogging_orders(view(0.7, wave), 0)
+    assert 12 not in cogging_orders(view(0.42, wave), 0)
 
 
 @pytest.mark.parametrize("order", [15, 40])

@@ -141,6 +141,13 @@ def test_what_predicts_as_well_in_the_place_of_a_name_is_a_suspect(rival, says):
     assert all(one.reason.startswith(says) for one in suspects)
 
 
+def test_what_predicts_as_well_in_the_place_of_a_doubtful_name_is_a_suspect_too():
+    result = found((replace(WEAK, rival=Difference(-0.5, 5.0), by=SPRING),), FRICTION)
+    doubtful, rival = suspects_of(result, [])
+    assert (doubtful.effect, rival.effect) == ("coulomb_friction", "joint_spring")
+    assert rival.reason.startswith("equal to coulomb friction on joint")
+
+
 def test_another_name_of_the_same_law_is_a_suspect_and_never_doubtful():
     offset = instance("torque_offset", torque=0.1)
     twin = instance("asymmetric_friction", difference=-0.2)

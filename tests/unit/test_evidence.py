@@ -1,5 +1,7 @@
 """The pictures of effects, on a pendulum that SciPy integrates: nothing of it is MuJoCo's."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -7,7 +9,13 @@ import pytest
 from gfm.core import CommandKind
 from gfm.diagnosis.data.segmentation import make_problem
 from gfm.diagnosis.evidence.plots import MISFIT, law_plots, profile_plots
-from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, ParameterEstimate, Verdict
+from gfm.diagnosis.output.result import (
+    ErrorSummary,
+    NamedEffect,
+    ParameterEstimate,
+    Suspect,
+    Verdict,
+)
 from gfm.diagnosis.output.sentences import effects_in_words, sentence_on
 from gfm.effects import EffectInstance, effect_library
 from pendulum import MODEL, PERIOD_S, swung
@@ -112,6 +120,16 @@ def test_what_the_model_has_too_much_of_is_said_apart():
     assert "too much" not in sentence_on(Verdict.EXPLAINED, both[:1], error, "")
     alone = sentence_on(Verdict.EXPLAINED, [less], error, "")
     assert alone.startswith("The model has too much armature on a (inertia -0.02 kg m^2) (held-out")
+
+
+def test_a_sentence_without_a_name_tells_the_doubtful_ones():
+    error = ErrorSummary(before=0.3, after=0.3, noise_floor=0.001)
+    lost = Suspect(effect="armature", joints=("elbow",), reason="")
+    doubtful = replace(lost, effect="encoder_offset", confidence=0.448)
+    told = sentence_on(Verdict.UNEXPLAINED, (), error, "", [doubtful, lost])
+    assert "no name for it is more likely right than wrong: encoder offset on elbow (45%)" in told
+    assert "armature" not in told
+    assert "no known effect explains" in sentence_on(Verdict.UNEXPLAINED, (), error, "", [lost])
 
 
 def test_of_many_amounts_a_sentence_tells_the_first():

@@ -255,7 +255,7 @@ def rivalled(named, rival, errors):
         rival=Difference(5.0 * errors, 5.0),
         by=rival,
         apart=0.01,
-        follows=0.1,
+        bends=0.1,
     )
     return found_in(effects=(named,), evidence={named.key: told})
 

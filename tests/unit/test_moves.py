@@ -16,7 +16,7 @@ from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
 from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
 from gfm.diagnosis.search.moves.add import add, best_of
 from gfm.diagnosis.search.moves.common_errors import common_errors
-from gfm.diagnosis.search.moves.reduce import exchange, gains_of_each, remove
+from gfm.diagnosis.search.moves.reduce import exchange, gains_of_each, remove, rivals_of
 from gfm.diagnosis.search.steps import run
 from gfm.diagnosis.search.support import support
 from gfm.diagnosis.search.trace import Move, Step, Tried
@@ -412,3 +412,11 @@ def test_laws_that_only_come_near_leave_what_they_would_do_bent():
 
 def test_an_effect_without_a_torque_of_its_own_does_not_bend(right):
     assert bent(right, instance("armature", inertia=0.01)) == [0.0]
+
+
+def test_a_motor_apart_from_its_link_rivals_what_no_step_weighed_it_against(rubbing):
+    """Its spring gives way under a load, as a weak drive does: alone, an effect is asked, too."""
+    friction = rubbing.with_effects(instance("coulomb_friction", torque=0.1)).effects[0]
+    search = rubbing.search("joint_elasticity", "viscous_friction")
+    (rival,) = rivals_of(friction, rubbing.with_effects(), search)
+    assert [one.effect.name for one in rival.effects] == ["joint_elasticity"]

@@ -148,6 +148,7 @@ def _judged(
     verdict = Verdict.INSUFFICIENT_DATA if found.lack else verdict_on(errors.summary, named)
     corrected = _corrected(specs, held, named, thing)
     first = corrected[found.recordings[0].command_kind]
+    suspects = tuple(chain.from_iterable(suspects_of(one, effects) for one in found.results))
     findings = all_findings(found.long, found.recordings, holdout, effects)
     rows = (
         *rollout_errors(found.short, effects).of_each(found.recordings, "training"),
@@ -155,9 +156,9 @@ def _judged(
     )
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence_on(verdict, named, errors.summary, found.lack),
+        sentence=sentence_on(verdict, named, errors.summary, found.lack, suspects),
         effects=named,
-        suspects=tuple(chain.from_iterable(suspects_of(one, effects) for one in found.results)),
+        suspects=suspects,
         error=errors.summary,
         as_measured=rollout_errors(held, effects, as_measured=True).summary,
         joints=errors.joints,

@@ -178,7 +178,7 @@ class CoggingTorque(Effect):
         Parameter(name="phase", unit="rad", lower=-10.0, upper=10.0),
     )
     fixed = ("per_revolution",)
-    shown_by = "slow motion over at least one period"
+    shown_by = "slow motion over more than a period"
 
     @override
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:

@@ -164,7 +164,7 @@ def suspects_of(found: SearchResult, named: Sequence[EffectInstance]) -> tuple[S
         for instance in named
         for other in found.names_of(instance)[1:]
     ]
-    every = (*equal, *doubtful, *_rivals(found, named), *_lost(found))
+    every = (*equal, *doubtful, *_rivals(found), *_lost(found))
     keys = {instance.key for instance in named}
     return tuple(one for one in first_of_each(every, lambda one: one.key) if one.key not in keys)
 
@@ -197,9 +197,9 @@ def _speaks_for(evidence: Evidence) -> str:
     )
 
 
-def _rivals(found: SearchResult, named: Sequence[EffectInstance]) -> Iterator[Suspect]:
-    """Yields what predicts as well in the place of a named effect, or nearly."""
-    for instance in named:
+def _rivals(found: SearchResult) -> Iterator[Suspect]:
+    """Yields what predicts as well in the place of an effect that was found, or nearly."""
+    for instance in found.fit.effects:
         evidence = found.evidence.get(instance.key)
         if evidence is None or evidence.rival is None or evidence.by is None:
             continue

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import mujoco
 
 from gfm.diagnosis.objects.examine import ObjectPart
-from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, Verdict
+from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, Suspect, Verdict
 from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.search.naming import Placed
 from gfm.effects import EffectInstance
 
 #: Parameters of an effect that a sentence tells at most.
@@ -18,9 +20,21 @@ OUT_OF_TIME = "The time for the search was over: this is the best answer so far.
 
 
 def sentence_on(
-    verdict: Verdict, named: Sequence[NamedEffect], error: ErrorSummary, lack: str
+    verdict: Verdict,
+    named: Sequence[NamedEffect],
+    error: ErrorSummary,
+    lack: str,
+    suspects: Sequence[Suspect] = (),
 ) -> str:
-    """Returns the verdict on a robot in one sentence; `lack` says what the data do not show."""
+    """Returns the verdict on a robot in one sentence.
+
+    Args:
+        verdict: On it.
+        named: What it lacks.
+        error: Before and after.
+        lack: What the data do not show.
+        suspects: What was considered; those that were found may have a name that is doubtful.
+    """
     if verdict is Verdict.INSUFFICIENT_DATA:
         return f"The recordings do not say enough about the dynamics: {lack}."
     figures = (
@@ -30,9 +44,18 @@ def sentence_on(
     if verdict is Verdict.NO_GAP:
         return f"The model explains the recordings to within the sensor noise ({figures})."
     if verdict is Verdict.UNEXPLAINED:
-        return f"The model misses something that no known effect explains ({figures})."
+        return f"The model misses something{_without_name(suspects)} ({figures})."
     among = "" if verdict is Verdict.EXPLAINED else ", among what stays unexplained,"
     return f"The model {_wrong(named, among)} ({figures})."
+
+
+def _without_name(suspects: Sequence[Suspect]) -> str:
+    """Returns why nothing is named: nothing explains it, or no name is likely enough."""
+    doubtful = [one for one in suspects if one.confidence is not None]
+    if not doubtful:
+        return " that no known effect explains"
+    likeliest = "; ".join(f"{in_place(one)} ({one.confidence:.0%})" for one in doubtful)
+    return f", and no name for it is more likely right than wrong: {likeliest}"
 
 
 def _wrong(named: Sequence[NamedEffect], among: str) -> str:
@@ -73,11 +96,16 @@ def _in_words(*alike: NamedEffect) -> str:
         ends = dict.fromkeys(f"{v:.{digits}g}" for v in (min(values), max(values)))
         unit = "" if parameter.unit == "1" else parameter.unit
         amounts.append(f"{name.replace('_', ' ')} {' to '.join(ends)} {unit}".rstrip())
-    joints = ", ".join(joint for effect in alike for joint in effect.joints)
-    where = f" on {joints}" if joints else ""
+    place = replace(first, joints=tuple(joint for effect in alike for joint in effect.joints))
     more = ["..."] if len(amounts) > IN_A_SENTENCE else []  # all of them stand in the table below
     shown = ", ".join([*amounts[:IN_A_SENTENCE], *more])
-    return f"{first.effect.replace('_', ' ')}{where} ({shown})"
+    return f"{in_place(place)} ({shown})"
+
+
+def in_place(placed: Placed) -> str:
+    """Returns an effect and its joints in words."""
+    where = f" on {', '.join(placed.joints)}" if placed.joints else ""
+    return f"{placed.effect.replace('_', ' ')}{where}"
 
 
 def notes_on(

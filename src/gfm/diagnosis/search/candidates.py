@@ -29,8 +29,8 @@ COGGING_KEPT = 3
 #: Distances from the last link's origin at which points of it may touch something, along its axes,
 #: and postures in which they are looked at.
 REACHES_M, POSTURES = (0.05, 0.1, 0.2), 5000
-#: Periods that the motion has to cover: both a crest and a trough.
-LEAST_PERIODS = 0.75
+#: Periods that the motion has to cover, so that it is seen to repeat: one alone is any curve.
+LEAST_PERIODS = 1.25
 #: Percentiles of sizes: one that a few command steps, where effort and motion disagree, do not set,
 #: and the largest but for a few moments.
 TYPICAL, PEAK = 80.0, 99.5

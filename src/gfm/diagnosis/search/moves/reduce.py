@@ -94,9 +94,10 @@ def rivals_of(instance: EffectInstance, rest: Hypothesis[P], search: Search[P]) 
         if len(tried.new) == 1
     ]
     found = [one for one in known if one.key not in taken]
-    if rest.effects:  # rivals of then stood beside other effects
-        alike = [p for p in search.candidates if p.key not in taken and _near(p, instance)]
-        found = [one.instance for one in screen(rest, alike, RIVALS_S)] + found
+    alike = [p for p in search.candidates if p.key not in taken and _near(p, instance)]
+    if not rest.effects:  # rivals of then stood beside no other effects, but motors were not asked
+        alike = [p for p in alike if p.effect.separates_motor]
+    found = [one.instance for one in screen(rest, alike, RIVALS_S)] + found
     best = first_of_each(found, lambda one: one.key)[:RIVALS]
     return [rest.fitted((*rest.effects, rival)) for rival in best]
 
@@ -107,7 +108,7 @@ def _near(place: Place, instance: EffectInstance) -> bool:
     What takes long to simulate is no rival of what does not.
     """
     effect = place.effect
-    costly = takes_long(effect)
+    costly = takes_long(effect) and not effect.separates_motor
     here = place.joints == instance.joints or is_whole(effect)
     like = effect.name in instance.effect.confused_with
     return (here and not costly) or (like and (here or is_whole(instance.effect)))
