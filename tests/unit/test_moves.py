@@ -14,7 +14,7 @@ from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.clock import OutOfTimeError
 from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
 from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
-from gfm.diagnosis.search.moves.add import add, best_of
+from gfm.diagnosis.search.moves.add import _beginnings, add, best_of
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.reduce import exchange, gains_of_each, remove, rivals_of
 from gfm.diagnosis.search.steps import run
@@ -420,3 +420,13 @@ def test_a_motor_apart_from_its_link_rivals_what_no_step_weighed_it_against(rubb
     search = rubbing.search("joint_elasticity", "viscous_friction")
     (rival,) = rivals_of(friction, rubbing.with_effects(), search)
     assert [one.effect.name for one in rival.effects] == ["joint_elasticity"]
+
+
+def test_an_excess_of_friction_begins_as_it_looks_and_larger(rubbing):
+    excess = instance("stribeck_friction", static_excess=0.5, stribeck_velocity=0.1)
+    dry_one = instance("coulomb_friction", torque=0.3)
+    larger, looks = _beginnings(rubbing.with_effects(), (excess, dry_one))
+    assert larger == (excess, dry_one)
+    assert looks[0].values == {"static_excess": 0.2, "stribeck_velocity": 0.1}
+    assert looks[1] == dry_one
+    assert _beginnings(rubbing.with_effects(), (dry_one,)) == [(dry_one,)]

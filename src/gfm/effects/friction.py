@@ -27,8 +27,6 @@ from gfm.effects.elements import (
     add_dry_friction,
 )
 
-#: Times by which an excess of friction is larger, at a guess, than it looks to first order.
-HELD = 2.5
 #: Velocity over which the sign of a *measured* velocity is taken to pass through zero.
 SIGN_WIDTH_RAD_S = 0.01
 
@@ -116,6 +114,8 @@ class StribeckFriction(Effect):
     costly = True
     valleys = ("stribeck_velocity",)
     excess_of = "coulomb_friction"
+    # Where friction holds a joint, more of it changes nothing: to first order it looks weaker.
+    looks_smaller = 2.5
     native = False
     parameters = (
         Parameter(name="static_excess", unit="N m", lower=0.0, upper=1e3),
@@ -135,9 +135,7 @@ class StribeckFriction(Effect):
 
     @override
     def combine(self, group: ProbeGroup, amplitudes: Sequence[float]) -> dict[str, float] | None:
-        # Where friction holds a joint, more of it changes nothing: to first order it looks weaker
-        # than it is, and a fit that begins too low ends with an excess that fades too late.
-        return super().combine(group, [HELD * one for one in amplitudes])
+        return super().combine(group, [self.looks_smaller * one for one in amplitudes])
 
     @override
     def extra_friction(self, motion: Motion, values: Mapping[str, Array]) -> Array | None:

@@ -237,6 +237,13 @@ def _tried(before: Hypothesis[P], new: tuple[EffectInstance, ...], search: Searc
     return beside(before, best)
 
 
+def _as_it_looks(instance: EffectInstance) -> EffectInstance:
+    """Returns an effect in the amount that explains most to first order."""
+    first = instance.effect.parameters[0].name
+    amount = instance.values[first] / instance.effect.looks_smaller
+    return replace(instance, values={**instance.values, first: amount})
+
+
 def _separates_motor(effects: Sequence[EffectInstance]) -> bool:
     return any(one.effect.separates_motor for one in effects)
 
@@ -247,10 +254,13 @@ def _beginnings(
     """Returns the effects with the amounts from which a fit begins.
 
     An effort beside the command of its stamp jumps when a delay goes past it; a position does not:
-    what makes commands late is fitted from positions alone, too.
+    what makes commands late is fitted from positions alone, too. What is larger than it looks
+    begins as it looks, too.
     """
     effects = (*before.effects, *new)
     begun = [effects]
+    if any(one.effect.looks_smaller > 1.0 for one in new):
+        begun.append((*before.effects, *map(_as_it_looks, new)))
     if before.problem.has_efforts and any(acts_on_command(one) for one in new):
         begun.append(fit(before.problem.positions_alone(), effects, tolerance=ROUGH).effects)
     return begun
