@@ -414,12 +414,15 @@ def test_an_effect_without_a_torque_of_its_own_does_not_bend(right):
     assert bent(right, instance("armature", inertia=0.01)) == [0.0]
 
 
-def test_a_motor_apart_from_its_link_rivals_what_no_step_weighed_it_against(rubbing):
-    """Its spring gives way under a load, as a weak drive does: alone, an effect is asked, too."""
-    friction = rubbing.with_effects(instance("coulomb_friction", torque=0.1)).effects[0]
-    search = rubbing.search("joint_elasticity", "viscous_friction")
-    (rival,) = rivals_of(friction, rubbing.with_effects(), search)
-    assert [one.effect.name for one in rival.effects] == ["joint_elasticity"]
+def test_a_motor_apart_from_its_link_rivals_an_effect_beside_what_its_step_weighed(rubbing):
+    """Its spring gives way under a load, as a weak drive does; no step weighs the two together."""
+    search = rubbing.search("coulomb_friction", "viscous_friction", "joint_elasticity")
+    step = add(rubbing.with_effects(), search)
+    search.steps.append(step)
+    (friction,) = step.chosen.new
+    rivals = rivals_of(friction, rubbing.with_effects(), search)
+    names = [one.effects[-1].effect.name for one in rivals]
+    assert names == ["viscous_friction", "joint_elasticity"]
 
 
 def test_an_excess_of_friction_begins_as_it_looks_and_larger(rubbing):

@@ -83,7 +83,8 @@ RivalsOf: TypeAlias = Callable[[EffectInstance, Hypothesis[P], Search[P]], Seque
 def rivals_of(instance: EffectInstance, rest: Hypothesis[P], search: Search[P]) -> list[Fit]:
     """Returns fits of the best rivals of an effect among candidates, beside all others.
 
-    What was weighed beside it in its step rivals it, too.
+    What was weighed beside it in its step rivals it, too, and so does the best motor apart from its
+    link: no step weighs those beside what is simulated quickly.
     """
     taken = {instance.key, *(e.key for e in rest.effects)}
     known = [
@@ -95,10 +96,12 @@ def rivals_of(instance: EffectInstance, rest: Hypothesis[P], search: Search[P]) 
     ]
     found = [one for one in known if one.key not in taken]
     alike = [p for p in search.candidates if p.key not in taken and _near(p, instance)]
-    if not rest.effects:  # rivals of then stood beside no other effects, but motors were not asked
-        alike = [p for p in alike if p.effect.separates_motor]
-    found = [one.instance for one in screen(rest, alike, RIVALS_S)] + found
+    motors = [p for p in alike if p.effect.separates_motor]
+    if rest.effects:  # rivals of then stood beside other effects
+        quick = [p for p in alike if p not in motors]
+        found = [one.instance for one in screen(rest, quick, RIVALS_S)] + found
     best = first_of_each(found, lambda one: one.key)[:RIVALS]
+    best += [one.instance for one in screen(rest, motors, RIVALS_S)[:1] if one.gain.notable]
     return [rest.fitted((*rest.effects, rival)) for rival in best]
 
 
