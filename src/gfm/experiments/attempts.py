@@ -20,7 +20,7 @@ from gfm.envs.matching import failures, random_starts
 from gfm.envs.matching_task import MatchingTask
 from gfm.envs.matching_view import MatchingView, Scene
 from gfm.envs.outcomes import Outcome, Outcomes
-from gfm.experiments.drive import Driver
+from gfm.experiments.driver import Driver
 from gfm.experiments.person import Person
 from gfm.sim.cell import END_EFFECTOR_SITE
 from gfm.sim.kinematics import SiteKinematics, body_axes, yaw_of
@@ -34,7 +34,11 @@ _LIES_S = 0.3
 _STOPS_S = 0.3
 #: A tool that is lower above the basket's floor, m, is lifted at first, at this speed, m/s,
 #: for so long at most, s.
-_LOW_M, _LIFT_M_S, _LIFT_S = 0.05, 0.1, 1.0
+_LOW_M, _LIFT_M_S, _LIFT_S = 0.1, 0.1, 1.5
+#: A way that is straight in the joints dips by some 4 cm: it first leads so far above its end, m.
+_ABOVE_M = 0.1
+#: How often the arm goes on where the bridge stops it on its way to an attempt.
+_STOPS = 2
 #: How long a robot may take to be driven again, s.
 _WAIT_S = 1.0
 #: How old a pose may become, s of the robot's time.
@@ -97,7 +101,6 @@ class AttemptRunner:
         self._task, self._arm, self._policy, self._driver = task, arm, policy, driver
         self._seed, self._person = seed, person or Person()
         self._tip = SiteKinematics(arm.nominal, END_EFFECTOR_SITE)
-        self._is_held = False
 
     def begin(self) -> None:
         """Makes sure that this robot can be driven: at the right rate, with an object in sight.
@@ -126,7 +129,8 @@ class AttemptRunner:
         """
         rng = np.random.default_rng([self._seed, goal, trial])
         joints, pose = random_starts(self._task, 1, rng)
-        if not (self._above_basket(joints[0] + self._arm.zero) and self._object_put_back(pose[0])):
+        if not self._ready(joints[0] + self._arm.zero, pose[0]):
+            self._stand(_STOPS_S)
             return None
         about = {"purpose": "attempt", "task": self._task.name}
         about |= {"goal": str(goal), "trial": str(trial)}
@@ -134,9 +138,8 @@ class AttemptRunner:
             with self._driver.recording(recording, about) as told:
                 tried = self._tried(goal)
         finally:
-            if not self._is_held:
-                with suppress(GfmError):  # where the robot is gone, that was said already
-                    self._stand(_STOPS_S)
+            with suppress(GfmError):  # where the robot is gone, or was stopped, that was said
+                self._stand(_STOPS_S)
         if tried is None:
             return None
         return replace(tried, trial=trial, recording=told[0].path if told else "")
@@ -145,36 +148,56 @@ class AttemptRunner:
         """Returns whether to go on after an attempt was broken off; the robot stands meanwhile."""
         return self._person.resumes(self._rest)
 
+    def _ready(self, joints: Array, pose: Array, stops: int = _STOPS) -> bool:
+        """Returns whether arm and object are where they begin; False where that was broken off.
+
+        Where the bridge stops the arm on the way, that is begun again, from where it is held.
+        """
+        try:
+            return self._above_basket(joints) and self._object_put_back(pose)
+        except RefusedError as error:
+            if not stops or not str(error).startswith(PROTECTIVE_STOP):
+                raise
+        return self._ready(joints, pose, stops - 1)
+
     def _above_basket(self, joints: Array) -> bool:
         """Returns whether the arm is where it shall begin; False where that was broken off."""
-        interrupts = self._person.interrupts
-        return self._lifted() and self._driver.go_to(
-            JOINT_NAMES, joints, CONTROL_PERIOD_S, interrupts
+        ways, interrupts = (self._raised(joints), joints), self._person.interrupts
+        return self._lifted() and all(
+            self._driver.go_to(JOINT_NAMES, way, CONTROL_PERIOD_S, interrupts) for way in ways
         )
+
+    def _raised(self, joints: Array) -> Array:
+        """Returns joints, rad, shape (J,), with which the tool is `_ABOVE_M` higher."""
+        steps = 10
+        for _ in range(steps):
+            joints = joints + self._upwards(joints) * (_ABOVE_M / steps)
+        return joints
+
+    def _upwards(self, joints: Array) -> Array:
+        """Returns how joints, (J,), move for the tool to rise: rad per m, shape (J,)."""
+        qpos = self._arm.model.layout.as_qpos(joints[None], _SOMEWHERE)
+        moves = self._tip.jacobian(qpos[0])[:, self._arm.model.layout.dof]
+        return np.asarray(np.linalg.pinv(moves) @ [0.0, 0.0, 1.0])
 
     def _lifted(self) -> bool:
         """Returns whether the tool is clear of the floor; False where that was broken off.
 
-        By speeds: a position servo first gives way under a load that it does not know, by about as
-        much as the bridge lets a clearance lose. But where the bridge holds the arm already, that
-        has happened, and speeds would let it sink: there by positions, from those that it holds.
+        By positions, from those that the arm is told: by speeds it would sink, see `Driver.hold`.
         """
-        driver, joints = self._driver, self._arm.model.layout.dof
-        driver.begin(JOINT_NAMES, _WAIT_S, driver.newest.position if self._is_held else None)
-        self._is_held = False
+        driver = self._driver
+        driver.begin(JOINT_NAMES, _WAIT_S)
         for _ in range(round(_LIFT_S / CONTROL_PERIOD_S)):
             qpos = self._qpos(driver.newest, _SOMEWHERE)
             if self._tip.positions(qpos)[0, 2] - BASKET_XYZ[2] >= _LOW_M:
                 break
             if self._person.interrupts():
                 return False
-            moves = self._tip.jacobian(qpos[0])[:, joints]
-            speed = np.linalg.pinv(moves) @ [0.0, 0.0, _LIFT_M_S]
-            told = driver.newest.applied
-            if told is not None and told.kind is CommandKind.POSITION:
-                driver.command(told.kind, JOINT_NAMES, told.values + CONTROL_PERIOD_S * speed)
-            else:
-                driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed)
+            if (told := driver.held) is None:
+                driver.hold(JOINT_NAMES)
+                continue
+            speed = _LIFT_M_S * self._upwards(driver.newest.position)
+            driver.command(CommandKind.POSITION, JOINT_NAMES, told + CONTROL_PERIOD_S * speed)
         return True
 
     def _object_put_back(self, pose: Array) -> bool:
@@ -211,7 +234,7 @@ class AttemptRunner:
 
     def _stand(self, seconds: float) -> None:
         for _ in range(round(seconds / CONTROL_PERIOD_S)):
-            self._driver.command(CommandKind.VELOCITY, JOINT_NAMES, np.zeros(len(JOINT_NAMES)))
+            self._driver.hold(JOINT_NAMES)
 
     def _tried(self, goal: int) -> Attempt | None:
         """Returns an attempt, without what only its maker knows; None where it was broken off."""
@@ -250,7 +273,6 @@ class AttemptRunner:
             self._driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed, needs_object=True)
         except RefusedError as error:
             if str(error).startswith(PROTECTIVE_STOP):
-                self._is_held = True
                 return False
             raise
         return True

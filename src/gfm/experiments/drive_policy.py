@@ -21,7 +21,7 @@ from gfm.envs.matching_task import RADIAL_GOALS, TASKS
 from gfm.envs.outcomes import Outcome
 from gfm.experiments.attempt_files import RESULT, Kept
 from gfm.experiments.attempts import Attempt, AttemptRunner, planned
-from gfm.experiments.drive import Driver
+from gfm.experiments.driver import Driver
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for, policy_path
 from gfm.experiments.payload import carrying
 from gfm.experiments.person import Keyboard, Person

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from gfm.core import GfmError
-from gfm.experiments.drive import Driver
+from gfm.experiments.driver import Driver
 from gfm_wire import SetPayload
 
 #: Of the effect, and of the body that stands for it in a corrected model.

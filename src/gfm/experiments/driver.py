@@ -1,0 +1,275 @@
+"""Drives the robot through its bridge: sessions, commands, ways, and what is beside them.
+
+Shape letters: J joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import final
+
+import numpy as np
+
+from gfm.core import (
+    BadInputError,
+    Clock,
+    Command,
+    CommandKind,
+    Observation,
+    RefusedError,
+    UnreachableError,
+)
+from gfm.core.checks import Array
+from gfm.excitation.motion import minimum_jerk
+from gfm.transport import Transport
+from gfm_wire import (
+    Ack,
+    ByHand,
+    Message,
+    PlaceObject,
+    RecordDone,
+    RecordStart,
+    RecordStop,
+    ReleaseRobot,
+    SetPayload,
+)
+
+#: A way is gone at this speed, rad/s, in at least this time, s, and ends at rest.
+_APPROACH_SPEED = 0.4
+_SHORTEST_APPROACH_S = 0.5
+_SETTLE_S = 0.6
+_POLL_NS = 100_000
+_RETRY_NS = 500_000_000
+#: By how much the bridge's period may differ from the one asked for.
+_PERIOD_TOLERANCE = 0.2
+#: Over so many periods it is measured before anything moves.
+_RATE_PERIODS = 20
+
+
+@final
+class Driver:
+    """Sends commands and waits for what they did.
+
+    Args:
+        transport: The connection to the run in which the bridge is.
+        clock: To wait by.
+        idle: Called while waiting for an answer; sleeps a little by default.
+    """
+
+    def __init__(
+        self, transport: Transport, clock: Clock, idle: Callable[[], None] | None = None
+    ) -> None:
+        self._transport = transport
+        self._clock = clock
+        self._idle = idle or self._sleep
+        self._number = 0
+        self._newest: Observation | None = None
+
+    @property
+    def newest(self) -> Observation:
+        """The newest observation; `begin` gets the first."""
+        if self._newest is None:
+            raise AssertionError("begin() comes first")
+        return self._newest
+
+    @property
+    def held(self) -> Array | None:
+        """Positions that the arm is told, rad, shape (J,); None where it is told no positions."""
+        told = self.newest.applied
+        return told.values if told is not None and told.kind is CommandKind.POSITION else None
+
+    def begin(self, joint_names: tuple[str, ...], wait_s: float) -> None:
+        """Begins a session by holding the arm; waits for a bridge and a robot that come later.
+
+        Args:
+            joint_names: J of them.
+            wait_s: How long.
+        """
+        deadline_ns = self._clock.now_ns() + round(wait_s * 1e9)
+        while True:
+            self._number = 0
+            try:
+                if self._newest is None:  # nobody knows yet where it is
+                    self.command(CommandKind.VELOCITY, joint_names, np.zeros(len(joint_names)))
+                self.hold(joint_names)
+            except (UnreachableError, RefusedError):
+                if self._clock.now_ns() > deadline_ns:
+                    raise
+                self._wait_ns(_RETRY_NS)
+            else:
+                return
+
+    def hold(self, joint_names: tuple[str, ...]) -> None:
+        """Holds the arm for one period, in position mode; where it moves, it comes to rest first.
+
+        At a speed of 0 an arm sinks under a load that its gravity compensation does not know. A
+        position servo gives way once; told anew to hold what is reported, it would do so each time.
+        """
+        at = self.newest.position if self.held is None else self.held
+        self.command(CommandKind.POSITION, joint_names, at)
+
+    def command(
+        self,
+        kind: CommandKind,
+        joint_names: tuple[str, ...],
+        values: Array,
+        *,
+        needs_object: bool = False,
+    ) -> Observation:
+        """Sends one command; returns what the robot reported a control period later."""
+        command = Command(
+            kind=kind,
+            joint_names=joint_names,
+            values=values,
+            stamp_ns=self._clock.utc_ns(),
+            number=self._number,
+            needs_object=needs_object,
+        )
+        self._number += 1
+        answer = self._ask("robot/command", command)
+        if not isinstance(answer, Observation):
+            raise RefusedError(f"the bridge answered {type(answer).__name__}, not Observation")
+        order = [answer.joint_names.index(name) for name in joint_names]
+        if order != list(range(len(order))):
+            raise BadInputError(
+                f"the robot has joints {', '.join(answer.joint_names)}, "
+                f"expected {', '.join(joint_names)}"
+            )
+        self._newest = answer
+        return answer
+
+    def go_to(
+        self,
+        joint_names: tuple[str, ...],
+        position: Array,
+        period_s: float,
+        interrupts: Callable[[], bool] = lambda: False,
+    ) -> bool:
+        """Goes somewhere and comes to rest there; returns False where that was broken off.
+
+        It begins a session: a driver that wrote files meanwhile was too silent for the last one.
+        The way begins at the positions that the arm is told, see `hold`.
+
+        Args:
+            joint_names: J of them.
+            position: rad, shape (J,).
+            period_s: Of the bridge.
+            interrupts: Asked before every command whether to break off.
+        """
+        self._number = 0
+        while (start := self.held) is None:
+            if interrupts():
+                return False
+            self.hold(joint_names)
+        way = position - start
+        duration_s = max(1.875 * float(np.abs(way).max()) / _APPROACH_SPEED, _SHORTEST_APPROACH_S)
+        for time_s in np.arange(0.0, duration_s + _SETTLE_S, period_s):
+            if interrupts():
+                return False
+            target = start + minimum_jerk(np.array((time_s + period_s) / duration_s)) * way
+            self.command(CommandKind.POSITION, joint_names, target)
+        return True
+
+    def check_rate(self, joint_names: tuple[str, ...], period_s: float) -> None:
+        """Holds the arm for a moment, by which the bridge's control period is measured.
+
+        Raises:
+            BadInputError: it is another one.
+        """
+        began_ns = self.newest.stamp_ns
+        for _ in range(_RATE_PERIODS):
+            self.hold(joint_names)
+        self.check_period("standing still", period_s, _RATE_PERIODS, began_ns)
+
+    def check_period(self, what: str, period_s: float, count: int, began_ns: int) -> None:
+        """Compares what passed on the robot's clock with a number of periods.
+
+        Args:
+            what: Was done meanwhile, in words.
+            period_s: That the bridge should have.
+            count: Periods in which it was done.
+            began_ns: When, on the robot's clock.
+
+        Raises:
+            BadInputError: the bridge has another period.
+        """
+        passed_s, expected_s = (self.newest.stamp_ns - began_ns) * 1e-9, period_s * count
+        if abs(passed_s - expected_s) > _PERIOD_TOLERANCE * expected_s:
+            raise BadInputError(
+                f"{what} took {passed_s:.2f} s of robot time; expected {expected_s:.2f} s: "
+                f"the bridge's control rate is not {1 / period_s:g} Hz"
+            )
+
+    def rest(self, joint_names: tuple[str, ...], period_s: float) -> None:
+        """Holds the arm for one period, which passes here, too, where the robot is faster."""
+        began_ns = self._clock.now_ns()
+        self.hold(joint_names)
+        self._wait_ns(began_ns + round(period_s * 1e9) - self._clock.now_ns())
+
+    def place_object(self, pose: Array) -> bool:
+        """Has the object put somewhere, at rest; returns whether the robot can do that.
+
+        Args:
+            pose: m and quaternion w x y z, shape (7,).
+
+        Raises:
+            RefusedError: the bridge says no.
+        """
+        answer = self._ask("robot/object", PlaceObject(pose=pose))
+        if not isinstance(answer, Ack | ByHand):
+            raise RefusedError(f"the bridge answered {type(answer).__name__}, not Ack or ByHand")
+        return isinstance(answer, Ack)
+
+    def carry(self, payload: SetPayload) -> None:
+        """Tells the robot what it carries, from now on.
+
+        Raises:
+            BadInputError: it cannot be told.
+            RefusedError: the bridge says no.
+        """
+        answer = self._ask("robot/payload", payload)
+        if not isinstance(answer, Ack):
+            raise BadInputError(
+                f"this robot is told of no payload over its bridge, asked for {payload}; "
+                "expected one that is"
+            )
+
+    def release(self) -> None:
+        """Lets go of the robot: somebody else may drive it.
+
+        Raises:
+            RefusedError: somebody else does already.
+        """
+        self._ask("robot/release", ReleaseRobot())
+
+    @contextmanager
+    def recording(self, name: str, about: Mapping[str, str]) -> Iterator[list[RecordDone]]:
+        """Has the bridge record what is done meanwhile; what it says in the end is in the list.
+
+        A session begins with it: while files are opened no command comes, perhaps for too long.
+        """
+        if not isinstance(self._ask("robot/record", RecordStart(name=name, metadata=about)), Ack):
+            raise RefusedError(f"the bridge does not record {name}")
+        told: list[RecordDone] = []
+        self._number = 0
+        try:
+            yield told
+        finally:
+            done = self._ask("robot/record", RecordStop())
+            if isinstance(done, RecordDone):
+                told.append(done)
+
+    def _ask(self, key: str, message: Message) -> Message:
+        pending = self._transport.request(key, message, timeout_s=20.0)
+        while (answer := pending.poll()) is None:
+            self._idle()
+        return answer
+
+    def _wait_ns(self, wait_ns: int) -> None:
+        until_ns = self._clock.now_ns() + wait_ns
+        while self._clock.now_ns() < until_ns:
+            self._idle()
+
+    def _sleep(self) -> None:
+        self._clock.sleep_until_ns(self._clock.now_ns() + _POLL_NS)
