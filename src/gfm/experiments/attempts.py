@@ -35,7 +35,7 @@ _STOPS_S = 0.3
 #: A tool that is lower above the basket's floor, m, is lifted at first, at this speed, m/s,
 #: for so long at most, s.
 _LOW_M, _LIFT_M_S, _LIFT_S = 0.1, 0.1, 1.5
-#: A way that is straight in the joints dips by some 4 cm: it first leads so far above its end, m.
+#: A way that is straight in the joints dips by some 3 cm: it first leads so far above its end, m.
 _ABOVE_M = 0.1
 #: How often the arm goes on where the bridge stops it on its way to an attempt.
 _STOPS = 2
