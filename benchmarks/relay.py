@@ -1,4 +1,4 @@
-"""A line between two processes of this machine that can be cut."""
+"""A line between two processes of this machine that can be cut, or fall silent."""
 
 from __future__ import annotations
 
@@ -22,6 +22,8 @@ class Relay:
 
     def __init__(self, port: int, own_port: int = 0) -> None:
         self._target = port
+        self._passing = [threading.Event()]
+        self._passing[-1].set()
         self._ends: list[socket.socket] = []
         self._listener = socket.create_server(("127.0.0.1", own_port))
         self.port: int = self._listener.getsockname()[1]
@@ -34,10 +36,21 @@ class Relay:
         self._threads[0].join()
         for end in self._ends:
             _shut(end)
+        for passing in self._passing:
+            passing.set()
         for thread in self._threads:
             thread.join()
         for end in (self._listener, *self._ends):
             end.close()
+
+    def hush(self) -> None:
+        """Lets the connections of now be silent for ever, as those to an address that has gone.
+
+        They stay open, and take nothing more; later ones pass bytes on.
+        """
+        self._passing[-1].clear()
+        self._passing.append(threading.Event())
+        self._passing[-1].set()
 
     def _accept(self) -> None:
         with suppress(OSError):
@@ -52,13 +65,15 @@ class Relay:
             return
         self._ends += [near, far]
         for pair in ((near, far), (far, near)):
-            self._threads.append(threading.Thread(target=_pass_on, args=pair, daemon=True))
+            told = (*pair, self._passing[-1])
+            self._threads.append(threading.Thread(target=_pass_on, args=told, daemon=True))
             self._threads[-1].start()
 
 
-def _pass_on(source: socket.socket, target: socket.socket) -> None:
+def _pass_on(source: socket.socket, target: socket.socket, passing: threading.Event) -> None:
     with suppress(OSError):
         while data := source.recv(65536):
+            passing.wait()
             target.sendall(data)
     _shut(source)
     _shut(target)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from threading import Event, Thread
 
 import pytest
@@ -19,6 +20,7 @@ from gfm.transport import (
     Subscription,
     Transport,
 )
+from gfm.transport.patience import ports_of, tcp_sockets
 from gfm.transport.zenoh import ZenohTransport
 from gfm_wire import Ack, Message, RecordDone, SampleRequest, StatusRequest
 
@@ -390,3 +392,28 @@ def test_a_memory_hub_can_lose_and_damage_bodies():
     with pytest.raises(RefusedError, match="not_msgpack"):
         damaged.poll()
     assert serving.rejected == {"not_msgpack": 1}
+
+
+def bounds_ms(port: int) -> list[int]:
+    """Returns after how long the kernel ends connections from or to a port that are stuck."""
+    found = []
+    for connection in tcp_sockets():
+        with connection, suppress(OSError):
+            if port in ports_of(connection):
+                found.append(connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT))
+    return found
+
+
+@pytest.mark.skipif(not hasattr(socket, "TCP_USER_TIMEOUT"), reason="no such bound on this system")
+def test_the_kernel_gives_up_on_stuck_connections_of_zenoh_before_zenoh_does():
+    endpoint = free_endpoint()
+    port = int(endpoint.rpartition(":")[2])
+    with ZenohTransport.open(run="test", listen=[endpoint]):
+        client = ZenohTransport.open(run="test", connect=[endpoint])
+        server = client.serve("replay/insert")
+        # The one that listens, and both ends of the link; where zenoh just connects again, more.
+        eventually(lambda: (server.receive(), len(bounds_ms(port)) >= 3)[1] or None)
+        assert set(bounds_ms(port)) == {2000}
+    with client, ZenohTransport.open(run="test", listen=[endpoint]):
+        eventually(lambda: (server.receive(), len(bounds_ms(port)) >= 3)[1] or None)
+        eventually(lambda: (server.receive(), set(bounds_ms(port)) == {2000})[1] or None)

@@ -13,14 +13,14 @@ import zenoh
 from gfm.core import BadInputError, UnreachableError
 from gfm.transport.access import access_control
 from gfm.transport.credentials import Credentials, refusal
+from gfm.transport.patience import LEASE_S, STUCK_S
 
 _log = logging.getLogger(__name__)
 
 _SETTINGS = {
     "scouting/multicast/enabled": False,
-    # A blocked put closes the link after this time without a word; the default is 5 s.
-    "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,
-    "transport/link/tx/lease": 4_000,
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": round(STUCK_S * 1e6),
+    "transport/link/tx/lease": round(LEASE_S * 1e3),
     "transport/link/rx/max_message_size": 256 * 1024 * 1024,
     # Off: containers that share a hub do not share /dev/shm.
     "transport/shared_memory/enabled": False,

@@ -13,7 +13,7 @@ import re
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import final
 
@@ -24,7 +24,8 @@ from zenoh.handlers import FifoChannel, Handler, RingChannel
 from gfm.core import ConfigError, GfmError, UnreachableError, WireError
 from gfm.transport.bodies import LONGEST_REASON, QUEUED_REQUESTS, Bodies
 from gfm.transport.credentials import Credentials
-from gfm.transport.endpoints import check_endpoints
+from gfm.transport.endpoints import check_endpoints, host_and_port
+from gfm.transport.patience import BoundedLinks
 from gfm.transport.port import PendingReply, Request, Server, Subscription, Transport
 from gfm.transport.replies import BodyReply
 from gfm.transport.sessions import connected_session, listening_session
@@ -41,9 +42,25 @@ class ZenohTransport(Transport):
     """One zenoh session, as the run's router or as a client of it."""
 
     def __init__(
-        self, session: zenoh.Session, run: str, name: str, *, close_s: float = _CLOSE_S
+        self,
+        session: zenoh.Session,
+        run: str,
+        name: str,
+        *,
+        bound_links: Callable[[], None] = lambda: None,
+        close_s: float = _CLOSE_S,
     ) -> None:
+        """Takes over a session.
+
+        Args:
+            session: As a router or a client.
+            run: The run's name.
+            name: Who sends.
+            bound_links: Called before anything is sent, to look after links that are new.
+            close_s: How long closing may take.
+        """
         self._session = session
+        self._bound_links = bound_links
         self._close_s = close_s
         self._prefix = f"gfm/{run}/"
         self._bodies = Bodies(name, time.time_ns())
@@ -90,7 +107,8 @@ class ZenohTransport(Transport):
             if listen
             else connected_session(connect, credentials, timeout_s=timeout_s)
         )
-        return cls(session, run, name)
+        ports = [host_and_port(endpoint)[1] for endpoint in (*listen, *connect)]
+        return cls(session, run, name, bound_links=BoundedLinks(session, ports).look)
 
     def connected(self) -> Counter[str]:
         """Returns how many links this router has, by the role of the other side's certificate."""
@@ -100,6 +118,7 @@ class ZenohTransport(Transport):
     @override
     def publish(self, key: str, message: Message) -> None:
         body = self._bodies.encode(key, message)
+        self._bound_links()
         try:
             self._session.put(
                 self._prefix + key, body, congestion_control=zenoh.CongestionControl.BLOCK_FIRST
@@ -135,6 +154,7 @@ class ZenohTransport(Transport):
         self, key: str, message: Message, timeout_s: float, target: zenoh.QueryTarget
     ) -> Handler[zenoh.Reply]:
         body = self._bodies.encode(key, message)
+        self._bound_links()
         try:
             return self._session.get(
                 self._prefix + key,
@@ -151,7 +171,7 @@ class ZenohTransport(Transport):
     def serve(self, key: str) -> Server:
         end = self._session.declare_queryable(self._prefix + key, RingChannel(QUEUED_REQUESTS))
         self._ends.append(end)
-        return _ZenohServer(key, self._prefix + key, end, self._bodies)
+        return _ZenohServer(key, self._prefix + key, end, self._bodies, self._bound_links)
 
     @override
     def close(self) -> None:
@@ -254,14 +274,17 @@ class _ZenohServer(Server):
         full_key: str,
         end: zenoh.Queryable[Handler[zenoh.Query]],
         bodies: Bodies,
+        bound_links: Callable[[], None],
     ) -> None:
         self._key = key
         self._full_key = full_key
         self._end = end
         self._bodies = bodies
+        self._bound_links = bound_links
 
     @override
     def receive(self) -> Request | None:
+        self._bound_links()
         while (query := self._end.try_recv()) is not None:
             request = _ZenohRequest(self._full_key, query, self._bodies)
             try:
