@@ -26,7 +26,7 @@ COMPOSE = yaml.safe_load((DOCKER / "compose.yaml").read_text())
 SERVICES = {
     name: one
     for name, one in COMPOSE["services"].items()
-    if "restart" in one and "profiles" not in one
+    if "profiles" not in one and name != "certs"
 }
 OTHERS = {"status": Role.WATCHER, "metrics": Role.WATCHER, "record": Role.DRIVER}
 
@@ -82,14 +82,30 @@ def test_everybody_speaks_by_certificates_and_has_those_of_its_role_alone(name):
 
 def test_certificates_are_made_before_anybody_needs_them_for_every_role_and_the_router_s_host():
     certs = COMPOSE["services"]["certs"]
-    assert certs["entrypoint"] == ["gfm", "certs", "--out", "/certs", "--host", "router"]
+    made, beside, rests = certs["entrypoint"][-1].split(" && ")
+    assert made == "gfm certs --out /certs --host router"
+    assert beside.split() == ["touch", certs["healthcheck"]["test"][-1]]
+    assert rests == "exec sleep infinity"
+    assert certs["network_mode"] == "none"
+    assert "networks" not in certs
     folders = ["authority", *Role]
     assert sorted(certs["volumes"]) == sorted(f"certs-{one}:/certs/{one}" for one in folders)
     assert {f"certs-{one}" for one in folders} <= COMPOSE["volumes"].keys()
-    condition = {"certs": {"condition": "service_completed_successfully"}}
+    condition = {"certs": {"condition": "service_healthy"}}
     assert SERVICES["router"]["depends_on"] == condition
     others = [service for name, service in SERVICES.items() if name != "router"]
     assert all("router" in service["depends_on"] for service in others)
+
+
+def test_whomever_a_service_depends_on_stays_and_is_started_again():
+    """Some engines start nobody again while one of those has ended."""
+    needed = {
+        name: need["condition"]
+        for service in COMPOSE["services"].values()
+        for name, need in service.get("depends_on", {}).items()
+    }
+    assert set(needed.values()) == {"service_healthy"}
+    assert {COMPOSE["services"][name]["restart"] for name in needed} == {"unless-stopped"}
 
 
 def test_every_image_has_folders_that_volumes_of_certificates_belong_to_its_user_in():
