@@ -142,15 +142,30 @@ def test_what_is_extrapolated_is_of_second_order():
     assert error(0.01) / error(0.005) == pytest.approx(4.0, rel=0.25)
 
 
-def test_a_motor_apart_from_its_link_keeps_the_models_step():
+def elastic():
+    """A motor apart from its link, by a spring."""
+    effect = find_effect("joint_elasticity")
+    values = {p.name: max(p.lower, 1e-3) for p in effect.parameters} | {"stiffness": 300.0}
+    return EffectInstance(effect=effect, joints=("j",), values=values)
+
+
+@pytest.mark.parametrize(
+    ("own_s", "suitable_s", "taken_s"),
+    [(0.0005, 0.002, 0.001), (0.002, 0.002, 0.002), (0.0005, 0.00025, 0.00025)],
+)
+def test_a_motor_apart_from_its_link_has_short_steps(own_s, suitable_s, taken_s):
+    """A millisecond; the model's own, if that is longer; less, where less suits the model."""
+    apart = elastic()
+    problem = replace(turning(step=own_s), stepping={KIND: Stepping(step_s=suitable_s)})
+    taken = replace(turning(step=taken_s), stepping={KIND: Stepping(step_s=taken_s)})
+    assert (problem.residuals([(apart,)]) == taken.residuals([(apart,)])).all()
+    assert with_suitable_steps(problem, (apart,)) is problem
+
+
+def test_what_is_compared_with_a_motor_apart_is_simulated_alike():
     problem = replace(turning(step=0.0005), stepping={KIND: Stepping(step_s=0.002)})
-    own = replace(problem, stepping={})
-    elastic = find_effect("joint_elasticity")
-    values = {p.name: max(p.lower, 1e-3) for p in elastic.parameters} | {"stiffness": 300.0}
-    apart = EffectInstance(effect=elastic, joints=("j",), values=values)
-    assert (problem.residuals([(apart,)]) == own.residuals([(apart,)])).all()
-    assert (problem.residuals([()]) != own.residuals([()])).any()
-    assert with_suitable_steps(own, (apart,)) is own
-    # What is compared is simulated alike.
+    short = replace(problem, stepping={KIND: Stepping(step_s=0.001)})
+    apart = elastic()
     both = problem.residuals([(), (apart,)])
-    assert (both[0] == own.residuals([()])[0]).all()
+    assert (both[0] == short.residuals([()])[0]).all()
+    assert (both[0] != problem.residuals([()])[0]).any()
