@@ -78,10 +78,9 @@ def confidence(evidence: Evidence) -> float:
 
 def features(evidence: Evidence) -> np.ndarray:
     """Returns the figures on which a confidence depends, shape (3,)."""
-    rival = evidence.without if evidence.rival is None else evidence.rival
     return np.array(
         [
-            np.log1p(max(rival.errors, 0.0)),
+            np.log1p(max(evidence.over_rival.errors, 0.0)),
             np.sqrt(evidence.apart),
             np.arctanh(np.sqrt(min(evidence.bends, MOST_BENT))),
         ]
@@ -188,12 +187,11 @@ def _doubtful(instance: EffectInstance, found: SearchResult) -> Suspect:
 
 def _speaks_for(evidence: Evidence) -> str:
     """Returns the figures that a confidence is made of, in words."""
-    rival = evidence.without if evidence.rival is None else evidence.rival
     other = "without it" if evidence.rival is None else "with its best rival"
     return (
-        f"predicts better than {other} by {rival.errors:.1f} standard errors; its amount differs "
-        f"by {evidence.apart:.0%} between parts of the data; {evidence.bends:.0%} of what is left "
-        "is as if its amount changed with the state of the joint"
+        f"predicts better than {other} by {evidence.over_rival.errors:.1f} standard errors; its "
+        f"amount differs by {evidence.apart:.0%} between parts of the data; {evidence.bends:.0%} "
+        "of what is left is as if its amount changed with the state of the joint"
     )
 
 

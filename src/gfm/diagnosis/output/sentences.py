@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import mujoco
 
 from gfm.diagnosis.objects.examine import ObjectPart
 from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, Suspect, Verdict
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.naming import Placed
+from gfm.diagnosis.search.naming import placed_in_words
 from gfm.effects import EffectInstance
 
 #: Parameters of an effect that a sentence tells at most.
@@ -54,7 +53,7 @@ def _without_name(suspects: Sequence[Suspect]) -> str:
     doubtful = [one for one in suspects if one.confidence is not None]
     if not doubtful:
         return " that no known effect explains"
-    likeliest = "; ".join(f"{in_place(one)} ({one.confidence:.0%})" for one in doubtful)
+    likeliest = "; ".join(f"{placed_in_words(*one.key)} ({one.confidence:.0%})" for one in doubtful)
     return f", and no name for it is more likely right than wrong: {likeliest}"
 
 
@@ -96,16 +95,10 @@ def _in_words(*alike: NamedEffect) -> str:
         ends = dict.fromkeys(f"{v:.{digits}g}" for v in (min(values), max(values)))
         unit = "" if parameter.unit == "1" else parameter.unit
         amounts.append(f"{name.replace('_', ' ')} {' to '.join(ends)} {unit}".rstrip())
-    place = replace(first, joints=tuple(joint for effect in alike for joint in effect.joints))
+    joints = [joint for effect in alike for joint in effect.joints]
     more = ["..."] if len(amounts) > IN_A_SENTENCE else []  # all of them stand in the table below
     shown = ", ".join([*amounts[:IN_A_SENTENCE], *more])
-    return f"{in_place(place)} ({shown})"
-
-
-def in_place(placed: Placed) -> str:
-    """Returns an effect and its joints in words."""
-    where = f" on {', '.join(placed.joints)}" if placed.joints else ""
-    return f"{placed.effect.replace('_', ' ')}{where}"
+    return f"{placed_in_words(first.effect, joints)} ({shown})"
 
 
 def notes_on(

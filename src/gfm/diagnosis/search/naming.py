@@ -101,8 +101,13 @@ def first_of_each(ranked: Iterable[Ranked], key: Callable[[Ranked], object]) -> 
 
 def describe(instance: EffectInstance) -> str:
     """Returns an effect and its place in words."""
-    where = f" on {', '.join(instance.joints)}" if instance.joints else ""
-    return f"{instance.effect.name.replace('_', ' ')}{where}"
+    return placed_in_words(*instance.key)
+
+
+def placed_in_words(effect: str, joints: Sequence[str]) -> str:
+    """Returns the name of an effect and its joints in words."""
+    where = f" on {', '.join(joints)}" if joints else ""
+    return f"{effect.replace('_', ' ')}{where}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -102,6 +102,11 @@ class Evidence:
     apart: float
     bends: float
 
+    @property
+    def over_rival(self) -> Difference:
+        """By how much it predicts better than with its best rival; without it, if there is none."""
+        return self.without if self.rival is None else self.rival
+
 
 @dataclass(frozen=True, kw_only=True)
 class SearchResult(Generic[Of]):
