@@ -12,7 +12,7 @@ from mujoco import batch as mujoco_batch
 
 from gfm.core.checks import Array
 from gfm.sim.layout import Indices
-from gfm.sim.step_laws import StepLaws, middle_of_step
+from gfm.sim.step_laws import MiddleOfStep, StepLaws
 
 
 @final
@@ -24,11 +24,9 @@ class LevelledModels:
     ) -> None:
         self._batch = batch
         self._laws = laws
-        self._qpos: Array = batch.bind("qpos")
-        self._qvel: Array = batch.bind("qvel")
-        self._qacc: Array = batch.bind("qacc")
-        self._sensordata: Array = batch.bind("sensordata")
         self._force: Array = batch.bind("qfrc_applied")
+        self._middle = MiddleOfStep(batch, laws, models[0].opt.timestep)
+        self._beside: Array = np.zeros_like(self._force)
         self._origin = list(models)
         self._own = [copy.copy(model) for model in models]
         self._constant: Array = np.stack([model.dof_frictionloss for model in models])
@@ -36,6 +34,7 @@ class LevelledModels:
     def take(self, ids: Indices, models: Sequence[mujoco.MjModel]) -> None:
         """Lets the simulations `ids` run on other models from now."""
         for index, model in zip(ids, models, strict=True):
+            self._beside[index] = 0.0
             if self._origin[index] is not model:
                 self._origin[index] = model
                 self._own[index] = copy.copy(model)
@@ -48,11 +47,11 @@ class LevelledModels:
         Args:
             force: What else acts, shape (N, nv).
         """
-        self._batch.forward()  # the drives' torques under this step's commands
-        now = middle_of_step(
-            self._origin[0].opt.timestep, self._qpos, self._qvel, self._qacc, self._sensordata
-        )
-        self._force[:] = force + self._laws.forces(now)
+        # What diverged was put back, and has no step before.
+        self._force[:] = force + np.nan_to_num(self._beside, posinf=0.0, neginf=0.0)
+        now = self._middle.look()
+        self._beside = self._laws.forces(now)
+        self._force[:] = force + self._beside
         levels = self._laws.levels(self._constant, now)
         for model, level in zip(self._own, levels, strict=True):
             model.dof_frictionloss[:] = level

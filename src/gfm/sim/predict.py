@@ -24,7 +24,7 @@ from gfm.sim.late_servos import Feedback, LateServos, late_servos
 from gfm.sim.motor_sides import ahead_of_link, motor_of
 from gfm.sim.plant import Plant, drive_dofs, with_servo_gain
 from gfm.sim.segment import Prediction, Segment
-from gfm.sim.step_laws import Moment, StepLaws, middle_of_step, step_laws
+from gfm.sim.step_laws import MiddleOfStep, Moment, StepLaws, step_laws
 
 #: Memory that one call of the batched rollout may fill, bytes.
 CHUNK_BYTES = 200e6
@@ -147,23 +147,26 @@ def _quiet() -> Iterator[None]:
 def _initial_states(jobs: list[_Job]) -> Array:
     """Returns the state in which each simulation begins, shape (len(jobs), S)."""
     plants = {id(job.plant): job.plant for job in jobs}
-    at_rest = {key: _at_rest(plant.model) for key, plant in plants.items()}
+    data = {key: mujoco.MjData(plant.model) for key, plant in plants.items()}
+    at_rest = {key: _at_rest(plant.model, data[key]) for key, plant in plants.items()}
     states = np.stack([at_rest[id(job.plant)] for job in jobs])
     nq, nv = jobs[0].model.nq, jobs[0].model.nv
     for job, state in zip(jobs, states, strict=True):
-        _set_initial(job, state[1 : 1 + nq], state[1 + nq : 1 + nq + nv])
+        _set_initial(job, data[id(job.plant)], state[1 : 1 + nq], state[1 + nq : 1 + nq + nv])
     return states
 
 
-def _at_rest(model: mujoco.MjModel) -> Array:
-    data = mujoco.MjData(model)
+def _at_rest(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
     mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     return state
 
 
-def _set_initial(job: _Job, qpos: Array, qvel: Array) -> None:
-    """Writes the segment's initial state; a motor side goes with its link, under its load."""
+def _set_initial(job: _Job, data: mujoco.MjData, qpos: Array, qvel: Array) -> None:
+    """Writes the segment's initial state; a motor side goes with its link, under its load.
+
+    Data of the model are for its computations.
+    """
     plant, segment = job.plant, job.segment
     qpos[plant.qpos] = segment.initial_position
     qvel[plant.dof] = segment.initial_velocity
@@ -174,7 +177,7 @@ def _set_initial(job: _Job, qpos: Array, qvel: Array) -> None:
             qpos[first : first + 7] = segment.object_pose
     with_motor = np.flatnonzero(plant.motor_qpos >= 0)
     if len(with_motor):
-        load = _load(job, qpos)[plant.dof]
+        load = _load(job, data, qpos)[plant.dof]
     own = np.zeros((2, len(plant.joints))) if (o := segment.initial_motor) is None else o
     for j in with_motor:
         motor = motor_of(plant, int(j))
@@ -183,9 +186,8 @@ def _set_initial(job: _Job, qpos: Array, qvel: Array) -> None:
         qvel[plant.model.jnt_dofadr[motor]] = segment.initial_velocity[j] + own[1, j]
 
 
-def _load(job: _Job, qpos: Array) -> Array:
+def _load(job: _Job, data: mujoco.MjData, qpos: Array) -> Array:
     """Returns the torques that hold every joint at rest, beside MuJoCo's compensation, (nv,)."""
-    data = mujoco.MjData(job.model)
     data.qpos[:] = qpos
     mujoco.mj_fwdPosition(job.model, data)
     mujoco.mj_fwdVelocity(job.model, data)
@@ -332,20 +334,20 @@ def _step_by_step(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
     laws = _laws(plant, [job.plant.effects for job in jobs])
     constant = np.stack([job.model.dof_frictionloss for job in jobs])
     friction, applied = sims.expand("dof_frictionloss"), sims.bind("qfrc_applied")
-    qacc, step_s = sims.bind("qacc"), jobs[0].model.opt.timestep
-    sensordata, ctrl = sims.bind("sensordata"), sims.bind("ctrl")
+    middle = None if laws is None else MiddleOfStep(sims, laws, jobs[0].model.opt.timestep)
+    ctrl, beside = sims.bind("ctrl"), np.zeros_like(qvel)
     moving = [sims.bind(name) for name in ("time", "qpos", "qvel", "act")]
     feedback = _feedback(jobs, initial, steps)
     with _quiet():
         for k in range(steps):
             if feedback is not None:
                 feedback.write(k, controls[k])
-            ctrl[:], applied[:] = controls[k], forces[k]
-            if laws is not None:
-                sims.forward()  # the drives' torques under this step's commands
-                now = middle_of_step(step_s, qpos, qvel, qacc, sensordata)
+            ctrl[:], applied[:] = controls[k], forces[k] + beside
+            if laws is not None and middle is not None:
+                now = middle.look()
                 friction[:] = laws.levels(constant, now)
-                applied[:] += laws.forces(now)
+                beside = laws.forces(now)
+                applied[:] = forces[k] + beside
             sims.step(nstep=1)
             told = np.concatenate([np.reshape(m, (len(jobs), -1)) for m in moving], axis=1)
             rows[:, k, : told.shape[1]] = told

@@ -11,23 +11,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import cast, final
 
 import numpy as np
+from mujoco import batch
 from numpy.typing import NDArray
 
 from gfm.core import UnknownNameError
 from gfm.core.checks import Array
 from gfm.effects import Effect, EffectInstance, Motion, Values
 
+#: A joint at rest that nothing drives.
+_STILL = Motion(
+    position=np.zeros(1), velocity=np.zeros(1), drive=np.zeros(1), other_velocity=np.zeros(1)
+)
+
 
 def acts_at_every_step(instance: EffectInstance) -> bool:
     """Returns whether an effect's friction or force has to be evaluated at every step."""
-    still = np.zeros(1)
-    motion = Motion(position=still, velocity=still, drive=still, other_velocity=still)
     values = {name: np.array([value]) for name, value in instance.values.items()}
     effect = instance.effect
-    told = (effect.extra_friction(motion, values), effect.drive_change(motion, values))
+    told = (effect.extra_friction(_STILL, values), effect.drive_change(_STILL, values))
     return effect.stepwise or any(one is not None for one in told)
 
 
@@ -61,22 +65,33 @@ class Moment:
     sensordata: Array
 
 
-def middle_of_step(
-    step_s: float, qpos: Array, qvel: Array, qacc: Array, sensordata: Array
-) -> Moment:
-    """Returns simulations with their speeds half a step on.
+@final
+class MiddleOfStep:
+    """Simulations of a batch in the middle of their coming step.
 
     What holds for a whole step is taken from its middle: from its beginning, friction that changes
-    with speed comes late, and looks like another.
-
-    Args:
-        step_s: Time step, s.
-        qpos: shape (N, nq).
-        qvel: shape (N, nv).
-        qacc: shape (N, nv).
-        sensordata: Under the commands of the step, shape (N, M).
+    with speed comes late, and looks like another, and what is taken off a servo leaves what the
+    servo gives anew within the step, which damps.
     """
-    return Moment(qpos=qpos, qvel=qvel + 0.5 * step_s * qacc, sensordata=sensordata)
+
+    def __init__(self, simulations: batch.Batch, laws: StepLaws, step_s: float) -> None:
+        self._batch, self._laws, self._half_s = simulations, laws, 0.5 * step_s
+        self._qpos: Array = simulations.bind("qpos")
+        self._qvel: Array = simulations.bind("qvel")
+        self._qacc: Array = simulations.bind("qacc")
+        self._sensordata: Array = simulations.bind("sensordata")
+
+    def look(self) -> Moment:
+        """Returns them half a step on, under the commands of the step; they stay where they are."""
+        self._batch.forward()
+        qpos, qvel = self._qpos.copy(), self._qvel.copy()
+        ahead, speed = qpos.copy(), qvel + self._half_s * self._qacc
+        ahead[:, self._laws.qpos] += self._half_s * qvel[:, self._laws.dof]
+        if self._laws.change_drives:
+            self._qpos[:], self._qvel[:] = ahead, speed
+            self._batch.forward()
+            self._qpos[:], self._qvel[:] = qpos, qvel
+        return Moment(qpos=ahead, qvel=speed, sensordata=self._sensordata.copy())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,6 +111,12 @@ class StepLaws:
     dof: NDArray[np.intp]
     drive: Array
     drive_dof: NDArray[np.intp]
+
+    @property
+    def change_drives(self) -> bool:
+        """Whether a law changes what drives give."""
+        changes = (law.effect.drive_change(_STILL, law.values) for law in self.laws)
+        return any(change is not None for change in changes)
 
     def levels(self, constant: Array, now: Moment) -> Array:
         """Returns the levels of dry friction for the coming step, N m, shape (N, nv).
