@@ -33,14 +33,16 @@ def swung(
     gain=1.0,
     limit=np.inf,
     loss=0.0,
+    dead=0.0,
     inertia=0.0,
     start=0.0,
+    finely=False,
 ) -> Trajectory:
     """Returns what it does when `told` positions every 10 ms, shape (T,).
 
     Beside its servo (times `gain`, `delay` late, of at most `limit` N m, less a share of `loss` for
-    every N m) and gravity a `torque` of its state acts, and `inertia` comes on top of what MODEL
-    has.
+    every N m, less `dead` N m) and gravity a `torque` of its state acts, and `inertia` comes on top
+    of what MODEL has. Integrated `finely` where a kink of a law is met often.
     """
     stamps = PERIOD_S * np.arange(len(told))
 
@@ -50,12 +52,12 @@ def swung(
         servo = gain * (STIFFNESS * (told[max(index, 0)] - q) - DAMPING * v)
         limited = min(max(servo, -limit), limit)
         drive = limited * (1.0 - loss * abs(limited))
+        drive -= min(max(drive, -dead), dead)
         gravity = -MASS * 9.81 * LENGTH * np.sin(q)
         return [v, (drive + gravity + torque(q, v)) / (MASS * LENGTH**2 + ROTOR + inertia)]
 
-    answer = solve_ivp(
-        motion, (0.0, stamps[-1]), [start, 0.0], t_eval=stamps, max_step=0.01, rtol=1e-7, atol=1e-9
-    )
+    accuracy = {"max_step": 5e-4 if finely else 0.01, "rtol": 1e-7, "atol": 1e-9}
+    answer = solve_ivp(motion, (0.0, stamps[-1]), [start, 0.0], t_eval=stamps, **accuracy)
     noisy = answer.y[0] + noise * np.random.default_rng(seed + 99).standard_normal(len(stamps))
     stamp_ns = np.round(stamps * 1e9).astype(np.int64)
     return Trajectory(

@@ -53,6 +53,7 @@ _PLACES: Mapping[str, Mapping[str, str]] = {
     "cogging_torque": {"amplitude": "cogging", "per_revolution": "order", "phase": "phase"},
     "encoder_offset": {"offset": "encoder"},
     "drive_loss": {"coefficient": "loss"},
+    "drive_dead_zone": {"torque": "dead"},
 }
 
 
@@ -61,8 +62,9 @@ class Amounts:
     """Amounts of every effect, on every joint of every robot; most are nought.
 
     Attributes are named after what they are; those that are no torques: `scale` of the drive (1 is
-    nominal), `limit` of its torque (infinite), `loss` of it for every N m, `fading` the Stribeck
-    velocity, `separated` the joint whose motor is a side of its own (-1 for none).
+    nominal), `limit` of its torque (infinite), `loss` of it for every N m, `dead` what it takes to
+    give anything, `fading` the Stribeck velocity, `separated` the joint whose motor is a side of
+    its own (-1 for none).
     """
 
     level: Array
@@ -85,6 +87,7 @@ class Amounts:
     phase: Array
     encoder: Array
     loss: Array
+    dead: Array
     coupled: Array
     gravity: Array
     payload: list[tuple[int, float, Array]]

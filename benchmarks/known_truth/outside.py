@@ -26,9 +26,9 @@ class Outside(ABC):  # noqa: B024
         del q, v
         return 0.0
 
-    def drive(self, time_s: float, torque: float) -> float:
+    def drive(self, time_s: float, torque: float, v: float) -> float:
         """Returns what the drive makes of the torque it should give, N m."""
-        del time_s
+        del time_s, v
         return torque
 
     def command(self, value: float) -> float:
@@ -126,21 +126,23 @@ class FadingDrive(Outside):
         self._loss, self._time_s = loss, time_s
 
     @override
-    def drive(self, time_s: float, torque: float) -> float:
+    def drive(self, time_s: float, torque: float, v: float) -> float:
         warm = 1.0 - math.exp(-max(time_s, 0.0) / self._time_s)
         return torque * (1.0 - self._loss * warm)
 
 
 @final
-class DeadZone(Outside):
-    """A drive that gives nothing for small torques."""
+class VoltageLimit(Outside):
+    """A motor whose largest torque falls with the speed at which it drives."""
 
-    def __init__(self, torque: float) -> None:
-        self._torque = torque
+    def __init__(self, stall: float, fastest: float) -> None:
+        self._stall, self._fastest = stall, fastest
 
     @override
-    def drive(self, time_s: float, torque: float) -> float:
-        return math.copysign(max(abs(torque) - self._torque, 0.0), torque)
+    def drive(self, time_s: float, torque: float, v: float) -> float:
+        with_motion = max(math.copysign(v, torque * v), 0.0) / self._fastest
+        most = self._stall * max(1.0 - with_motion, 0.0)
+        return math.copysign(min(abs(torque), most), torque)
 
 
 @final
@@ -163,7 +165,7 @@ STRANGE: Mapping[str, Callable[..., Outside]] = {
     "position_friction": PositionFriction,
     "root_friction": RootFriction,
     "fading_drive": FadingDrive,
-    "dead_zone": DeadZone,
+    "voltage_limit": VoltageLimit,
     "command_steps": CommandSteps,
 }
 

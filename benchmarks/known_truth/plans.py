@@ -124,6 +124,7 @@ VOCABULARY = (
     "joint_elasticity",
     "encoder_offset",
     "drive_loss",
+    "drive_dead_zone",
 )
 
 #: Two effects at once, and whether they share a joint.
@@ -165,7 +166,7 @@ _BESIDE: tuple[tuple[str, str], ...] = (
     ("viscous_friction", "cable_stop"),
     ("payload", "hysteretic_spring"),
     ("joint_spring", "root_friction"),
-    ("actuator_lag", "dead_zone"),
+    ("actuator_lag", "voltage_limit"),
     ("cogging_torque", "command_steps"),
     ("torque_offset", "fading_drive"),
     ("quadratic_drag", "torque_ripple"),

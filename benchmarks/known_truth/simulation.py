@@ -317,9 +317,11 @@ class _Robots:
         torque = np.clip(torque, -self._has.limit, self._has.limit)
         lost = self._has.loss * np.abs(torque)
         torque *= 1.0 - np.minimum(lost, _MOST_LOST)
+        free &= np.abs(torque) > self._has.dead
+        torque -= np.clip(torque, -self._has.dead, self._has.dead)
         left = free * np.where(lost < _MOST_LOST, 1.0 - 2.0 * lost, 1.0 - _MOST_LOST)
         for i, j, law in self._strange:
-            torque[i, j] = law.drive(step * self._step_s, float(torque[i, j]))
+            torque[i, j] = law.drive(step * self._step_s, float(torque[i, j]), float(speed[i, j]))
         return torque, left * self._stiffness, left * self._damping
 
     def _compensation(self, q: Array) -> Array:

@@ -149,6 +149,7 @@ DRAWS: Mapping[str, Draw] = {
     "joint_elasticity": _elasticity,
     "encoder_offset": _signed(_linear("offset", 0.01, 0.06, lambda _: 1.0)),
     "drive_loss": _linear("coefficient", 0.1, 0.4, lambda p: 1.0 / p.torque),
+    "drive_dead_zone": _linear("torque", 0.03, 0.1, _torque),
     "cubic_spring": _with(
         _linear("stiffness", 0.3, 0.8, lambda p: p.torque / p.reach**3),
         rest=lambda p, _: p.robot.rest[p.joint],
@@ -172,7 +173,9 @@ DRAWS: Mapping[str, Draw] = {
     "fading_drive": _with(
         _linear("loss", 0.15, 0.3, lambda _: 1.0), time_s=lambda _, rng: rng.uniform(3.0, 8.0)
     ),
-    "dead_zone": _linear("torque", 0.03, 0.1, _torque),
+    "voltage_limit": _with(
+        _linear("stall", 1.2, 1.8, _torque), fastest=lambda p, rng: rng.uniform(1.0, 1.5) * p.speed
+    ),
     "command_steps": _linear("step", 0.02, 0.06, lambda p: p.reach),
     "slipping_payload": _with(_payload, at_s=lambda _, rng: rng.uniform(3.0, 5.0)),
 }

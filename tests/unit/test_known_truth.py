@@ -157,6 +157,10 @@ FREE = {
         free(IDEAL, HIGH, hidden("drive_loss", 0, coefficient=0.1)),
         control=(np.array([2.0]), np.array([0.0])),
     ),
+    "idle": replace(
+        free(IDEAL, HIGH, hidden("drive_dead_zone", 0, torque=0.5)),
+        control=(np.array([2.0]), np.array([0.0])),
+    ),
     "stays": free(IDEAL, LOW, hidden("coulomb_friction", 0, torque=1.01 * WEIGHT * np.sin(0.1))),
     "slips": free(IDEAL, LOW, hidden("coulomb_friction", 0, torque=0.9 * WEIGHT * np.sin(0.1))),
     **{effect.effect: free(IDEAL, HIGH, effect) for effect, _ in LAWS},
@@ -218,9 +222,21 @@ def test_friction_that_depends_on_the_load_grows_with_the_drive(
     assert gained(course) == pytest.approx(float(np.sum(drive_torque * turned)) + rubbed, rel=0.01)
 
 
-def test_what_a_drive_loses_is_missing_in_its_effort(swung: dict[str, Course]) -> None:
-    course = swung["lossy"]
-    np.testing.assert_allclose(course.effort[1:, 0], 2.0 * (1.0 - 0.1 * 2.0))
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("lossy", lambda asked: asked * (1.0 - 0.1 * np.abs(asked))),
+        ("idle", lambda asked: np.sign(asked) * np.maximum(np.abs(asked) - 0.5, 0.0)),
+    ],
+)
+def test_what_a_drive_loses_is_missing_in_its_effort(
+    swung: dict[str, Course], name: str, given: Callable[[Array], Array]
+) -> None:
+    course, run = swung[name], FREE[name]
+    number = (run.measured_at[1:] - 1 - run.first_command_step) // run.command_every
+    asked = course.command[np.minimum(number, len(course.command) - 1), 0]
+    assert np.ptp(asked) > 1.0
+    np.testing.assert_allclose(course.effort[1:, 0], given(asked))
     worked = float(np.sum(course.effort[1:, 0] * np.diff(course.position[:, 0])))
     assert gained(course) == pytest.approx(worked, rel=0.01)
 

@@ -83,6 +83,31 @@ class DriveLoss(Effect):
 
 
 @final
+class DriveDeadZone(Effect):
+    """A drive gives nothing of a torque below a limit, and that much less of what is above it.
+
+    The dead band of a servo (as a torque: gain times band), dry friction of its motor. MuJoCo
+    cannot express it.
+    """
+
+    name = "drive_dead_zone"
+    needs_drive = True
+    costly = True
+    native = False
+    confused_with = ("actuator_gain", "backlash")
+    parameters = (Parameter(name="torque", unit="N m", lower=0.0, upper=1e3),)
+    shown_by = "weak drive torques beside strong ones"
+
+    @override
+    def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
+        return [[{"torque": 0.05 * scales.servo_nm}]]
+
+    @override
+    def drive_change(self, motion: Motion, values: Mapping[str, Array]) -> Array | None:
+        return np.asarray(-np.clip(motion.drive, -values["torque"], values["torque"]))
+
+
+@final
 class ActuatorLag(Effect):
     """The drive follows its command with a first-order lag."""
 

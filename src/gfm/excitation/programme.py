@@ -71,6 +71,7 @@ FAMILIES = (
         shows=(
             "load_dependent_friction",
             "drive_loss",
+            "drive_dead_zone",
             "coulomb_friction",
             "asymmetric_friction",
             "torque_offset",

@@ -179,6 +179,12 @@ RULES = (
         expected=f"at least {100 * _LOAD_SPREAD:.0f} %",
     ),
     Rule(
+        effect="drive_dead_zone",
+        motion="load_reversals",
+        lack=_even_load,
+        expected=f"at least {100 * _LOAD_SPREAD:.0f} %",
+    ),
+    Rule(
         effect="coupled_friction",
         motion="multisine",
         lack=_alone,

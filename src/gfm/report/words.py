@@ -132,6 +132,9 @@ EFFECTS = {
     "drive_loss": EffectWords(
         law="the stronger the drive, the less arrives: drive · (1 − coefficient · |drive|)"
     ),
+    "drive_dead_zone": EffectWords(
+        law="the drive gives nothing below a torque, and that much less above it"
+    ),
     "command_delay": EffectWords(law="commands take effect later"),
     "servo_delay": EffectWords(law="the drive's torque acts later, feedback included"),
     "position_delay": EffectWords(law="reported positions are those of a moment ago"),
