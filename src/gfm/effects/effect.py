@@ -159,6 +159,8 @@ class Effect(ABC):
     stepwise: ClassVar[bool] = False
     #: Whether it stands between the motor (armature, friction, drive) and the link.
     separates_motor: ClassVar[bool] = False
+    #: Whether that is a spring, behind which the motor rings.
+    rings: ClassVar[bool] = False
     #: Whether links are elsewhere than joints report.
     displaces: ClassVar[bool] = False
     #: Whether it acts on a drive: joints without one cannot have it.

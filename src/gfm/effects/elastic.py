@@ -114,6 +114,7 @@ class JointElasticity(Effect):
     name = "joint_elasticity"
     needs_drive = True
     confused_with = ("backlash",)
+    rings = True
     parameters = (Parameter(name="stiffness", unit="N m/rad", lower=0.5, upper=1e6),)
     #: Wrong by a third it rings at another frequency: no small step leads from one to the other.
     valleys = ("stiffness",)

@@ -128,6 +128,11 @@ class Rollouts(SegmentedProblem):
         added = [*self.given, *(one for effects in candidates for one in effects)]
         return bool(self.separated) or any(one.effect.separates_motor for one in added)
 
+    def _motors_ring(self, candidates: Sequence[Sequence[EffectInstance]]) -> bool:
+        """Returns whether a motor may ring: how far is told by what its drive gives."""
+        added = [*self.given, *(one for effects in candidates for one in effects)]
+        return bool(self.separated) or any(one.effect.rings for one in added)
+
     def predictions(
         self, candidates: Sequence[Sequence[EffectInstance]], *, efforts: bool = False
     ) -> list[list[Prediction]]:
@@ -142,7 +147,7 @@ class Rollouts(SegmentedProblem):
         """
         self.clock.check()
         rows: list[dict[int, Prediction]] = [{} for _ in candidates]
-        asked = efforts or self.motors_apart(candidates)
+        asked = efforts or self._motors_ring(candidates)
         for kind in dict.fromkeys(segment.kind for segment in self.segments):
             places = [i for i, s in enumerate(self.segments) if s.kind is kind]
             here = [self.segments[i] for i in places]
