@@ -143,6 +143,15 @@ def test_nothing_is_added_where_nothing_is_missing(right):
     assert added(right, *LAWS).chosen is None
 
 
+def test_what_could_gain_nothing_clear_is_not_fitted(right, rubbing):
+    told = []
+    for case in (right, rubbing):
+        add(case.with_effects(), case.search(*LAWS, report=told.append))
+    fitted = [line for line in told if line.startswith("fitting")]
+    assert fitted[0] == "fitting coulomb friction on j"
+    assert len(told) - len(fitted) == 2  # both are screened, one alone lacks anything
+
+
 def test_nothing_is_added_to_what_is_right_already(rubbing):
     friction = instance("coulomb_friction", torque=0.1)
     step = added(rubbing, *LAWS, before=(friction,))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -22,8 +23,8 @@ GLANCE_S, SCREENING_S = 8.0, 24.0
 #: Candidates that are looked at again, that are fitted, places of one effect among those, amounts
 #: from which the fit of one begins, and kinds that are tried on several joints.
 LOOKED_AT, FITTED, PLACES, STARTS, KINDS = 16, 4, 2, 2, 2
-#: Times what screening promises that a fit gains at most: it decides which motors beside their
-#: links are fitted, which takes longest.
+#: Times what screening promises that a fit gains at most: what could gain nothing clear by it is
+#: not fitted.
 FIT_GAINS = 4.0
 #: Fits in front that are compared from initial states of their own.
 FRONT = 2
@@ -104,7 +105,7 @@ def best_first(before: Hypothesis, tried: Sequence[Tried]) -> Step:
 def _is_worth_a_fit(
     before: Hypothesis, one: Screened, tried: Sequence[Tried], gained: float, *, again: bool
 ) -> bool:
-    """Returns whether a candidate may still gain most: all may but motors with states of their own.
+    """Returns whether a fit may gain anything clear; of a motor, which takes long, most so far.
 
     Args:
         before: Beside what it would be.
@@ -113,17 +114,22 @@ def _is_worth_a_fit(
         gained: By how much the best step so far predicts better, nats.
         again: Whether it is another start of one that was fitted.
     """
-    if not one.instance.effect.separates_motor:
-        return True
+    promise = _promise((one,))
+    if not promise.clear or not one.instance.effect.separates_motor:
+        return promise.clear
     best = best_of(before, tried)
     most = max(gained, 0.0 if best is None else best.gain.nats)
-    promise = _promise(one)
-    return promise.clear and promise.nats > most and not (again and not worth_more(before, best))
+    return promise.nats > most and not (again and not worth_more(before, best))
 
 
-def _promise(one: Screened) -> Difference:
-    """Returns by how much a fit of a candidate would predict better at most."""
-    return Difference(FIT_GAINS * one.gain.nats, one.gain.error)
+def _promise(together: Sequence[Screened]) -> Difference:
+    """Returns by how much a fit of candidates together would predict better at most.
+
+    Its error grows with the root of that, as the one that noise makes of a difference.
+    """
+    gains = [one.gain for one in together]
+    nats, error = sum(gain.nats for gain in gains), math.hypot(*(gain.error for gain in gains))
+    return Difference(FIT_GAINS * nats, math.sqrt(FIT_GAINS) * error)
 
 
 def beside(before: Hypothesis, fitted: Fit) -> Tried:
@@ -180,7 +186,7 @@ def _screened(before: Hypothesis, places: Sequence[Place]) -> list[Screened]:
     glanced = [
         one
         for one in screen(before, places, GLANCE_S)
-        if _promise(one).notable or not one.instance.effect.separates_motor
+        if _promise((one,)).notable or not one.instance.effect.separates_motor
     ]
     again = list(dict.fromkeys(one.instance.key for one in glanced))[:LOOKED_AT]
     return screen(before, [p for p in places if p.key in again], SCREENING_S)
@@ -214,7 +220,7 @@ def _kinds(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
         effect = one.instance.effect
         if effect.scope is Scope.JOINT and not effect.separates_motor and one.gain.nats > 0.0:
             kinds.setdefault(effect.name, []).append(one)
-    several = [kind for kind in kinds.values() if len(kind) > 1]
+    several = [kind for kind in kinds.values() if len(kind) > 1 and _promise(kind).clear]
     several.sort(key=lambda kind: -sum(one.gain.nats for one in kind))
     return [tuple(one.instance for one in kind) for kind in several[:KINDS]]
 
