@@ -22,7 +22,7 @@ DEGREES_OF_FREEDOM = 4.0
 #: the hypothesis predicts better than with its best rival; by what share of itself it differs
 #: between parts of the data; and how much of what is left its law leaves by not changing with the
 #: state. There is no constant beside them: an exact law and its equal are even odds.
-CONFIDENCE = (1.24, -0.78, -2.71)
+CONFIDENCE = (1.28, -2.01, -2.51)
 #: Share of what speaks for an effect that is taken to speak for it against its best rival, where
 #: no time was left to weigh one.
 UNWEIGHED = 0.72
