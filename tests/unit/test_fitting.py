@@ -60,6 +60,16 @@ class Tilted(LeastSquares):
         return pull - 30.0 * np.sin(np.linspace(-0.5, 0.5, 50) + 0.3)
 
 
+@dataclass(frozen=True)
+class Rough(LeastSquares):
+    """What a play does, smooth on the whole; impacts come earlier or later by chance."""
+
+    def residuals(self, candidates):
+        rows = np.arange(400.0)
+        gaps = [next(iter(one.values.values())) for (one,) in candidates]
+        return np.stack([1000.0 * (g - 0.02) + np.sin(rows**2 + g / 2e-5) for g in gaps])
+
+
 def friction(torque):
     return instance("coulomb_friction", torque=torque)
 
@@ -207,3 +217,9 @@ def test_derivatives_at_hand_that_mislead_are_taken_anew(regression):
     misleading = replace(known, jacobian=0.1 * known.jacobian)  # steps ten times too long
     told = fit(regression, [friction(0.1), viscous(0.1)], known=misleading)
     assert amounts(told.effects) == pytest.approx([0.3, 0.7], abs=0.01)
+
+
+@pytest.mark.parametrize("begun", [0.008, 0.016, 0.032])
+def test_derivatives_by_a_play_are_taken_over_more_than_chance_makes_of_it(begun):
+    fitted = fit(Rough(), [instance("backlash", gap=begun)])
+    assert fitted.effects[0].values["gap"] == pytest.approx(0.02, rel=0.05)

@@ -51,7 +51,9 @@ class Parameter:
     """One number of an effect: its unit and the range in which it is looked for.
 
     What is smaller than `least` is none: no stamp and no controller's cycle is as exact. What
-    `takes_off` may be less than `lower`, where a model has more of it than its robot.
+    `takes_off` may be less than `lower`, where a model has more of it than its robot. `rough_below`
+    is the share of itself over which derivatives by it are taken: what a smaller change does is
+    chance, where a motion is made of impacts.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Parameter:
     upper: float
     least: float = 0.0
     takes_off: bool = False
+    rough_below: float = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)

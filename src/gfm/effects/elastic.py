@@ -77,7 +77,7 @@ class Backlash(Effect):
     needs_drive = True
     abrupt = True
     confused_with = ("joint_elasticity",)
-    parameters = (Parameter(name="gap", unit="rad", lower=0.0, upper=0.5),)
+    parameters = (Parameter(name="gap", unit="rad", lower=0.0, upper=0.5, rough_below=0.1),)
     #: Where the motor is in its play at first depends on how large that is.
     valleys = ("gap",)
     separates_motor = True

@@ -32,6 +32,11 @@ def _free(instance: EffectInstance) -> list[EffectParameter]:
     return [p for p in instance.effect.parameters if p.name not in instance.effect.fixed]
 
 
+def rough_below(effects: Sequence[EffectInstance]) -> Array:
+    """Returns the shares of themselves over which derivatives by amounts are taken, shape (P,)."""
+    return np.array([p.rough_below for instance in effects for p in _free(instance)])
+
+
 def at_bound(instance: EffectInstance) -> bool:
     """Returns whether a fitted parameter is none, or ran into its bound: any beyond would do."""
     return any(

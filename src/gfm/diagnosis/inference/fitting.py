@@ -22,6 +22,7 @@ from gfm.diagnosis.inference.amounts import (
     bounds_of,
     each_without,
     free_parameters,
+    rough_below,
     with_amounts,
 )
 from gfm.diagnosis.residuals.outliers import slopes
@@ -62,7 +63,7 @@ class LeastSquares(ABC):
         """
         low, high = bounds_of(effects)
         least = 1e-2 * np.minimum(high - low, 1.0)
-        return np.asarray(1e-2 * np.maximum(np.abs(amounts(effects)), least))
+        return rough_below(effects) * np.maximum(np.abs(amounts(effects)), least)
 
 
 @dataclass(frozen=True, kw_only=True)
