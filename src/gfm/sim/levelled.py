@@ -12,7 +12,7 @@ from mujoco import batch as mujoco_batch
 
 from gfm.core.checks import Array
 from gfm.sim.layout import Indices
-from gfm.sim.step_laws import MiddleOfStep, StepLaws
+from gfm.sim.step_laws import LawsAtWork, StepLaws
 
 
 @final
@@ -24,17 +24,15 @@ class LevelledModels:
     ) -> None:
         self._batch = batch
         self._laws = laws
-        self._force: Array = batch.bind("qfrc_applied")
-        self._middle = MiddleOfStep(batch, laws, models[0].opt.timestep)
-        self._beside: Array = np.zeros_like(self._force)
+        self._at_work = LawsAtWork(batch, laws, models[0].opt.timestep)
         self._origin = list(models)
         self._own = [copy.copy(model) for model in models]
         self._constant: Array = np.stack([model.dof_frictionloss for model in models])
 
     def take(self, ids: Indices, models: Sequence[mujoco.MjModel]) -> None:
-        """Lets the simulations `ids` run on other models from now."""
+        """Lets the simulations `ids` begin anew on other models."""
+        self._at_work.begin_anew(ids)
         for index, model in zip(ids, models, strict=True):
-            self._beside[index] = 0.0
             if self._origin[index] is not model:
                 self._origin[index] = model
                 self._own[index] = copy.copy(model)
@@ -47,11 +45,7 @@ class LevelledModels:
         Args:
             force: What else acts, shape (N, nv).
         """
-        # What diverged was put back, and has no step before.
-        self._force[:] = force + np.nan_to_num(self._beside, posinf=0.0, neginf=0.0)
-        now = self._middle.look()
-        self._beside = self._laws.forces(now)
-        self._force[:] = force + self._beside
+        now = self._at_work.apply(force)
         levels = self._laws.levels(self._constant, now)
         for model, level in zip(self._own, levels, strict=True):
             model.dof_frictionloss[:] = level

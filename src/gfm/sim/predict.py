@@ -24,7 +24,7 @@ from gfm.sim.late_servos import Feedback, LateServos, late_servos
 from gfm.sim.motor_sides import ahead_of_link, motor_of
 from gfm.sim.plant import Plant, drive_dofs, with_servo_gain
 from gfm.sim.segment import Prediction, Segment
-from gfm.sim.step_laws import MiddleOfStep, Moment, StepLaws, step_laws
+from gfm.sim.step_laws import LawsAtWork, Moment, StepLaws, step_laws
 
 #: Memory that one call of the batched rollout may fill, bytes.
 CHUNK_BYTES = 200e6
@@ -334,20 +334,17 @@ def _step_by_step(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
     laws = _laws(plant, [job.plant.effects for job in jobs])
     constant = np.stack([job.model.dof_frictionloss for job in jobs])
     friction, applied = sims.expand("dof_frictionloss"), sims.bind("qfrc_applied")
-    middle = None if laws is None else MiddleOfStep(sims, laws, jobs[0].model.opt.timestep)
-    ctrl, beside = sims.bind("ctrl"), np.zeros_like(qvel)
+    at_work = None if laws is None else LawsAtWork(sims, laws, jobs[0].model.opt.timestep)
+    ctrl = sims.bind("ctrl")
     moving = [sims.bind(name) for name in ("time", "qpos", "qvel", "act")]
     feedback = _feedback(jobs, initial, steps)
     with _quiet():
         for k in range(steps):
             if feedback is not None:
                 feedback.write(k, controls[k])
-            ctrl[:], applied[:] = controls[k], forces[k] + beside
-            if laws is not None and middle is not None:
-                now = middle.look()
-                friction[:] = laws.levels(constant, now)
-                beside = laws.forces(now)
-                applied[:] = forces[k] + beside
+            ctrl[:], applied[:] = controls[k], forces[k]
+            if laws is not None and at_work is not None:
+                friction[:] = laws.levels(constant, at_work.apply(forces[k]))
             sims.step(nstep=1)
             told = np.concatenate([np.reshape(m, (len(jobs), -1)) for m in moving], axis=1)
             rows[:, k, : told.shape[1]] = told

@@ -66,8 +66,8 @@ class Moment:
 
 
 @final
-class MiddleOfStep:
-    """Simulations of a batch in the middle of their coming step.
+class LawsAtWork:
+    """Laws in the simulations of a batch, before each of their steps.
 
     What holds for a whole step is taken from its middle: from its beginning, friction that changes
     with speed comes late, and looks like another, and what is taken off a servo leaves what the
@@ -80,9 +80,28 @@ class MiddleOfStep:
         self._qvel: Array = simulations.bind("qvel")
         self._qacc: Array = simulations.bind("qacc")
         self._sensordata: Array = simulations.bind("sensordata")
+        self._applied: Array = simulations.bind("qfrc_applied")
+        self._forces: Array = np.zeros_like(self._applied)
 
-    def look(self) -> Moment:
-        """Returns them half a step on, under the commands of the step; they stay where they are."""
+    def begin_anew(self, ids: NDArray[np.intp]) -> None:
+        """Forgets the last step of some simulations."""
+        self._forces[ids] = 0.0
+
+    def apply(self, force: Array) -> Moment:
+        """Adds the laws' forces of the coming step to those that act; returns its middle.
+
+        Args:
+            force: What else acts, N m, shape (N, nv).
+        """
+        # What diverged was put back, and has no step before.
+        self._applied[:] = force + np.nan_to_num(self._forces, posinf=0.0, neginf=0.0)
+        now = self._middle()
+        self._forces = self._laws.forces(now)
+        self._applied[:] = force + self._forces
+        return now
+
+    def _middle(self) -> Moment:
+        """Returns the simulations half a step on, under its commands; they stay where they are."""
         self._batch.forward()
         qpos, qvel = self._qpos.copy(), self._qvel.copy()
         ahead, speed = qpos.copy(), qvel + self._half_s * self._qacc
