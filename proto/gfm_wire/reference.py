@@ -111,9 +111,9 @@ About everything else `weights/current` is asked, and the answer counts.
 **Sequences** are numbered within a life of their actor: its name and an epoch. Epochs are names,
 not times: none ends another, so that clocks may be set back. A sequence that is sent again counts
 once, also after a restart of a replay service that keeps its sequences in a folder. `NotReady` as
-the answer to a sequence asks to send it again later: the disk is full. All who serve
-`replay/insert` are asked: a second service takes nothing away from the first, and shows in
-`replays_changed` of the actors.
+the answer to a sequence asks to send it again later: the disk is full, or the learner has to catch
+up first (`min_samples_per_insert`). All who serve `replay/insert` are asked:
+a second service takes nothing away from the first, and shows in `replays_changed` of the actors.
 
 None of this is authentication: `sender` is what a sender says of itself. Who may send at all is
 another matter ([below](#who-may-speak)).

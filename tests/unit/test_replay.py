@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import shutil
 from dataclasses import replace
@@ -374,6 +375,55 @@ def test_samples_per_insert_stay_below_their_limit():
     assert asker.service.status().gauges["samples_per_insert"] == 2.0
 
 
+def test_beyond_what_the_learner_has_taken_actors_wait_and_go_on_when_it_has():
+    asker = Asker(min_size=2, min_samples_per_insert=3.0)
+    for number in range(2):  # these do not count: the learner could not begin without them
+        asker.insert(make_sequence(number))
+    waits = "the actors wait for the learner: 0 of 3 samples are taken"
+    assert asker.ask("replay/insert", make_sequence(2)) == NotReady(reason=waits, inserted=2)
+    assert asker.counters["held_back"] == 1
+    assert asker.counters["replay_sequences"] == 2
+    assert asker.insert(make_sequence(1)) == 2  # a duplicate takes no place
+    asker.sample(2)
+    assert isinstance(asker.ask("replay/insert", make_sequence(2)), NotReady)
+    asker.sample(1)
+    assert asker.insert(make_sequence(2)) == 3
+    assert isinstance(asker.ask("replay/insert", make_sequence(3)), NotReady)
+
+
+@pytest.mark.parametrize(("least", "most", "size"), [(1.0, 1.0, 4), (3.5, 4.0, 7), (0.1, 8.0, 31)])
+@pytest.mark.parametrize("first", ["learner", "actors"])
+def test_within_bounds_that_are_taken_nobody_waits_for_ever(least, most, size, first):
+    bounds = {"min_samples_per_insert": least, "max_samples_per_insert": most}
+    batch = math.floor(most * size - least)
+    asker = Asker(min_size=size, max_batch_size=batch, **bounds)
+    with pytest.raises(ConfigError, match="could wait for one another"):
+        ReplayConfig(min_size=size, max_batch_size=batch + 1, **bounds)
+    inserted = 0
+
+    def insert() -> bool:
+        nonlocal inserted
+        answer = asker.ask("replay/insert", make_sequence(inserted))
+        inserted += isinstance(answer, SequenceAck)
+        return isinstance(answer, SequenceAck)
+
+    def sample() -> bool:
+        return isinstance(asker.sample(batch), Batch)
+
+    # Each does all that it may before the other has its turn: the worst that can happen.
+    turns = [sample, insert] if first == "learner" else [insert, sample]
+    for _ in range(200):
+        for turn in turns:
+            times = 0
+            while turn() and times < 100:
+                times += 1
+        ratio = asker.service.status().gauges["samples_per_insert"]
+        counted = max(inserted - size, 0)
+        assert ratio <= most
+        assert ratio * inserted >= least * counted
+    assert inserted > 2 * size
+
+
 def test_a_sequence_sent_twice_is_stored_once_and_acknowledged_both_times():
     asker = Asker()
     assert asker.insert(make_sequence(0)) == 1
@@ -580,6 +630,16 @@ def test_a_length_that_was_set_holds_for_the_first_sequence_too():
         ({"min_size": 0}, "min_size is 0, expected at least 1"),
         ({"max_batch_size": 0}, "max_batch_size is 0, expected at least 1"),
         ({"max_samples_per_insert": 0.0}, "max_samples_per_insert is 0.0, expected more than 0"),
+        ({"min_samples_per_insert": -1.0}, "min_samples_per_insert is -1.0, expected more than 0"),
+        (
+            {"min_samples_per_insert": 4.0, "max_samples_per_insert": 2.0},
+            "min_samples_per_insert is 4 and max_samples_per_insert is 2, expected no more",
+        ),
+        (
+            {"min_samples_per_insert": 4.0, "max_samples_per_insert": 8.0},
+            "max_batch_size is 4096, expected at most 508 with 4 to 8 samples per insert and "
+            "min_size 64",
+        ),
         ({"wait_s": -1.0}, "wait_s is -1.0, expected at least 0"),
     ],
 )

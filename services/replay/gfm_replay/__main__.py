@@ -39,6 +39,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="hand out each sequence at most this often on average (default: no limit)",
     )
     group.add_argument(
+        "--min-samples-per-insert",
+        type=float,
+        metavar="RATIO",
+        help="take no more sequences before each was handed out so often on average "
+        "(default: no limit)",
+    )
+    group.add_argument(
         "--folder",
         metavar="DIR",
         help="keep sequences there, for later processes too (default: in memory)",

@@ -17,6 +17,8 @@ class ReplayConfig(ServiceConfig, frozen=True, kw_only=True):
         min_size: Sequences that must have been accepted before the first batch.
         max_samples_per_insert: Sequences handed out per sequence accepted, at most; beyond that
             the learner waits for the actors. None does not limit it.
+        min_samples_per_insert: The same, at least; below that the actors wait for the learner.
+            The first `min_size` sequences do not count for it. None does not limit it.
         max_batch_size: Sequences of one batch, at most; nor more than the capacity, nor than fit
             into one message.
         sequence_length: Transitions that every sequence must have; None takes what the first has.
@@ -30,6 +32,7 @@ class ReplayConfig(ServiceConfig, frozen=True, kw_only=True):
     capacity_mib: int = 256
     min_size: int = 64
     max_samples_per_insert: float | None = None
+    min_samples_per_insert: float | None = None
     max_batch_size: int = 4096
     sequence_length: int | None = None
     seed: int = 0
@@ -40,6 +43,29 @@ class ReplayConfig(ServiceConfig, frozen=True, kw_only=True):
         for name in ("capacity_mib", "min_size", "max_batch_size"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"{name} is {getattr(self, name)}, expected at least 1")
-        limit = self.max_samples_per_insert
-        if limit is not None and not limit > 0:
-            raise ConfigError(f"max_samples_per_insert is {limit}, expected more than 0")
+        for name in ("max_samples_per_insert", "min_samples_per_insert"):
+            if (limit := getattr(self, name)) is not None and not limit > 0:
+                raise ConfigError(f"{name} is {limit}, expected more than 0")
+        self._check_band()
+
+    def _check_band(self) -> None:
+        """Refuses bounds between which learner and actors could wait for one another.
+
+        Both wait where the largest batch would lead beyond one bound, and one more sequence below
+        the other. The room between the bounds grows with what has arrived, so that the beginning
+        decides: `min_size` sequences, none of which counts for the lower bound.
+        """
+        least, most = self.min_samples_per_insert, self.max_samples_per_insert
+        if least is None or most is None:
+            return
+        if least > most:
+            raise ConfigError(
+                f"min_samples_per_insert is {least:g} and max_samples_per_insert is {most:g}, "
+                "expected no more than that"
+            )
+        if self.max_batch_size > (fits := most * self.min_size - least):
+            raise ConfigError(
+                f"max_batch_size is {self.max_batch_size}, expected at most {max(fits, 0.0):g} "
+                f"with {least:g} to {most:g} samples per insert and min_size {self.min_size}: "
+                "learner and actors could wait for one another"
+            )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import ClassVar
 
 from gfm.core import EnvironmentSpec, GfmError, RefusedError, Sequence, implausible
 from gfm_wire import SampleRequest
@@ -18,8 +19,22 @@ class NotTakenError(RefusedError):
         self.reason = reason
 
 
-class NoRoomError(GfmError):
-    """A sequence that cannot be stored now, but may be later."""
+class NotNowError(GfmError):
+    """A sequence that is not stored now, but may be later; `counter` is the word for it."""
+
+    counter: ClassVar[str]
+
+
+class NoRoomError(NotNowError):
+    """The disk has no room for it."""
+
+    counter = "no_room"
+
+
+class HeldBackError(NotNowError):
+    """The learner has not yet taken enough samples of those before it."""
+
+    counter = "held_back"
 
 
 def check_sequence(sequence: Sequence, spec: EnvironmentSpec, steps: int | None) -> None:

@@ -17,7 +17,13 @@ from gfm.transport import Request, Transport
 from gfm_replay.arrivals import Arrivals
 from gfm_replay.buffer import SequenceBuffer
 from gfm_replay.config import ReplayConfig
-from gfm_replay.door import NoRoomError, NotTakenError, check_request, check_sequence
+from gfm_replay.door import (
+    HeldBackError,
+    NotNowError,
+    NotTakenError,
+    check_request,
+    check_sequence,
+)
 from gfm_replay.expected import ExpectedEnvironment
 from gfm_replay.journal import Journal, Kept
 from gfm_wire import MAX_BYTES, NotReady, SampleRequest, SequenceAck
@@ -48,7 +54,9 @@ class ReplayService(Service):
         self._refusals = Refusals()
         self._inserts = transport.serve("replay/insert")
         self._samples = transport.serve("replay/sample")
-        self._counters: Counter[str] = Counter(batches=0, duplicates=0, given_up=0, no_room=0)
+        self._counters: Counter[str] = Counter(
+            batches=0, duplicates=0, given_up=0, no_room=0, held_back=0
+        )
         self._note = "waiting for the first sequence"
 
     def _restore(self, kept: Kept) -> EnvironmentSpec:
@@ -117,8 +125,8 @@ class ReplayService(Service):
                 raise NotTakenError("kind", f"got {type(sequence).__name__}, expected Sequence")
             check_sequence(sequence, spec, self._config.sequence_length)
             request.reply(self._insert(sequence, spec))
-        except NoRoomError as error:
-            self._counters["no_room"] += 1
+        except NotNowError as error:
+            self._counters[error.counter] += 1
             request.reply(self._not_yet(str(error), 0))
         except NotTakenError as error:
             self._refuse(request, error)
@@ -133,9 +141,21 @@ class ReplayService(Service):
         if life.has(number):
             self._counters["duplicates"] += 1
         else:
+            self._check_pace()
             self._buffer.insert(sequence, life, spec)
             self._counters["given_up"] += life.add(number)
         return SequenceAck(actor=actor, epoch=epoch, number=number, cursor=life.cursor)
+
+    def _check_pace(self) -> None:
+        """Raises HeldBackError where one more sequence would leave too few samples for each."""
+        least, buffer = self._config.min_samples_per_insert, self._buffer
+        if least is None:
+            return
+        counted = buffer.inserted + 1 - self._config.min_size
+        if (needed := math.ceil(least * counted)) > buffer.sampled:
+            raise HeldBackError(
+                f"the actors wait for the learner: {buffer.sampled} of {needed} samples are taken"
+            )
 
     def _answer_sample(self, request: Request) -> None:
         try:
