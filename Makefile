@@ -11,7 +11,7 @@ export CONTAINER_ENGINE ?= docker
 export CONTAINER_CLI ?= docker
 IMAGES := router replay bridge robot actor learner
 
-.PHONY: help run test test-slow test-faults test-containers check docs format lock images clean bench-messages bench-effects bench-joint-control bench-bridge bench-kills bench-fit bench-tracking bench-diagnosis
+.PHONY: help run test test-slow test-faults soak test-containers check docs format lock images clean bench-messages bench-effects bench-joint-control bench-bridge bench-kills bench-fit bench-tracking bench-diagnosis
 
 help:  ## say what can be made
 	@sed -En 's/^([a-z-]+):.*## (.*)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -46,6 +46,10 @@ docs: $(VENV)/.installed  ## build the documentation as a site, build/site; fail
 
 test-faults: $(VENV)/.installed  ## hurt a system of processes 160 times (40 minutes; again goes on)
 	$(BIN)/python benchmarks/faults.py --folder build/faults --kills 100 --others 60
+
+soak: $(VENV)/.installed  ## let a system of processes work for an hour: its memory stays flat
+	rm -rf build/soak
+	$(BIN)/python benchmarks/soak.py --folder build/soak --minutes 60
 
 bench-messages: $(VENV)/.installed  ## give every command bad input; writes docs/messages.md (two minutes)
 	$(BIN)/python benchmarks/messages.py

@@ -19,6 +19,7 @@ from typing import final
 
 import numpy as np
 from relay import Relay
+from resumes import Resumes
 from survival import HANG_DEADLINE_S, grew, pid_of, progress
 
 from gfm.core import MonotonicClock, Status, Weights
@@ -40,7 +41,8 @@ ACTORS = 4
 LINES = ("replay", "learner", "actor-0")
 PATIENCE_S = 600.0
 START_S = 300.0  # on a busy machine
-SAMPLES_PER_INSERT = 8.0
+#: Samples per insert, at least and at most.
+RATIO = (4.0, 8.0)
 _LOOK_S = 0.05
 _FULL_BYTES = 1024
 _ENV = ("--env", "point_mass")
@@ -57,6 +59,8 @@ class Rig:
     Attributes:
         versions_back: Times that weights of an older life than before were heard, or of an older
             version of the same life.
+        resumes: How learners went on that were started again.
+        began_ns: When the system was started, UTC: tells one rig from the next.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -66,7 +70,9 @@ class Rig:
             folder: Gets the sequences, checkpoints, ledgers and logs.
         """
         self.folder = folder
+        self.began_ns = time.time_ns()
         self.versions_back = 0
+        self.resumes = Resumes(folder / "checkpoints" / "policy.npz")
         self._newest = (0, 0)
         self._endpoint = free_endpoint()
         self._lines = {name: Relay(self._port) for name in LINES}
@@ -91,7 +97,11 @@ class Rig:
         folder = self.folder
         learner = ("--checkpoint-dir", str(folder / "checkpoints"), "--checkpoint-period-s", "5")
         acting = ("--max-steps-per-s", "50", "--ledger", str(folder / "ledgers"))
-        ratio = ("--max-samples-per-insert", f"{SAMPLES_PER_INSERT:g}")
+        ratio = (
+            *("--min-samples-per-insert", f"{RATIO[0]:g}"),
+            *("--max-samples-per-insert", f"{RATIO[1]:g}"),
+            *("--max-batch-size", "32"),  # the learner's own: no more fits between the bounds
+        )
         processes = (
             replay_process(("--folder", str(folder / "replay"), *ratio)),
             learner_process((*_ENV, *learner)),
@@ -123,6 +133,7 @@ class Rig:
         """Keeps the system for a moment, and listens to the learner."""
         self._keeper.step()
         while isinstance(weights := self._weights.take(), Weights):
+            self.resumes.hear(weights)
             heard = (weights.life, weights.version)
             self.versions_back += heard < self._newest
             self._newest = max(self._newest, heard)

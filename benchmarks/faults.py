@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fault_rig import ACTORS, LINES, SAMPLES_PER_INSERT, NeverWholeError, Rig
+from fault_rig import ACTORS, LINES, RATIO, NeverWholeError, Rig
 
 from gfm_replay.audit import Audit, audit_folders
 
@@ -56,7 +56,7 @@ def done(folder: Path) -> list[dict[str, Any]]:
 
 
 def hurt(rig: Rig, kind: str, name: str, rng: np.random.Generator) -> dict[str, Any]:
-    """Returns what came of one fault."""
+    """Returns what came of one fault; what the rig counts is told as of now."""
     began_s = time.monotonic()
     getattr(rig, kind)(name, rng)
     ended_s = time.monotonic()
@@ -67,6 +67,7 @@ def hurt(rig: Rig, kind: str, name: str, rng: np.random.Generator) -> dict[str, 
     told = rig.everybody()
     gauges = {status.role: status.gauges for status in told}
     return {
+        "rig": rig.began_ns,
         "kind": kind,
         "name": name,
         "whole_s": round(whole_s, 3),
@@ -75,6 +76,7 @@ def hurt(rig: Rig, kind: str, name: str, rng: np.random.Generator) -> dict[str, 
         "open_files": {status.name: status.gauges["open_files"] for status in told},
         "keeper_files": len(os.listdir("/proc/self/fd")),  # noqa: PTH208
         "versions_back": rig.versions_back,
+        "resumes": [rig.resumes.alike, rig.resumes.otherwise, rig.resumes.unknown],
     }
 
 
@@ -114,24 +116,37 @@ def table(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 def figures(rows: Sequence[dict[str, Any]], audit: Audit) -> list[str]:
     """Returns the sums in words."""
-    ratio = max(row["samples_per_insert"] for row in rows)
+    ratios = [row["samples_per_insert"] for row in rows]
+    alike, otherwise, unknown = resumes(rows)
     kills = [row["whole_s"] for row in rows if row["kind"] == "kill"]
     files, memory = ends(rows, "open_files"), ends(rows, "memory_mib")
     return [
         f"{len(rows)} faults; whole after a kill: median {statistics.median(kills):.1f} s",
         f"{audit.acknowledged} acknowledged in {audit.lives} lives of actors; lost {audit.lost}, "
         f"doubled {audit.doubled}, changed {audit.changed}, evicted {audit.evicted}",
-        f"samples per insert at most {ratio:.3f} of {SAMPLES_PER_INSERT:g}",
+        f"samples per insert {min(ratios):.3f} to {max(ratios):.3f}, held between {RATIO[0]:g} "
+        f"and {RATIO[1]:g}",
+        f"learners that went on: {alike} acted on a probe as before, {otherwise} otherwise, "
+        f"{unknown} not known",
         f"versions that went back: {sum(row['versions_back'] for row in last_of_runs(rows))}",
         f"open files of the services, first and last tenth: {files}; memory, MiB: {memory}",
         f"open files of the keeper: {rows[0]['keeper_files']} and {rows[-1]['keeper_files']}",
     ]
 
 
+def resumes(rows: Sequence[dict[str, Any]]) -> tuple[int, ...]:
+    """Returns how many learners went on alike, otherwise, and nobody knows how."""
+    counts = [row["resumes"] for row in last_of_runs(rows)]
+    return tuple(sum(column) for column in zip(*counts, strict=True))
+
+
 def last_of_runs(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Returns the last row of each time that the command ran: a count begins anew with each."""
-    pairs = zip(rows, [*rows[1:], {"versions_back": -1}], strict=True)
-    return [row for row, after in pairs if after["versions_back"] < row["versions_back"]]
+    return [
+        row
+        for row, after in zip(rows, [*rows[1:], None], strict=True)
+        if after is None or after["rig"] != row["rig"]
+    ]
 
 
 def ends(rows: Sequence[dict[str, Any]], name: str) -> str:
@@ -166,7 +181,7 @@ def main() -> int:
     audit = audit_folders(asked.folder / "replay", asked.folder / "ledgers")
     rows = done(asked.folder)
     print("\n".join([*table(rows), "", *figures(rows, audit)]))
-    return 0 if audit.is_sound else 1
+    return 0 if audit.is_sound and not resumes(rows)[1] else 1
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from collections import Counter
 
 import faults
 import pytest
-from faults import TARGETS, done, figures, last_of_runs, plan, table
+from faults import TARGETS, done, figures, last_of_runs, plan, resumes, table
 
 from gfm_replay.audit import Audit
 
@@ -22,8 +22,9 @@ def test_a_plan_has_as_many_kills_as_asked_and_of_all_else_alike():
     assert all(name in TARGETS[kind] for kind, name in planned)
 
 
-def row(kind: str, whole_s: float, versions_back: int = 0) -> dict:
+def row(kind: str, whole_s: float, versions_back: int = 0, rig: int = 1) -> dict:
     return {
+        "rig": rig,
         "kind": kind,
         "name": "actor-1",
         "whole_s": whole_s,
@@ -32,6 +33,7 @@ def row(kind: str, whole_s: float, versions_back: int = 0) -> dict:
         "open_files": {"a": 1.0, "b": 2.0},
         "keeper_files": 9,
         "versions_back": versions_back,
+        "resumes": [versions_back, 0, 1],
     }
 
 
@@ -46,11 +48,15 @@ def test_tables_and_sums_are_of_all_rows():
     assert "3 faults; whole after a kill: median 3.0 s" in said
     assert "5 acknowledged in 2 lives of actors; lost 1, doubled 0" in said
     assert "30 and 30" in said
+    assert "samples per insert 7.500 to 7.500, held between 4 and 8" in said
+    assert "0 acted on a probe as before, 0 otherwise, 1 not known" in said
 
 
 def test_what_went_back_is_counted_in_each_run_of_the_command():
-    rows = [row("cut", 1.0, count) for count in (0, 2, 2, 0, 1)]
-    assert sum(one["versions_back"] for one in last_of_runs(rows)) == 3
+    counts = ((0, 1), (2, 1), (2, 1), (2, 2), (2, 2), (3, 2))
+    rows = [row("cut", 1.0, count, rig) for count, rig in counts]
+    assert [one["versions_back"] for one in last_of_runs(rows)] == [2, 3]
+    assert resumes(rows) == (5, 0, 2)
 
 
 @pytest.mark.slow

@@ -1,0 +1,104 @@
+"""The verdict on an hour's soak: who grew is told from who only breathes."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import pytest
+import soak
+
+from gfm.service import exit_status
+
+
+def rows(memory, files=lambda _: 20.0, missing=(), minutes=60):
+    return [
+        {
+            "at_s": 10.0 * i,
+            "missing": list(missing) if i == 7 else [],
+            "memory_mib": {"replay": memory(i / (6 * minutes))},
+            "open_files": {"replay": files(i / (6 * minutes))},
+            "cpu_s": 15.0 * i,
+            "env_steps": 8000 * i,
+            "replay_sequences": 800 * i,
+            "learner_steps": 300 * i,
+        }
+        for i in range(6 * minutes + 1)
+    ]
+
+
+def verdict(found):
+    (course,) = soak.courses(found)
+    return course
+
+
+def test_what_fills_at_first_and_breathes_after_that_is_flat():
+    course = verdict(rows(lambda t: min(50.0 + 300.0 * t, 90.0) + (t * 1e4) % 1.0))
+    assert course.is_flat
+    assert abs(course.slope_mib_h) < 1.0
+
+
+@pytest.mark.parametrize("growth_mib_h", [3.6, 20.0])
+def test_what_goes_on_growing_is_not(growth_mib_h):
+    course = verdict(rows(lambda t: 60.0 + growth_mib_h * t))
+    assert not course.is_flat
+    assert course.slope_mib_h == pytest.approx(growth_mib_h)
+    # The middles of the two tenths are six tenths of the whole time apart.
+    first, last = course.memory_mib
+    assert last - first == pytest.approx(0.6 * growth_mib_h, rel=0.03)
+
+
+def test_of_a_large_process_a_fiftieth_is_no_growth():
+    assert verdict(rows(lambda t: 400.0 + 10.0 * t)).is_flat
+    assert not verdict(rows(lambda t: 400.0 + 15.0 * t)).is_flat
+
+
+def test_handles_that_leak_are_found():
+    assert verdict(rows(lambda _: 50.0, lambda t: 20.0 + 2.0 * t)).is_flat
+    assert not verdict(rows(lambda _: 50.0, lambda t: 20.0 + 10.0 * t)).is_flat
+
+
+def test_the_table_tells_how_much_was_done_and_used():
+    said = "\n".join(soak.table(rows(lambda _: 50.0, missing=["replay: down"])))
+    assert "| replay | 50.0 | 50.0 | +0.00 | 20 and 20 |" in said
+    assert "60 minutes, looked at after 20; 800 env_steps/s, 80 replay_sequences/s" in said
+    assert "1.50 of " in said
+    assert said.endswith("somebody was missing: 1")
+
+
+@pytest.mark.parametrize(
+    ("memory", "missing", "status"),
+    [
+        (lambda _: 50.0, [], 0),
+        (lambda t: 50.0 + 20.0 * t, [], 1),
+        (lambda _: 50.0, ["replay: down for 0 s"], 1),
+    ],
+    ids=["flat", "grew", "died"],
+)
+def test_the_status_says_whether_all_is_well(
+    tmp_path, monkeypatch, capsys, memory, missing, status
+):
+    monkeypatch.setattr(soak, "soak", lambda *_: rows(memory, missing=missing))
+    monkeypatch.setattr(sys, "argv", ["soak", "--folder", str(tmp_path / "new")])
+    assert soak.main() == status
+    assert "| replay |" in capsys.readouterr().out
+
+
+def test_a_folder_that_is_there_is_left_alone(tmp_path, monkeypatch, capsys):
+    (tmp_path / soak.LOG).write_text(json.dumps({}))
+    monkeypatch.setattr(sys, "argv", ["soak", "--folder", str(tmp_path)])
+    assert exit_status(soak.main) == 2
+    assert "exists, expected a new one" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_system_at_full_load_is_looked_at(tmp_path):
+    found = soak.soak(tmp_path, 0.5)
+    assert len(found) >= 2
+    assert set(found[-1]["memory_mib"]) == {
+        "router",
+        "replay",
+        "learner",
+        *(f"actor-{i}" for i in range(soak.ACTORS)),
+    }
+    assert found[-1]["env_steps"] > found[0]["env_steps"]
