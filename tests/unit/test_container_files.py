@@ -108,6 +108,18 @@ def test_whomever_a_service_depends_on_stays_and_is_started_again():
     assert {COMPOSE["services"][name]["restart"] for name in needed} == {"unless-stopped"}
 
 
+def test_the_robot_shares_a_network_with_its_bridge_and_the_router_alone():
+    on = {name: set(one["networks"]) for name, one in SERVICES.items()}
+    assert {name for name, networks in on.items() if "robot" in networks} == {
+        "robot",
+        "robot_bridge",
+        "router",
+    }
+    assert on["robot"] == on["robot_bridge"] == {"robot"}
+    assert on["router"] == {"robot", "system"}
+    assert all(COMPOSE["networks"][name]["internal"] for name in ("robot", "system"))
+
+
 def test_every_image_has_folders_that_volumes_of_certificates_belong_to_its_user_in():
     runtime = stage_of("runtime").replace("\\\n", " ").split()
     assert {"authority", *Role} <= {word.rstrip(";") for word in runtime}
