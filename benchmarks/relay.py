@@ -63,20 +63,33 @@ class Relay:
         except OSError:  # the server is away: whoever called is told so, and may call again
             near.close()
             return
-        self._ends += [near, far]
+        # Connections that have ended are forgotten, so that a line of hours holds no more handles.
+        self._ends = [end for end in self._ends if end.fileno() >= 0] + [near, far]
+        first, *others = self._threads
+        self._threads = [first, *(thread for thread in others if thread.is_alive())]
+        first_end = threading.Semaphore(1)
         for pair in ((near, far), (far, near)):
-            told = (*pair, self._passing[-1])
+            told = (*pair, self._passing[-1], first_end)
             self._threads.append(threading.Thread(target=_pass_on, args=told, daemon=True))
             self._threads[-1].start()
 
 
-def _pass_on(source: socket.socket, target: socket.socket, passing: threading.Event) -> None:
+def _pass_on(
+    source: socket.socket,
+    target: socket.socket,
+    passing: threading.Event,
+    first_end: threading.Semaphore,
+) -> None:
+    """Passes bytes on one way; the way that ends last closes both sockets."""
     with suppress(OSError):
         while data := source.recv(65536):
             passing.wait()
             target.sendall(data)
     _shut(source)
     _shut(target)
+    if not first_end.acquire(blocking=False):
+        source.close()
+        target.close()
 
 
 def _shut(end: socket.socket) -> None:
