@@ -1,7 +1,7 @@
 """The messages between processes: name, version, fields, units; msgpack encode and decode."""
 
-from gfm_wire.channels import CHANNELS, Permissions, Role, permissions
-from gfm_wire.codec import MAX_BYTES, Stamp, decode, decode_stamped, encode
+from gfm_wire.channels import CHANNELS, Permissions, Role, largest_body, permissions
+from gfm_wire.codec import Stamp, decode, decode_stamped, encode
 from gfm_wire.control import (
     PROTECTIVE_STOP,
     Ack,
@@ -30,6 +30,7 @@ from gfm_wire.control import (
 )
 from gfm_wire.kinds import Reason
 from gfm_wire.schemas import SCHEMAS, Message
+from gfm_wire.sizes import MAX_BYTES
 from gfm_wire.tracking import ObjectPose, TrackedObject
 
 __all__ = [
@@ -70,5 +71,6 @@ __all__ = [
     "decode",
     "decode_stamped",
     "encode",
+    "largest_body",
     "permissions",
 ]

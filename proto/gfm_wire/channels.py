@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
+from gfm_wire.sizes import MAX_BYTES, SMALL_BYTES, most_bytes
+
 
 class Role(StrEnum):
     """What a process is to the others; the common name of its certificate."""
@@ -61,6 +63,17 @@ class Channel:
         """Returns the key with `*` for NAME, and for ROLE the one given, or `*`."""
         return self.key.replace("ROLE", role or "*").replace("NAME", "*")
 
+    @property
+    def most_bytes(self) -> int:
+        """The largest body of what is asked or published."""
+        return max(most_bytes(message) for message, _ in self.messages)
+
+    @property
+    def most_answer_bytes(self) -> int:
+        """The largest body of an answer; a refusal is always possible."""
+        answers = [one for _, answer in self.messages for one in answer.split(" or ")]
+        return max(SMALL_BYTES, *map(most_bytes, answers))
+
 
 def _question(
     key: str, *messages: tuple[str, str], of: tuple[Role, ...], to: tuple[Role, ...]
@@ -105,6 +118,17 @@ CHANNELS = (
     _question("status/ROLE/NAME", _STATUS, of=(Role.WATCHER, Role.SUPERVISOR), to=SERVICES),
     _question("supervisor/NAME", _STATUS, of=(Role.WATCHER,), to=(Role.SUPERVISOR,)),
 )
+
+
+def largest_body(key: str) -> int:
+    """Returns how large a body under a key below `gfm/RUN/` may be, whichever way it goes."""
+    parts = key.split("/")
+    for channel in CHANNELS:
+        wanted = channel.pattern().split("/")
+        pairs = zip(wanted, parts, strict=False)
+        if len(wanted) == len(parts) and all(one in ("*", part) for one, part in pairs):
+            return max(channel.most_bytes, channel.most_answer_bytes)
+    return MAX_BYTES
 
 
 @dataclass(frozen=True, kw_only=True)

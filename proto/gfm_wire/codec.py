@@ -11,9 +11,7 @@ from gfm.core import WireError
 from gfm_wire.kinds import Integer, Reason, Text, wrong_type
 from gfm_wire.schema import field_difference
 from gfm_wire.schemas import SCHEMAS, Message
-
-MAX_BYTES = 64 * 1024 * 1024
-"""The largest body that is sent or read unless the reader sets a tighter limit."""
+from gfm_wire.sizes import MAX_BYTES, most_bytes
 
 MAX_ITEMS = 4096
 """The longest list or map: msgpack reserves memory for a list before it has seen its items."""
@@ -45,7 +43,7 @@ def encode(message: Message, stamp: Stamp = UNSTAMPED, *, max_bytes: int = MAX_B
     """Returns the body of a message.
 
     Raises:
-        WireError: it would be larger than `max_bytes`.
+        WireError: it would be larger than `max_bytes`, or than a message of its kind may be.
         TypeError: there is no schema for this type.
     """
     schema = _BY_TYPE.get(type(message))
@@ -60,7 +58,7 @@ def encode(message: Message, stamp: Stamp = UNSTAMPED, *, max_bytes: int = MAX_B
         "body": schema.pack(message),
     }
     body = cast(bytes, msgpack.packb(envelope))
-    _check_size(body, max_bytes)
+    _check_size(len(body), min(max_bytes, most_bytes(schema.name)))
     return body
 
 
@@ -75,7 +73,7 @@ def decode_stamped(body: bytes, *, max_bytes: int = MAX_BYTES) -> tuple[Message,
     Raises:
         WireError: and nothing else, whatever the bytes are.
     """
-    _check_size(body, max_bytes)
+    _check_size(len(body), max_bytes)
     envelope = _unpacked(body)
     if not isinstance(envelope, dict):
         raise wrong_type("the body", envelope, "a map")
@@ -87,10 +85,10 @@ def decode_stamped(body: bytes, *, max_bytes: int = MAX_BYTES) -> tuple[Message,
         epoch=Integer(least=0).unpack(envelope["epoch"], "epoch"),
         number=Integer(least=0).unpack(envelope["number"], "number"),
     )
-    return _message(envelope), stamp
+    return _message(envelope, len(body)), stamp
 
 
-def _message(envelope: dict[str, Any]) -> Message:
+def _message(envelope: dict[str, Any], size: int) -> Message:
     name, version = envelope["schema"], envelope["version"]
     schema = _BY_NAME.get(name) if isinstance(name, str) else None
     if schema is None:
@@ -99,6 +97,7 @@ def _message(envelope: dict[str, Any]) -> Message:
         raise WireError(
             Reason.VERSION, f"{name} is of version {version!r:.40}, expected {schema.version}"
         )
+    _check_size(size, most_bytes(schema.name))
     return cast(Message, schema.unpack(envelope["body"], schema.name))
 
 
@@ -111,6 +110,6 @@ def _unpacked(body: bytes) -> object:
         raise WireError(Reason.NOT_MSGPACK, str(exc) or type(exc).__name__) from exc
 
 
-def _check_size(body: bytes, max_bytes: int) -> None:
-    if len(body) > max_bytes:
-        raise WireError(Reason.TOO_LARGE, f"{len(body)} bytes, limit {max_bytes}")
+def _check_size(size: int, max_bytes: int) -> None:
+    if size > max_bytes:
+        raise WireError(Reason.TOO_LARGE, f"{size} bytes, limit {max_bytes}")

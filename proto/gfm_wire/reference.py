@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from gfm_wire.channels import CHANNELS, WHO, Channel, Role, permissions
-from gfm_wire.codec import MAX_BYTES, MAX_ITEMS
+from gfm_wire.codec import MAX_ITEMS
 from gfm_wire.kinds import DTYPES, Reason
 from gfm_wire.schema import Schema
 from gfm_wire.schemas import SCHEMAS
+from gfm_wire.sizes import LARGE, SMALL_BYTES
 
 _INTRODUCTION = f"""\
 # The wire
@@ -39,8 +40,10 @@ Every payload is one msgpack map:
 
 An array is a map {{`dtype`, `shape`, `data`}}: one of {", ".join(f'`"{d}"`' for d in DTYPES)}
 (little-endian), the sizes of its dimensions, and its bytes in C order. Its numbers must be finite.
-Nothing is pickled; there are no msgpack extension types. A body may have {MAX_BYTES // 2**20} MiB,
-a list or map {MAX_ITEMS} items, a text 4096 characters.
+Nothing is pickled; there are no msgpack extension types. A list or map may have {MAX_ITEMS} items,
+a text 4096 characters, a body {SMALL_BYTES // 2**10} KiB, except of
+{", ".join(f"{name} ({size // 2**20} MiB)" for name, size in LARGE.items())}.
+What is larger than any message of its key the router does not pass on, and no receiver reads.
 
 ## Refusals
 
@@ -141,7 +144,10 @@ _WHAT_IT_IS_WORTH = """\
   (`connected_ROLE` in its status).
 - What is dropped is dropped in silence: a broadcast does not arrive, a question finds nobody who
   answers, and no counter shows it. `rejected_` and `refused_` count what came through.
-- Each role may still flood those whom it may ask.
+- Whoever sends much waits behind itself: replay and learner read the questions of each sender into
+  a line of its own, bounded (beyond it `refused_queue`), and answer the front of each line in turn.
+  Who goes by many names has as many turns, and who sends more than a receiver can read drowns out
+  others that have the same role.
 - The router reads everything, and whoever has the authority's key can be anybody.
 """
 

@@ -338,6 +338,46 @@ def test_zenoh_waits_for_a_router_that_comes_later():
             assert answer(pending) == Ack()
 
 
+def test_a_body_larger_than_any_message_of_its_key_is_read_by_nobody_and_stops_nobody(connect):
+    server_side, client = connect(), connect()
+    server = server_side.serve("replay/sample")
+    pending = client.request("replay/sample", SampleRequest(batch_size=1), timeout_s=5.0)
+    received(server).reply(Ack())
+    assert answer(pending) == Ack()
+    if isinstance(client, MemoryTransport):
+        client._hub.tamper = lambda _key, body: body + bytes(64 * 2**20)
+    else:
+        client._bodies.encode = lambda _key, _message: bytes(64 * 2**20 + 1)
+    sent = client.request("replay/sample", SampleRequest(batch_size=1), timeout_s=1.0)
+    with pytest.raises((UnreachableError, RefusedError)):
+        eventually(lambda: server.receive() or sent.poll())
+    if isinstance(client, MemoryTransport):
+        assert server_side.rejected == {"too_large": 1}
+
+
+def test_zenoh_s_router_passes_on_no_body_that_is_too_large_for_its_key():
+    endpoint = free_endpoint()
+    with (
+        ZenohTransport.open(run="one", listen=[endpoint]),
+        ZenohTransport.open(run="one", connect=[endpoint]) as server_side,
+        ZenohTransport.open(run="one", connect=[endpoint]) as client,
+    ):
+        server = server_side.serve("robot/command")
+        eventually(lambda: _is_heard(client, server))
+        client._bodies.encode = lambda _key, _message: bytes(256 * 1024 + 1)
+        pending = client.request("robot/command", StatusRequest(), timeout_s=1.0)
+        with pytest.raises(UnreachableError):
+            answer(pending)
+        assert server.receive() is None
+        assert server_side.rejected == {}
+
+
+def _is_heard(client: Transport, server: Server) -> Request | None:
+    client.request("robot/command", StatusRequest(), timeout_s=1.0)
+    time.sleep(0.01)
+    return server.receive()
+
+
 def test_runs_that_share_a_router_do_not_meet():
     endpoint = free_endpoint()
     with (

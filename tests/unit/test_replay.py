@@ -412,16 +412,37 @@ def test_within_bounds_that_are_taken_nobody_waits_for_ever(least, most, size, f
 
     # Each does all that it may before the other has its turn: the worst that can happen.
     turns = [sample, insert] if first == "learner" else [insert, sample]
-    for _ in range(200):
+    for _ in range(20):
         for turn in turns:
             times = 0
-            while turn() and times < 100:
+            while turn() and times < 60:
                 times += 1
         ratio = asker.service.status().gauges["samples_per_insert"]
         counted = max(inserted - size, 0)
         assert ratio <= most
         assert ratio * inserted >= least * counted
     assert inserted > 2 * size
+
+
+def test_who_sends_much_keeps_nobody_waiting_and_is_told_what_is_too_much():
+    asker = Asker()
+    stranger = MemoryTransport(asker.hub, name="stranger", clock=asker.clock)
+    flood = [
+        stranger.request("replay/insert", make_sequence(n, actor="x"), timeout_s=5.0)
+        for n in range(900)
+    ]
+    assert asker.insert(make_sequence(0)) == 1  # within one step
+    more = [
+        stranger.request("replay/insert", make_sequence(900 + n, actor="x"), timeout_s=5.0)
+        for n in range(1000)
+    ]
+    for _ in range(40):
+        asker.service.step()
+    answers = [pending.poll() for pending in (*flood, *more)]
+    asked_to_wait = sum(isinstance(answer, NotReady) for answer in answers)
+    assert asker.counters["refused_queue"] == asker.counters["refused_from_stranger"] > 0
+    assert asked_to_wait == asker.counters["refused_queue"]
+    assert sum(isinstance(one, SequenceAck) for one in answers) == 1900 - asked_to_wait
 
 
 def test_a_sequence_sent_twice_is_stored_once_and_acknowledged_both_times():

@@ -23,6 +23,7 @@ from gfm.core import (
     WireError,
 )
 from gfm_wire import (
+    CHANNELS,
     SCHEMAS,
     Ack,
     ByHand,
@@ -54,8 +55,10 @@ from gfm_wire import (
     decode,
     decode_stamped,
     encode,
+    largest_body,
 )
 from gfm_wire.reference import reference_page
+from gfm_wire.sizes import LARGE
 
 RNG = np.random.default_rng(0)
 
@@ -310,6 +313,46 @@ def test_a_body_that_is_too_large_is_neither_sent_nor_read():
     with pytest.raises(WireError, match=f"too_large: {len(body)} bytes, limit 100"):
         decode(body, max_bytes=100)
     decode(body, max_bytes=len(body))
+
+
+def test_a_body_is_no_larger_than_its_kind_of_message_may_be():
+    long = Refusal(reason="x" * 4096)
+    many = {f"{n:04000d}": 1 for n in range(70)}
+    status = Status(role="a", name="b", pid=1, host="c", counters=many)
+    decode(encode(long))
+    with pytest.raises(WireError, match=r"too_large: \d+ bytes, limit 262144"):
+        encode(status)
+    envelope = msgpack.unpackb(encode(replace(status, counters={})))
+    envelope["body"]["counters"] = many
+    with pytest.raises(WireError, match=r"too_large: \d+ bytes, limit 262144"):
+        decode(msgpack.packb(envelope))
+
+
+@pytest.mark.parametrize(
+    ("key", "mib"),
+    [
+        ("replay/insert", 16),
+        ("replay/sample", 64),
+        ("weights", 64),
+        ("weights/current", 64),
+        ("sawyer/exchange", 4),
+        ("robot/command", 0.25),
+        ("status/actor/actor-1", 0.25),
+        ("supervisor/actor-1", 0.25),
+        ("status/actor/actor-1/more", 64),
+        ("something/else", 64),
+    ],
+)
+def test_what_is_said_under_a_key_bounds_its_bodies(key, mib):
+    assert largest_body(key) == mib * 2**20
+
+
+def test_every_limit_is_that_of_a_message_there_is():
+    assert LARGE.keys() <= {schema.name for schema in SCHEMAS}
+    said = {
+        one for c in CHANNELS for pair in c.messages for text in pair for one in text.split(" or ")
+    }
+    assert said - {""} <= {schema.name for schema in SCHEMAS}
 
 
 def test_a_list_that_claims_more_items_than_allowed_reserves_no_memory():

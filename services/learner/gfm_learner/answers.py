@@ -11,9 +11,13 @@ from gfm.core import EnvironmentSpec, Weights
 from gfm.envs.registry import EnvironmentSettings
 from gfm.policies import forces_path
 from gfm.service.refusals import Refusals
+from gfm.service.turns import Turns
 from gfm.transport import Request, Transport
 from gfm_learner.config import LearnerConfig
 from gfm_wire import EnvironmentRequest, RunEnvironment, WeightsRequest
+
+_LONGEST_LINE = 16
+"""Questions that one sender may have waiting: everybody asks again only after an answer."""
 
 
 @final
@@ -32,8 +36,11 @@ class Answers:
         self._environment = RunEnvironment(
             name=config.env, settings=_with_absolute_paths(config.environment), spec=spec
         )
-        self._weights_server = transport.serve("weights/current")
-        self._environment_server = transport.serve("run/environment")
+        weights, environment = (
+            Turns(transport.serve(key), refusals, longest=_LONGEST_LINE)
+            for key in ("weights/current", "run/environment")
+        )
+        self._weights_server, self._environment_server = weights, environment
 
     def poll(self, weights: Weights) -> bool:
         """Answers one question of each kind; returns whether there was any."""

@@ -13,8 +13,9 @@ from typing_extensions import override
 from gfm.core import Batch, Clock, EnvironmentSpec, Sequence, Status
 from gfm.service import Service, make_status
 from gfm.service.refusals import Refusals
+from gfm.service.turns import Turns
 from gfm.transport import Request, Transport
-from gfm_replay.arrivals import Arrivals
+from gfm_replay.arrivals import OUT_OF_ORDER, Arrivals
 from gfm_replay.buffer import SequenceBuffer
 from gfm_replay.config import ReplayConfig
 from gfm_replay.door import (
@@ -30,6 +31,8 @@ from gfm_wire import MAX_BYTES, NotReady, SampleRequest, SequenceAck
 
 _INSERTS_PER_STEP = 64
 _ENVELOPE_BYTES = 4096
+_LONGEST_LINE = OUT_OF_ORDER  # no actor has more unacknowledged
+_BUSY = NotReady(reason=f"{_LONGEST_LINE} of your questions wait already")
 
 
 @final
@@ -52,8 +55,9 @@ class ReplayService(Service):
         spec = None if kept is None else self._restore(kept)
         self._expected = ExpectedEnvironment(transport, clock, spec)
         self._refusals = Refusals()
-        self._inserts = transport.serve("replay/insert")
-        self._samples = transport.serve("replay/sample")
+        inserts, samples = transport.serve("replay/insert"), transport.serve("replay/sample")
+        self._inserts = Turns(inserts, self._refusals, longest=_LONGEST_LINE, busy=_BUSY)
+        self._samples = Turns(samples, self._refusals, longest=_LONGEST_LINE, busy=_BUSY)
         self._counters: Counter[str] = Counter(
             batches=0, duplicates=0, given_up=0, no_room=0, held_back=0
         )

@@ -1,4 +1,4 @@
-"""zenoh's access control for the router, made of the one table of who may speak."""
+"""What the router lets through, made of the one table of who may speak."""
 
 from __future__ import annotations
 
@@ -27,6 +27,27 @@ def access_control() -> dict[str, object]:
             for role in rules
         ],
     }
+
+
+def size_limits() -> list[dict[str, object]]:
+    """Returns the `low_pass_filter` section: what is larger than any message of its key is dropped.
+
+    A receiver's queue is bounded in its number of messages; this bounds their sizes.
+    """
+    return [
+        {
+            "id": f"{number}-{word}",
+            "flows": ["ingress"],
+            "messages": [word],
+            "key_exprs": [f"{_ANY_RUN}/{channel.pattern()}"],
+            "size_limit": limit,
+        }
+        for number, channel in enumerate(CHANNELS)
+        for word, limit in (
+            ("put" if channel.kind == "broadcast" else "query", channel.most_bytes),
+            ("reply", channel.most_answer_bytes),
+        )
+    ]
 
 
 def _rules(role: Role) -> Iterator[dict[str, object]]:

@@ -7,7 +7,7 @@ from collections import Counter, defaultdict
 from typing import final
 
 from gfm.core import RefusedError, WireError
-from gfm_wire import MAX_BYTES, Message, Refusal, Stamp, decode_stamped, encode
+from gfm_wire import Message, Refusal, Stamp, decode_stamped, encode, largest_body
 
 QUEUED_REQUESTS = 1024
 """Questions that wait at one server; beyond that the oldest one is given up."""
@@ -26,24 +26,23 @@ class Bodies:
         rejected: Bodies that were refused so far, by reason.
     """
 
-    def __init__(self, sender: str, epoch: int, max_bytes: int = MAX_BYTES) -> None:
+    def __init__(self, sender: str, epoch: int) -> None:
         self.rejected: dict[str, int] = defaultdict(int)
         self._sender = sender
         self._epoch = epoch
-        self._max_bytes = max_bytes
         self._sent: Counter[str] = Counter()
 
     def encode(self, key: str, message: Message) -> bytes:
         """Returns the body of a message, stamped with sender, epoch and number under `key`."""
         stamp = Stamp(sender=self._sender, epoch=self._epoch, number=self._sent[key])
-        body = encode(message, stamp, max_bytes=self._max_bytes)
+        body = encode(message, stamp)
         self._sent[key] += 1
         return body
 
     def decode_stamped(self, key: str, body: bytes) -> tuple[Message, Stamp]:
         """Returns the message of a body and who sent it, or counts it and raises the WireError."""
         try:
-            return decode_stamped(body, max_bytes=self._max_bytes)
+            return decode_stamped(body, max_bytes=largest_body(key))
         except WireError as error:
             self._count(key, error)
             raise

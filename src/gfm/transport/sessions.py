@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import zenoh
 
 from gfm.core import BadInputError, UnreachableError
-from gfm.transport.access import access_control
+from gfm.transport.access import access_control, size_limits
 from gfm.transport.credentials import Credentials, refusal
 from gfm.transport.patience import LEASE_S, STUCK_S
 
@@ -42,6 +42,8 @@ def _config(
         settings["transport/link/tls"] = credentials.settings(listening=bool(listen))
         if listen:
             settings["access_control"] = access_control()
+    if listen:
+        settings["low_pass_filter"] = size_limits()
     config = zenoh.Config()
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))

@@ -1,0 +1,78 @@
+"""Questions of one key in turn of who asks: whoever asks much waits behind itself alone."""
+
+from __future__ import annotations
+
+from collections import OrderedDict, deque
+from typing import final
+
+from typing_extensions import override
+
+from gfm.service.refusals import Refusals
+from gfm.transport import Request, Server
+from gfm_wire import Message
+
+_READ_AHEAD = 32
+"""Questions that are read for each that is handed out: a flood costs no more than that."""
+
+_SENDERS = 4096
+"""Senders that are told apart; all further ones wait in one line."""
+
+_OTHERS = "others"
+
+
+@final
+class Turns(Server):
+    """A server whose senders have lines of their own; the front of each is handed out in turn.
+
+    A line is bounded. What comes on top is answered at once, and counted under its sender. A name
+    is what a sender says of itself: who goes by many has as many turns.
+    """
+
+    def __init__(
+        self, server: Server, refusals: Refusals, *, longest: int, busy: Message | None = None
+    ) -> None:
+        """Takes over a server.
+
+        Args:
+            server: Where questions come from.
+            refusals: Told of what is not let into a line.
+            longest: Questions that one sender may have waiting.
+            busy: The answer to what comes on top of that; None refuses it.
+        """
+        self._server = server
+        self._refusals = refusals
+        self._longest = longest
+        self._busy = busy
+        self._lines: OrderedDict[str, deque[Request]] = OrderedDict()
+
+    @override
+    def receive(self) -> Request | None:
+        self._read()
+        if not self._lines:
+            return None
+        sender, line = self._lines.popitem(last=False)
+        request = line.popleft()
+        if line:
+            self._lines[sender] = line
+        return request
+
+    def _read(self) -> None:
+        for _ in range(_READ_AHEAD):
+            if (request := self._server.receive()) is None:
+                return
+            self._line_up(request)
+
+    def _line_up(self, request: Request) -> None:
+        sender = request.stamp.sender
+        if sender not in self._lines and len(self._lines) >= _SENDERS:
+            sender = _OTHERS
+        line = self._lines.setdefault(sender, deque())
+        if len(line) < self._longest:
+            line.append(request)
+            return
+        reason = f"{len(line)} of its questions wait, expected at most {self._longest}"
+        self._refusals.add("queue", request.stamp.sender, reason)
+        if self._busy is None:
+            request.refuse(reason)
+        else:
+            request.reply(self._busy)

@@ -1,0 +1,92 @@
+"""Whoever asks much waits behind itself, not before others."""
+
+from __future__ import annotations
+
+import pytest
+
+from gfm.core import ManualClock, RefusedError
+from gfm.service import turns
+from gfm.service.refusals import Refusals
+from gfm.service.turns import Turns
+from gfm.transport import MemoryHub, MemoryTransport
+from gfm_wire import NotReady, StatusRequest
+
+
+class Room:
+    """A server with turns, and those who ask."""
+
+    def __init__(self, longest=4, busy=None):
+        self.hub, self.clock, self.refusals = MemoryHub(), ManualClock(), Refusals()
+        served = MemoryTransport(self.hub, clock=self.clock).serve("key")
+        self.server = Turns(served, self.refusals, longest=longest, busy=busy)
+        self._askers = {}
+
+    def ask(self, name, times=1):
+        asker = self._askers.get(name) or MemoryTransport(self.hub, name=name, clock=self.clock)
+        self._askers[name] = asker
+        return [asker.request("key", StatusRequest(), timeout_s=5.0) for _ in range(times)]
+
+    def senders(self, count):
+        requests = [self.server.receive() for _ in range(count)]
+        return "".join(request.stamp.sender if request else "-" for request in requests)
+
+
+def test_senders_have_turns_and_each_is_heard_in_the_order_in_which_it_asked():
+    room = Room()
+    room.ask("a", 3)
+    room.ask("b", 2)
+    room.ask("c")
+    found = [room.server.receive() for _ in range(7)]
+    assert [one and one.stamp.sender for one in found] == ["a", "b", "c", "a", "b", "a", None]
+    assert [one.stamp.number for one in found if one and one.stamp.sender == "a"] == [0, 1, 2]
+    assert room.refusals.total == 0
+
+
+def test_one_who_comes_late_is_next_though_others_have_long_lines():
+    room = Room(longest=10)
+    room.ask("a", 8)
+    assert room.senders(2) == "aa"
+    room.ask("b")
+    assert room.senders(3) == "aba"
+
+
+def test_what_is_too_much_is_refused_and_counted_under_its_sender_alone():
+    room = Room(longest=2)
+    asked = room.ask("a", 5)
+    (other,) = room.ask("b")
+    assert room.senders(4) == "aba-"
+    with pytest.raises(RefusedError, match="2 of its questions wait, expected at most 2"):
+        asked[2].poll()
+    assert other.poll() is None
+    assert dict(room.refusals.counters) == {
+        "rejected_messages": 3,
+        "refused_queue": 3,
+        "refused_from_a": 3,
+    }
+
+
+def test_what_is_too_much_may_be_told_to_come_later():
+    later = NotReady(reason="later")
+    room = Room(longest=1, busy=later)
+    first, second = room.ask("a", 2)
+    room.senders(1)
+    assert first.poll() is None
+    assert second.poll() == later
+
+
+def test_a_flood_is_read_a_little_at_a_time():
+    room = Room(longest=1000)
+    room.ask("a", 500)
+    room.server.receive()
+    room.ask("b")
+    before_b = room.senders(50).index("b")
+    assert before_b == pytest.approx(500 / turns._READ_AHEAD, abs=2)
+
+
+def test_senders_beyond_all_bounds_share_a_line(monkeypatch):
+    monkeypatch.setattr(turns, "_SENDERS", 2)
+    room = Room(longest=2)
+    for name in "abcd":
+        room.ask(name, 2)
+    assert room.senders(7) == "abcabc-"
+    assert room.refusals.counters["refused_from_d"] == 2
