@@ -21,7 +21,7 @@ from gfm_wire.kinds import (
 )
 from gfm_wire.schema import Schema
 
-SIZES = {"T": 10, "T+1": 11, "B": 8, "O": 2, "A": 1, "J": 1}
+SIZES = {"T": 10, "T+1": 11, "B": 8, "O": 2, "A": 1, "J": 1, "K": 3}
 
 
 def worst(schema: Schema[Any]) -> Message:

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gfm.core import Command, EnvironmentSpec, Observation
-from gfm.core.checks import Array, check_shapes
+from gfm.core.checks import Array, Array32, check_shapes
 
 #: How the reason of a refusal begins where a bridge stopped the arm by itself, for what the arm did
 #: and not for what somebody said: its driver may begin again.
@@ -74,10 +75,17 @@ class SampleRequest:
     Attributes:
         batch_size: Sequences wanted, at least 1.
         spec_digest: EnvironmentSpec.digest that the asker learns for; empty takes any.
+        seen: Batch.index of sequences that it learned from lately, shape (K,).
+        priority: By how much it errs about each of them, at least 0, shape (K,).
     """
 
     batch_size: int
     spec_digest: str = ""
+    seen: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    priority: Array32 = field(default_factory=lambda: np.empty(0, np.float32))
+
+    def __post_init__(self) -> None:
+        check_shapes(vars(self), {"priority": self.seen.shape})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -84,7 +84,8 @@ _CHECKS = (
     (
         "SampleRequest",
         "replay",
-        "asks for more sequences than `max_batch_size`, than are kept, or than a message holds",
+        "asks for more sequences than `max_batch_size`, than are kept, or than a message holds; "
+        "tells of more than that, or of priorities that are none",
     ),
     (
         "SequenceAck",
@@ -94,7 +95,8 @@ _CHECKS = (
     (
         "Batch",
         "learner",
-        "has another digest, size or shape than was asked for, or values outside of the ranges",
+        "has another digest, size or shape than was asked for, or values outside of the ranges, "
+        "probabilities included",
     ),
     (
         "Weights",
@@ -169,7 +171,8 @@ def reference_page() -> str:
         f"{_INTRODUCTION}\n{reasons}\n{_BELIEVED}\n{checks}\n{_IDENTITY}\n"
         f"{_WHO_MAY_SPEAK}\n{roles}\n{_WHAT_IT_IS_WORTH}\n"
         f"## Keys\n\n{keys}\n## Messages\n\n"
-        "Shape letters: T transitions, B sequences, O observation size, A action size, J joints.\n"
+        "Shape letters: T transitions, B sequences, K sequences told of, O observation size, A "
+        "action size, J joints.\n"
         f"\n{messages}"
     )
 

@@ -1,6 +1,7 @@
 """Every message: one declaration from which packing, checking and the reference page follow.
 
-Shape letters: T transitions, B sequences, O observation size, A action size, J joints.
+Shape letters: T transitions, B sequences, K sequences told of, O observation size, A action size,
+J joints.
 """
 
 from __future__ import annotations
@@ -117,9 +118,11 @@ SEQUENCE = Schema(
 )
 BATCH = Schema(
     Batch,
-    2,
+    3,
     {
         "spec_digest": TEXT,
+        "index": Array("<i8", "B"),
+        "probability": Array("<f4", "B"),
         "weights_life": Array("<i8", "B"),
         "weights_version": Array("<i8", "B"),
         "observation": Array("<f4", "B T+1 O"),
@@ -208,7 +211,16 @@ CONTROL = (
     Schema(Refusal, 1, {"reason": TEXT}),
     Schema(NotReady, 1, {"reason": TEXT, "inserted": COUNT, "needed": COUNT}),
     Schema(SequenceAck, 2, {"actor": TEXT, "epoch": COUNT, "number": COUNT, "cursor": COUNT}),
-    Schema(SampleRequest, 1, {"batch_size": Integer(least=1), "spec_digest": TEXT}),
+    Schema(
+        SampleRequest,
+        2,
+        {
+            "batch_size": Integer(least=1),
+            "spec_digest": TEXT,
+            "seen": Array("<i8", "K"),
+            "priority": Array("<f4", "K"),
+        },
+    ),
     Schema(EnvironmentRequest, 1, {"name": TEXT}),
     Schema(RunEnvironment, 2, {"name": TEXT, "settings": Text(2**20), "spec": SPEC}),
     Schema(WeightsRequest, 1, {"spec_digest": TEXT}),

@@ -13,6 +13,7 @@ LARGE = {
     "Batch": MAX_BYTES,
     "Weights": MAX_BYTES,
     "Sequence": 16 * _MIB,
+    "SampleRequest": 4 * _MIB,
     "RobotExchange": 4 * _MIB,
     "RobotStates": 4 * _MIB,
 }

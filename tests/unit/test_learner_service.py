@@ -57,6 +57,8 @@ def batch(seed=0, size=4, life=10**9):
 
     return Batch(
         spec_digest=SPEC.digest,
+        index=np.arange(size) + 100 * seed,
+        probability=np.full(size, 0.01, np.float32),
         weights_life=np.full(size, life),
         weights_version=np.zeros(size, np.int64),
         observation=draw(4, 3),
@@ -125,7 +127,18 @@ def test_asks_ahead_for_batches_of_its_environment():
     bench = Bench(config(prefetch=2))
     bench.learner.step()
     bench.answer(lambda _: NotReady(reason="filling"))
-    assert bench.asked == [SampleRequest(batch_size=4, spec_digest=SPEC.digest)] * 2
+    assert [(one.batch_size, one.spec_digest) for one in bench.asked] == [(4, SPEC.digest)] * 2
+    assert all(len(one.seen) == 0 for one in bench.asked)
+
+
+def test_tells_replay_once_how_much_it_erred_about_each_sequence_of_a_batch():
+    bench = Bench()
+    bench.learn(6)
+    told = [one for one in bench.asked if len(one.seen)]
+    assert len(told) >= 4
+    for number, one in enumerate(told, start=1):
+        np.testing.assert_array_equal(one.seen, np.arange(4) + 100 * number)
+        assert (one.priority > 0.0).all()
 
 
 def test_publishes_whenever_the_targets_change():
@@ -182,6 +195,8 @@ HOSTILE = {
     "log_prob": {"log_prob": np.full((4, 3), -1e30, np.float32)},
     "discount": {"discount": np.full((4, 3), 1e30, np.float32)},
     "sizes": {"observation": np.zeros((4, 4, 9), np.float32)},
+    "never": {"probability": np.array([0.1, 0.1, 0.0, 0.1], np.float32)},
+    "too_often": {"probability": np.array([0.1, 0.1, 1.5, 0.1], np.float32)},
 }
 
 

@@ -41,14 +41,15 @@ def batch(seed=0, sequences=8, steps=4, **changes):
         "log_prob": draw(steps) - 2.0,
     }
     none = np.zeros(sequences, np.int64)
-    weights = {"weights_life": none, "weights_version": none}
-    return Batch(spec_digest=SPEC.digest, **weights, **(arrays | changes))
+    weights = {"weights_life": none, "weights_version": none, "index": np.arange(sequences)}
+    weights["probability"] = np.full(sequences, 0.01, np.float32)
+    return Batch(spec_digest=SPEC.digest, **(weights | arrays | changes))
 
 
 def learn(state, batches, settings=SMALL, seed=0):
     generator = torch.Generator().manual_seed(seed)
     for one in batches:
-        state, stats = learner_step(state, one, settings, generator)
+        state, stats, _ = learner_step(state, one, settings, generator)
     return state, {name: float(value) for name, value in stats.items()}
 
 
@@ -64,18 +65,65 @@ def test_is_the_same_for_the_same_state_batches_and_seed():
     assert runs[0][1] == runs[1][1]
 
 
+def probabilities(*values):
+    return {"probability": np.array(values, np.float32)}
+
+
+def test_what_is_drawn_more_often_counts_less_and_is_told_by_how_much_it_is_wrong():
+    one = batch(sequences=2)
+    state = init_learner(SPEC, SMALL, 0)
+    generator = torch.Generator().manual_seed(0)
+    _, stats, errors = learner_step(state, one, SMALL, generator)
+    assert errors.shape == (2,)
+    assert (errors > 0.0).all()
+    # Of mean absolute and mean square errors, each of one sequence, the former are no larger.
+    assert 0.5 * np.square(errors).mean() <= float(stats["critic_loss"])
+
+
+@pytest.mark.parametrize(("exponent", "alike"), [(0.0, True), (1.0, False), (0.5, False)])
+def test_an_exponent_of_nought_takes_no_notice_of_probabilities(exponent, alike):
+    def learned(one):
+        state = init_learner(SPEC, SMALL, 0)
+        generator = torch.Generator().manual_seed(0)
+        after = learner_step(state, one, SMALL, generator, importance_exponent=exponent)
+        return state_arrays(after[0])
+
+    drawn = learned(batch(sequences=2, **probabilities(0.2, 0.8)))
+    evenly = learned(batch(sequences=2, **probabilities(0.2, 0.2)))
+    same = [np.array_equal(drawn[name], evenly[name]) for name in drawn]
+    assert all(same) is alike
+
+
+def test_one_that_was_drawn_far_too_often_counts_for_nothing():
+    settings = replace(SMALL, critic_first_steps=100, normaliser_steps=0)
+    two = batch(sequences=2, **probabilities(1e-9, 1.0))
+    other = batch(seed=9, sequences=2)
+    mixed = {name: getattr(two, name).copy() for name in ("observation", "action", "reward")}
+    for name, array in mixed.items():
+        array[1] = getattr(other, name)[1]
+    gradients = []
+    for one in (two, batch(sequences=2, **probabilities(1e-9, 1.0), **mixed)):
+        state = init_learner(SPEC, settings, 0)
+        generator = torch.Generator().manual_seed(0)
+        learner_step(state, one, settings, generator)
+        weights = state.networks.critic.parameters()
+        gradients.append([weight.grad.numpy().copy() for weight in weights])
+    for first, second in zip(*gradients, strict=True):
+        np.testing.assert_allclose(first, second, atol=1e-6)
+
+
 def test_an_interrupted_run_goes_on_as_if_nothing_had_happened():
     generator = torch.Generator().manual_seed(0)
     state = init_learner(SPEC, SMALL, 0)
     for i in range(4):
-        state, _ = learner_step(state, batch(i), SMALL, generator)
+        state, _, _ = learner_step(state, batch(i), SMALL, generator)
     kept, chance = state_arrays(state), generator.get_state()
     resumed = load_state_arrays(init_learner(SPEC, SMALL, seed=99), kept, steps=4)
     other = torch.Generator()
     other.set_state(chance)
     for i in range(4, 8):
-        state, _ = learner_step(state, batch(i), SMALL, generator)
-        resumed, _ = learner_step(resumed, batch(i), SMALL, other)
+        state, _, _ = learner_step(state, batch(i), SMALL, generator)
+        resumed, _, _ = learner_step(resumed, batch(i), SMALL, other)
     assert resumed.steps == state.steps == 8
     assert_same(state_arrays(resumed), state_arrays(state))
 

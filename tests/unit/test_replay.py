@@ -137,6 +137,91 @@ def test_sampling_is_uniform_and_repeats_with_the_same_random_numbers():
     np.testing.assert_allclose(counts, 1000, atol=4 * np.sqrt(4000 * 0.25 * 0.75))
 
 
+def drawn(asker: Asker, count: int = 4000) -> np.ndarray:
+    """Returns how often each of four sequences is in a batch, as a share."""
+    batch = asker.sample(count)
+    assert isinstance(batch, Batch)
+    return np.bincount(batch.weights_version, minlength=4) / count
+
+
+def tell(asker: Asker, seen: list[int], priority: list[float]) -> None:
+    request = SampleRequest(
+        batch_size=1, seen=np.array(seen), priority=np.array(priority, np.float32)
+    )
+    assert isinstance(asker.ask("replay/sample", request), Batch)
+
+
+def test_all_are_drawn_alike_until_the_learner_says_which_it_errs_about():
+    asker = Asker(priority_exponent=1.0)
+    for number in range(4):
+        asker.insert(make_sequence(number))
+    np.testing.assert_allclose(drawn(asker), 0.25, atol=0.03)
+    tell(asker, [1, 2, 3, 4], [1.0, 2.0, 3.0, 4.0])
+    batch = asker.sample(4000)
+    np.testing.assert_allclose(
+        np.bincount(batch.weights_version) / 4000, [0.1, 0.2, 0.3, 0.4], atol=0.03
+    )
+    np.testing.assert_array_equal(batch.index, batch.weights_version + 1)
+    np.testing.assert_allclose(batch.probability, batch.index / 10, rtol=1e-6)
+    # Weighted by what is drawn too often, the mean is that of all.
+    assert np.mean(batch.reward[:, 0] / (4 * batch.probability)) == pytest.approx(1.5, abs=0.1)
+
+
+def test_without_an_exponent_what_the_learner_says_changes_nothing():
+    asker = Asker()
+    for number in range(4):
+        asker.insert(make_sequence(number))
+    tell(asker, [1], [1000.0])
+    np.testing.assert_allclose(drawn(asker), 0.25, atol=0.03)
+    assert set(asker.sample(8).probability) == {np.float32(0.25)}
+
+
+def test_what_the_learner_says_of_sequences_that_are_gone_or_never_were_is_no_matter():
+    asker = Asker(capacity_mib=1, priority_exponent=0.5)
+    asker.insert(make_sequence(0, steps=LONG))
+    capacity = asker.service._buffer.capacity
+    for number in range(1, capacity + 2):
+        asker.insert(make_sequence(number, steps=LONG))
+    tell(asker, [1, 2, capacity + 3, -7, 2**62], [1e6] * 5)
+    batch = asker.sample(100)
+    assert batch.index.min() > 2
+    np.testing.assert_allclose(batch.probability, 1.0 / capacity, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("seen", "priority", "message"),
+    [
+        ([1], [-1.0], "priority spans -1 to -1, expected 0 to 1e\\+06"),
+        ([1, 1], [0.0, 1e30], "priority spans 0 to 1e\\+30, expected"),
+        ([1] * 9, [1.0] * 9, "9 priorities, expected at most 8"),
+    ],
+)
+def test_priorities_that_are_none_are_refused(seen, priority, message):
+    asker = Asker(priority_exponent=1.0, max_batch_size=8)
+    for number in range(4):
+        asker.insert(make_sequence(number))
+    with pytest.raises(RefusedError, match=message):
+        tell(asker, seen, priority)
+    np.testing.assert_allclose(drawn_by(asker, 8), 0.25)
+
+
+def drawn_by(asker: Asker, count: int) -> np.ndarray:
+    batch = asker.sample(count)
+    assert isinstance(batch, Batch)
+    return batch.probability
+
+
+def test_after_a_restart_all_are_alike_again(tmp_path):
+    settings = {"folder": str(tmp_path), "priority_exponent": 1.0}
+    asker = Asker(**settings)
+    for number in range(4):
+        asker.insert(make_sequence(number))
+    tell(asker, [1], [50.0])
+    assert drawn(asker)[0] > 0.9
+    killed(asker)
+    np.testing.assert_allclose(drawn(Asker(**settings)), 0.25, atol=0.03)
+
+
 def test_a_full_ring_forgets_the_oldest_and_never_exceeds_its_capacity():
     buffer = SequenceBuffer(SEQUENCE_BYTES * 3 + 1)
     for number in range(8):

@@ -111,6 +111,8 @@ EXAMPLES: tuple[Message, ...] = (
     SEQUENCE,
     Batch(
         spec_digest="abc",
+        index=np.array([1, 2**62]),
+        probability=numbers(2),
         weights_life=np.ones(2, np.int64),
         weights_version=np.array([1, 2**62]),
         observation=numbers(2, 4, 5),
@@ -144,6 +146,7 @@ EXAMPLES: tuple[Message, ...] = (
     NotReady(reason="waiting", inserted=1, needed=2),
     SequenceAck(actor="a", epoch=1, number=1, cursor=2),
     SampleRequest(batch_size=32, spec_digest="abc"),
+    SampleRequest(batch_size=1, seen=np.array([3, 2**62]), priority=numbers(2)),
     WeightsRequest(spec_digest="abc"),
     EnvironmentRequest(name="gfm_fit"),
     EnvironmentSpec(name="gfm_fit", observation_size=3, action_size=2, reward_limit=1.0),

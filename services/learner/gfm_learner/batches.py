@@ -3,9 +3,22 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from typing import final
 
-from gfm.core import Batch, Clock, EnvironmentSpec, RefusedError, UnreachableError, implausible
+import numpy as np
+from numpy.typing import NDArray
+
+from gfm.core import (
+    PRIORITY_LIMIT,
+    Batch,
+    Clock,
+    EnvironmentSpec,
+    RefusedError,
+    UnreachableError,
+    implausible,
+)
+from gfm.core.checks import Array32
 from gfm.service.presence import Presence
 from gfm.service.refusals import Refusals
 from gfm.transport import PendingReply, Transport
@@ -43,8 +56,10 @@ class BatchSource:
         self._clock = clock
         self._refusals = refusals
         self._spec = spec
-        self._request = SampleRequest(batch_size=batch_size, spec_digest=spec.digest)
+        self._batch_size = batch_size
         self._prefetch = prefetch
+        # Each question tells of one batch. What got lost was a hint, and a later one replaces it.
+        self._errors: deque[tuple[NDArray[np.int64], Array32]] = deque(maxlen=prefetch + 1)
         self._timeout_s = timeout_s
         self._replay = Presence("replay", clock)
         self._pending: deque[PendingReply] = deque()
@@ -55,10 +70,24 @@ class BatchSource:
         batch = self._receive()
         if self._clock.now_ns() >= self._resume_ns:
             while len(self._pending) < self._prefetch:
-                self._pending.append(
-                    self._transport.request(_KEY, self._request, timeout_s=self._timeout_s)
-                )
+                self._pending.append(self._ask())
         return batch
+
+    def learned(self, batch: Batch, error: Array32) -> None:
+        """Tells replay by the next question how much the learner erred about each sequence.
+
+        Args:
+            batch: What was learned from.
+            error: At least 0, shape (B,).
+        """
+        self._errors.append((batch.index, np.minimum(error, PRIORITY_LIMIT)))
+
+    def _ask(self) -> PendingReply:
+        request = SampleRequest(batch_size=self._batch_size, spec_digest=self._spec.digest)
+        if self._errors:
+            seen, error = self._errors.popleft()
+            request = replace(request, seen=seen, priority=error)
+        return self._transport.request(_KEY, request, timeout_s=self._timeout_s)
 
     def _receive(self) -> Batch | None:
         if not self._pending:
@@ -96,9 +125,12 @@ class BatchSource:
             return f"replay answered {type(answer).__name__}, expected Batch"
         if answer.spec_digest != self._spec.digest:
             return f"a batch for spec {answer.spec_digest!r:.40}, expected {self._spec.digest!r}"
-        size, wanted = len(answer.reward), self._request.batch_size
+        size, wanted = len(answer.reward), self._batch_size
         if size != wanted or not answer.reward.size:
             return f"a batch of shape {answer.reward.shape}, expected {wanted} sequences"
+        if not 0.0 < answer.probability.min() <= answer.probability.max() <= 1.0:
+            span = f"{answer.probability.min():g} to {answer.probability.max():g}"
+            return f"a batch drawn with probabilities of {span}, expected more than 0 to 1"
         return implausible(answer, self._spec)
 
     def _pause(self, note: str) -> None:

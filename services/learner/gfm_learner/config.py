@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 from msgspec import Meta
 
 from gfm.envs.registry import EnvironmentSettings
-from gfm.rl.learner import Count, LearnerSettings
+from gfm.rl.learner import Count, Fraction, LearnerSettings
 from gfm.rl.mpo import Positive
 from gfm.service import ServiceConfig
 from gfm_wire import Role
@@ -22,6 +22,8 @@ class LearnerConfig(ServiceConfig, frozen=True, kw_only=True):
         learning: How to learn; a checkpoint is only resumed with the same.
         batch_size: Sequences per learner step.
         prefetch: Batches asked for ahead.
+        importance_exponent: How much of what is drawn more often counts less, where replay draws by
+            priority: with 1 all of it, so that nothing is biased; with 0 nothing.
         max_steps: Learner steps after which it only serves its weights; None for no limit.
         heartbeat_s: Longest time between two broadcasts of the weights: actors act only as long
             as they hear from the learner.
@@ -43,6 +45,7 @@ class LearnerConfig(ServiceConfig, frozen=True, kw_only=True):
     learning: LearnerSettings = LearnerSettings()
     batch_size: Count = 32
     prefetch: Count = 2
+    importance_exponent: Fraction = 1.0
     max_steps: Annotated[int, Meta(ge=0)] | None = None
     heartbeat_s: Positive = 1.0
     checkpoint_dir: str = ""

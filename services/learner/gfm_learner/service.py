@@ -135,9 +135,16 @@ class LearnerService(Service):
 
     def _learn(self, batch: Batch) -> None:
         progress, config = self._progress, self._config
-        state, stats = learner_step(progress.state, batch, config.learning, progress.generator)
+        state, stats, error = learner_step(
+            progress.state,
+            batch,
+            config.learning,
+            progress.generator,
+            importance_exponent=config.importance_exponent,
+        )
         self._progress = replace(progress, state=state)
         self._check_finite(stats)
+        self._batches.learned(batch, error)
         if state.steps % config.learning.target_period == 0 or self._finished:
             self._weights = self._make_weights()
             self._publish()

@@ -46,6 +46,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         "(default: no limit)",
     )
     group.add_argument(
+        "--priority-exponent",
+        type=float,
+        metavar="X",
+        help="0 to 1: draw sequences more often about which the learner errs more (default: 0)",
+    )
+    group.add_argument(
         "--folder",
         metavar="DIR",
         help="keep sequences there, for later processes too (default: in memory)",

@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gfm.core import SEQUENCE_ARRAYS, Batch, ConfigError, EnvironmentSpec, Sequence
+from gfm.core.checks import Array32
 from gfm_replay.arrivals import Life
 from gfm_replay.door import NoRoomError, NotTakenError
 from gfm_replay.journal import Journal, Kept
+from gfm_replay.priorities import Priorities
 from gfm_replay.records import Layout
 
 LABELS = ("weights_life", "weights_version")
@@ -31,7 +33,12 @@ class SequenceBuffer:
     """
 
     def __init__(
-        self, capacity_bytes: int, journal: Journal | None = None, kept: Kept | None = None
+        self,
+        capacity_bytes: int,
+        journal: Journal | None = None,
+        kept: Kept | None = None,
+        *,
+        priority_exponent: float = 0.0,
     ) -> None:
         """Makes a buffer.
 
@@ -39,6 +46,7 @@ class SequenceBuffer:
             capacity_bytes: Of the sequences, at most.
             journal: Where to keep them on disk; nowhere by default.
             kept: What the journal holds already.
+            priority_exponent: Of `Priorities`; 0 draws all alike.
 
         Raises:
             ConfigError: the journal was made for another capacity.
@@ -47,6 +55,8 @@ class SequenceBuffer:
         self.sampled = 0
         self._capacity_bytes = capacity_bytes
         self._journal = journal
+        self._priority_exponent = priority_exponent
+        self._priorities: Priorities | None = None
         self._arrays: dict[str, NDArray[Any]] = {}
         self._spec_digest = ""
         self._stored = 0
@@ -99,17 +109,43 @@ class SequenceBuffer:
             raise NoRoomError(f"the sequences' folder: {exc.strerror or exc}") from exc
         for name, array in self._arrays.items():
             array[self._next] = getattr(sequence, name)
+        if self._priorities is not None:
+            self._priorities.add(np.array([self._next]))
         self._next = (self._next + 1) % self.capacity
         self._stored = min(self._stored + 1, self.capacity)
         self.inserted += 1
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
-        """Returns `batch_size` sequences, drawn uniformly with replacement."""
-        age = rng.integers(len(self), size=batch_size)
-        slots = (self._next - 1 - age) % self.capacity
+        """Returns `batch_size` sequences, drawn with replacement: all alike, or by priority."""
+        if self._priorities is None:
+            age = rng.integers(len(self), size=batch_size)
+            slots = (self._next - 1 - age) % self.capacity
+            probability = np.full(batch_size, 1.0 / len(self))
+        else:
+            slots, probability = self._priorities.draw(batch_size, rng)
+            age = (self._next - 1 - slots) % self.capacity
         arrays = {name: np.asarray(array[slots]) for name, array in self._arrays.items()}
         self.sampled += batch_size
-        return Batch(spec_digest=self._spec_digest, **arrays)
+        return Batch(
+            spec_digest=self._spec_digest,
+            index=self.inserted - age,
+            probability=probability.astype(np.float32),
+            **arrays,
+        )
+
+    def learned(self, seen: NDArray[np.int64], priority: Array32) -> None:
+        """Takes in how much a learner errs about sequences; those that are gone do not count.
+
+        Args:
+            seen: Batch.index of each, shape (K,).
+            priority: At least 0, shape (K,).
+        """
+        if self._priorities is None:
+            return
+        age = self.inserted - seen
+        here = (age >= 0) & (age < len(self))
+        slots = (self._next - 1 - age[here]) % self.capacity
+        self._priorities.update(slots, priority[here])
 
     def _reserve(self, sequence: Sequence, spec: EnvironmentSpec) -> None:
         steps = len(sequence.reward)
@@ -133,6 +169,8 @@ class SequenceBuffer:
             name: np.empty((layout.capacity, *fields[name][0].shape), fields[name][0].base)
             for name in (*SEQUENCE_ARRAYS, *LABELS)
         }
+        if self._priority_exponent > 0.0:
+            self._priorities = Priorities(layout.capacity, self._priority_exponent)
 
     def _take(self, kept: Kept) -> None:
         self._allocate(kept.layout)
@@ -148,6 +186,8 @@ class SequenceBuffer:
         self.inserted = int(kept.records["index"].max(initial=0))
         self.sampled = kept.sampled
         self._stored, self._next = count, count % self.capacity
+        if self._priorities is not None and count:
+            self._priorities.add(np.arange(count))
 
     def _check(self, sequence: Sequence) -> None:
         for name in SEQUENCE_ARRAYS:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
+
+from msgspec import Meta
 
 from gfm.core import ConfigError
 from gfm.service import ServiceConfig
@@ -19,6 +21,9 @@ class ReplayConfig(ServiceConfig, frozen=True, kw_only=True):
             the learner waits for the actors. None does not limit it.
         min_samples_per_insert: The same, at least; below that the actors wait for the learner.
             The first `min_size` sequences do not count for it. None does not limit it.
+        priority_exponent: How much more often those are drawn about which the learner errs more:
+            with 1 in proportion to its error, with 0 all alike. What it said of them is not kept
+            on disk: after a restart all are alike until it has said so anew.
         max_batch_size: Sequences of one batch, at most; nor more than the capacity, nor than fit
             into one message.
         sequence_length: Transitions that every sequence must have; None takes what the first has.
@@ -33,6 +38,7 @@ class ReplayConfig(ServiceConfig, frozen=True, kw_only=True):
     min_size: int = 64
     max_samples_per_insert: float | None = None
     min_samples_per_insert: float | None = None
+    priority_exponent: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     max_batch_size: int = 4096
     sequence_length: int | None = None
     seed: int = 0

@@ -5,7 +5,14 @@ from __future__ import annotations
 import re
 from typing import ClassVar
 
-from gfm.core import EnvironmentSpec, GfmError, RefusedError, Sequence, implausible
+from gfm.core import (
+    PRIORITY_LIMIT,
+    EnvironmentSpec,
+    GfmError,
+    RefusedError,
+    Sequence,
+    implausible,
+)
 from gfm_wire import SampleRequest
 
 _NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")
@@ -71,7 +78,7 @@ def check_digest(got: str, spec: EnvironmentSpec) -> None:
 
 
 def check_request(request: SampleRequest, spec: EnvironmentSpec, most: int) -> None:
-    """Returns where a batch of that size and environment can be given.
+    """Returns where a batch of that size and environment can be given, and priorities be taken.
 
     Args:
         request: What somebody asks for.
@@ -85,3 +92,8 @@ def check_request(request: SampleRequest, spec: EnvironmentSpec, most: int) -> N
         raise NotTakenError("size", f"batch_size is {request.batch_size}, expected at most {most}")
     if request.spec_digest:
         check_digest(request.spec_digest, spec)
+    if (told := len(request.seen)) > most:
+        raise NotTakenError("size", f"{told} priorities, expected at most {most}")
+    if told and not 0.0 <= request.priority.min() <= request.priority.max() <= PRIORITY_LIMIT:
+        span = f"{request.priority.min():g} to {request.priority.max():g}"
+        raise NotTakenError("range", f"priority spans {span}, expected 0 to {PRIORITY_LIMIT:g}")

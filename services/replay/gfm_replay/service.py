@@ -50,7 +50,12 @@ class ReplayService(Service):
         self._rng = rng
         self._journal = Journal(Path(config.folder)) if config.folder else None
         kept = None if self._journal is None else self._journal.open()
-        self._buffer = SequenceBuffer(config.capacity_mib * 2**20, self._journal, kept)
+        self._buffer = SequenceBuffer(
+            config.capacity_mib * 2**20,
+            self._journal,
+            kept,
+            priority_exponent=config.priority_exponent,
+        )
         self._arrivals = Arrivals()
         spec = None if kept is None else self._restore(kept)
         self._expected = ExpectedEnvironment(transport, clock, spec)
@@ -176,6 +181,7 @@ class ReplayService(Service):
         if wanted.spec_digest != spec.digest and not self._buffer.inserted:
             self._expected.doubt()
         check_request(wanted, spec, self._largest_batch)
+        self._buffer.learned(wanted.seen, wanted.priority)
         inserted, sampled = self._buffer.inserted, self._buffer.sampled
         limit = self._config.max_samples_per_insert
         needed = self._config.min_size

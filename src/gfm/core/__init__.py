@@ -15,7 +15,7 @@ from gfm.core.errors import (
     UnreachableError,
     WireError,
 )
-from gfm.core.plausible import ACTION_LIMIT, LOG_PROB_LIMIT, implausible
+from gfm.core.plausible import ACTION_LIMIT, LOG_PROB_LIMIT, PRIORITY_LIMIT, implausible
 from gfm.core.robot import Command, CommandKind, Observation
 from gfm.core.sequence import (
     SEQUENCE_ARRAYS,
@@ -32,6 +32,7 @@ from gfm.core.weights import Weights
 __all__ = [
     "ACTION_LIMIT",
     "LOG_PROB_LIMIT",
+    "PRIORITY_LIMIT",
     "SEQUENCE_ARRAYS",
     "SEQUENCE_LENGTH",
     "BadInputError",

@@ -17,6 +17,9 @@ ACTION_LIMIT = 1e3
 LOG_PROB_LIMIT = 1e5
 """A log density of some dozens of actions stays far below, in size."""
 
+PRIORITY_LIMIT = 1e6
+"""By more than this no critic of use errs."""
+
 
 def implausible(data: Sequence | Batch, spec: EnvironmentSpec) -> str:
     """Returns which values cannot have come from the environment, in words; empty where all can.

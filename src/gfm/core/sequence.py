@@ -127,6 +127,8 @@ class Batch:
 
     Attributes:
         spec_digest: EnvironmentSpec.digest that all of them carry.
+        index: Which sequences they are: counted as they arrived at the replay service, shape (B,).
+        probability: With which each was drawn, more than 0, shape (B,).
         weights_life: Weights.life of the policy that acted, shape (B,).
         weights_version: Weights.version of the policy that acted, shape (B,).
         observation: shape (B, T + 1, O).
@@ -137,6 +139,8 @@ class Batch:
     """
 
     spec_digest: str
+    index: NDArray[np.int64]
+    probability: Array32
     weights_life: NDArray[np.int64]
     weights_version: NDArray[np.int64]
     observation: Array32
@@ -150,6 +154,8 @@ class Batch:
         check_shapes(
             vars(self),
             {
+                "index": (batch,),
+                "probability": (batch,),
                 "weights_life": (batch,),
                 "weights_version": (batch,),
                 "observation": (batch, steps + 1, *self.observation.shape[2:3]),

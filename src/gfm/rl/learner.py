@@ -161,17 +161,24 @@ def init_learner(
 
 
 def learner_step(
-    state: LearnerState, batch: Batch, settings: LearnerSettings, generator: torch.Generator
-) -> tuple[LearnerState, Stats]:
-    """Returns the state after one step on one batch, and scalars that describe the step.
+    state: LearnerState,
+    batch: Batch,
+    settings: LearnerSettings,
+    generator: torch.Generator,
+    *,
+    importance_exponent: float = 1.0,
+) -> tuple[LearnerState, Stats, Array32]:
+    """Returns the state after a step on a batch, scalars that describe the step, and errors.
 
-    The tensors of `state` are updated in place: only the returned state may be used afterwards.
+    The errors are the critic's, mean absolute ones of each sequence, shape (B,). The tensors of
+    `state` are updated in place: only the returned state may be used afterwards.
 
     Args:
         state: Where learning stands.
         batch: B sequences of T transitions.
         settings: The ones that `state` was made with.
         generator: Where the sampled actions come from, on the device of the networks.
+        importance_exponent: Of the weights of sequences that were not drawn alike.
     """
     networks, data = state.networks, _time_major(batch, generator.device)
     seen, judged = networks.normalise(
@@ -179,13 +186,15 @@ def learner_step(
     )
     estimate = _evaluate(networks, (seen, judged), data, settings, generator)
     q_tm1 = networks.critic(judged[:-1], data.action)
-    critic_loss = 0.5 * (estimate.returns - q_tm1).square()
+    error = estimate.returns - q_tm1
+    critic_loss = 0.5 * error.square()
+    weight = _importance(data.probability, importance_exponent)
     policy_loss, mpo = _policy_loss(networks, seen[1:], estimate, settings)
     # After a terminal transition there is nothing to act on.
     alive = (data.discount > 0.0).to(policy_loss.dtype)
-    loss = critic_loss.mean()
+    loss = (weight * critic_loss).mean()
     if state.steps >= settings.critic_first_steps:
-        loss = loss + (alive * policy_loss).sum() / alive.sum().clamp(min=1.0)
+        loss = loss + (weight * alive * policy_loss).sum() / alive.sum().clamp(min=1.0)
 
     # Parameters without a gradient are left alone by the optimiser, moments and all.
     state.optimiser.zero_grad(set_to_none=True)
@@ -208,7 +217,17 @@ def learner_step(
         "trace_mean": estimate.trace_mean,
         "stddev_mean": estimate.target.stddev.mean(),
     }
-    return replace(state, steps=steps), stats
+    errors: Array32 = error.detach().abs().mean(0).cpu().numpy()
+    return replace(state, steps=steps), stats, errors
+
+
+def _importance(probability: Tensor, exponent: float) -> Tensor:
+    """Returns weights that undo how much more often sequences were drawn, shape (B,).
+
+    Schaul et al. 2016, section 3.4, scaled so that the largest of the batch is 1: the number of
+    sequences to draw from cancels. All are exactly 1 where all were drawn alike.
+    """
+    return (probability.min() / probability) ** exponent
 
 
 def policy_tensors(state: LearnerState) -> dict[str, Array32]:
@@ -305,13 +324,17 @@ class _Held:
 
 @dataclass(frozen=True, kw_only=True)
 class _Data:
-    """A batch, time-major: observation (T+1, B, O), action (T, B, A), the others (T, B)."""
+    """A batch, time-major: observation (T+1, B, O), action (T, B, A), the others (T, B).
+
+    With which probability each sequence was drawn has the shape (B,).
+    """
 
     observation: Tensor
     action: Tensor
     reward: Tensor
     discount: Tensor
     log_prob: Tensor
+    probability: Tensor
 
 
 def _time_major(batch: Batch, device: torch.device) -> _Data:
@@ -324,6 +347,7 @@ def _time_major(batch: Batch, device: torch.device) -> _Data:
         reward=convert(batch.reward),
         discount=convert(batch.discount),
         log_prob=convert(batch.log_prob),
+        probability=torch.from_numpy(batch.probability).to(device),
     )
 
 
