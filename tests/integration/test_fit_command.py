@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import time
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
 
 from gfm.cli import main
+from gfm.experiments.fit_curves import metric_rows
 from gfm.recording.writer import write_recording
 from gfm.service.force_files import read_forces
 from pendulum import MODEL, PERIOD_S, swung
@@ -67,6 +72,30 @@ def test_services_learn_from_nothing_and_every_look_is_reported(files, tmp_path)
     nominal, hybrid = errors(tmp_path / "fit")
     assert hybrid <= 1.05 * nominal  # what does no good is not kept
     assert {path.name for path in (tmp_path / "fit" / "logs").iterdir()} >= {"learner.log"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["learner", "actor-0", "replay"])
+def test_learning_goes_on_when_one_of_its_processes_is_killed(files, tmp_path, name):
+    out = tmp_path / "fit"
+    killed = []
+
+    def kill_once_it_learns() -> None:
+        deadline_s = time.monotonic() + 60.0
+        while not metric_rows(out) and time.monotonic() < deadline_s:
+            time.sleep(0.05)
+        killed.append(int((out / "logs" / f"{name}.beat").read_text()))
+        os.kill(killed[0], signal.SIGKILL)
+
+    thread = Thread(target=kill_once_it_learns)
+    thread.start()
+    assert fit(files, out, "--minutes", "0.4", "--from-nothing") == 0
+    thread.join()
+    assert len(killed) == 1
+    assert (out / "logs" / f"{name}.1.log").is_file()
+    last = metric_rows(out)[-1]["learner_step"]
+    assert json.loads((out / "fit.json").read_text())["curve"][-1]["learner_step"] > 0
+    assert last > 40
 
 
 def test_forces_are_judged_on_another_recording(files, tmp_path, capsys):

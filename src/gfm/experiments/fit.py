@@ -8,6 +8,7 @@ does any good. Held-out recordings are never looked at here.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import final
 
 import numpy as np
 
-from gfm.core import Clock, CommandKind, GfmError, Trajectory, Weights
+from gfm.core import Clock, CommandKind, GfmError, Trajectory, UnreachableError, Weights
 from gfm.core.checks import Array32
 from gfm.envs.fit_problem import FitProblem
 from gfm.envs.gfm_fit import NAME
@@ -23,7 +24,13 @@ from gfm.envs.registry import EnvironmentSettings, make_environment
 from gfm.experiments.fit_curves import error_curves, learning_curves, metric_rows
 from gfm.experiments.fit_warm import WarmStart, warm_start
 from gfm.experiments.joint_control import ForceModel
-from gfm.launch import Supervisor, actor_processes, learner_process
+from gfm.launch import (
+    Keeper,
+    SupervisionConfig,
+    Supervisor,
+    actor_processes,
+    learner_process,
+)
 from gfm.recording.weights_file import write_weights
 from gfm.report import TrainingCurve
 from gfm.rl.policy_numpy import GaussianPolicy
@@ -40,6 +47,8 @@ _POLL_NS = 500_000_000
 #: Between two looks at the policy, s.
 SNAPSHOT_S = 15.0
 _ASK_S = 30.0
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -286,19 +295,32 @@ class ForceFit:
     ) -> None:
         """Lets the services learn for so long, and measures the policy now and then.
 
+        What dies or hangs meanwhile is started again, the learner at its checkpoint.
+
         Args:
             supervisor: Of the services.
             seconds: How long.
             say: Told how it goes, in words, and which share of the time has passed.
+
+        Raises:
+            GfmError: the last process of a role was given up.
         """
+        keeper = Keeper(supervisor, SupervisionConfig(), self._clock)
         end_s, due_s = self.time_s + seconds, self.time_s + SNAPSHOT_S
         while self.time_s < end_s:
-            supervisor.check()
+            keeper.step()
             say(self._wait(), 1.0 - (end_s - self.time_s) / seconds)
             if self.time_s >= due_s:
-                self.snapshot(supervisor)
+                self._look(supervisor)
                 due_s = self.time_s + SNAPSHOT_S
-        self.snapshot(supervisor)
+        self._look(supervisor)
+
+    def _look(self, supervisor: Supervisor) -> None:
+        """Measures the policy, where the learner is there to be asked."""
+        try:
+            self.snapshot(supervisor)
+        except UnreachableError as error:
+            _log.warning("the policy was not looked at: %s", error)
 
     def _wait(self) -> str:
         """Waits a moment; returns how learning goes, in words."""
