@@ -86,7 +86,7 @@ format: $(VENV)/.installed  ## format and repair what can be repaired
 
 # Keeps the versions that are there: delete the lines that should move, or the file for all.
 # torch's own CUDA packages are left out: it names them to the digit, and its CPU build has none.
-lock:  ## write requirements.lock from pyproject.toml
+lock:  ## write requirements.lock and requirements.hashes from pyproject.toml
 	touch requirements.lock
 	$(PYTHON) -m venv --clear $(LOCK_VENV)
 	$(LOCK_VENV)/bin/python -m pip --quiet uninstall --yes setuptools
@@ -95,6 +95,11 @@ lock:  ## write requirements.lock from pyproject.toml
 	  $(LOCK_VENV)/bin/python -m pip freeze --all --exclude pip --exclude gfm-sim2real \
 	  | sed -E '/^(cuda|nvidia|triton)/d; s/\+[a-z0-9.]+$$//'; } > $(LOCK_VENV)/requirements.lock
 	mv $(LOCK_VENV)/requirements.lock requirements.lock
+	$(LOCK_VENV)/bin/python -m pip --quiet install uv
+	{ echo '# Written by `make lock`: the versions of requirements.lock, with the hashes of their files.'; \
+	  $(LOCK_VENV)/bin/uv pip compile --quiet --no-deps --no-header --no-annotate --generate-hashes \
+	  requirements.lock; } > $(LOCK_VENV)/requirements.hashes
+	mv $(LOCK_VENV)/requirements.hashes requirements.hashes
 	rm -r $(LOCK_VENV)
 
 images:  ## build the container images, with CONTAINER_ENGINE (docker)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import time
@@ -175,6 +176,21 @@ def test_a_service_that_is_silent_is_told_to_stop_and_then_killed(sleeper, tmp_p
     assert sleeper.poll() is None
     assert check(tmp_path / "beat", 50.0) == 1
     assert sleeper.wait(30.0) == -signal.SIGKILL
+
+
+def test_images_install_what_is_locked_by_the_hashes_of_its_files():
+    root = DOCKER.parent
+    locked = (root / "requirements.lock").read_text()
+    names = [line.partition("==") for line in locked.splitlines() if "==" in line]
+    pins = [re.sub(r"[-_.]+", "-", name).lower() + f"=={version}" for name, _, version in names]
+    hashed = (root / "requirements.hashes").read_text()
+    blocks = [block for block in re.split(r"\n(?=\S)", hashed) if "==" in block]
+    assert {block.split()[0] for block in blocks} == set(pins)
+    assert all(re.search(r"--hash=sha256:[0-9a-f]{64}", block) for block in blocks)
+    stages = (DOCKER / "Dockerfile").read_text()
+    installs = [line for line in stages.splitlines() if "pip" in line and " install " in line]
+    assert installs
+    assert all("--no-deps /wheel/*.whl" in line for line in installs)  # ours, built beside it
 
 
 def test_the_engine_is_sent_every_file_that_images_copy():
