@@ -94,9 +94,11 @@ class WeightsRequest:
 
     Attributes:
         spec_digest: EnvironmentSpec.digest that the asker acts in; empty takes any.
+        horizon: Steps of its episodes; 0 takes any.
     """
 
     spec_digest: str = ""
+    horizon: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -257,6 +257,21 @@ def test_another_environment_is_refused_with_both_values():
     assert bench.learner.status().counters["rejected_messages"] == 1
 
 
+@pytest.mark.parametrize(("steps", "heard"), [(0, True), (10, True), (20, False)])
+def test_episodes_of_another_length_are_refused_with_both_values(steps, heard):
+    settings = EnvironmentSettings(horizon=10)
+    bench = Bench(config(env="point_mass", environment=settings))
+    request = WeightsRequest(spec_digest=SPEC.digest, horizon=steps)
+    reply = bench.actor.request("weights/current", request, timeout_s=5.0)
+    bench.learner.step()
+    if heard:
+        assert isinstance(reply.poll(), Weights)
+        return
+    with pytest.raises(RefusedError, match="episodes have 20 steps, this learner's 10"):
+        reply.poll()
+    assert bench.learner.status().counters["refused_question"] == 1
+
+
 def test_tells_actors_what_it_learns_for_with_paths_that_hold_anywhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     environment = EnvironmentSettings(

@@ -33,7 +33,10 @@ def usable_policy(weights: Weights, spec: EnvironmentSpec) -> GaussianPolicy:
     except (GfmError, ValueError, KeyError, TypeError, IndexError) as exc:
         raise BadInputError(f"they make no policy: {' '.join(str(exc).split())}") from exc
     if sizes != (spec.policy_size, spec.action_size) or action.shape != (_ROWS, spec.action_size):
-        raise BadInputError(f"they map {sizes[0]} observations to {sizes[1]} actions")
+        raise BadInputError(
+            f"they map {sizes[0]} observations to {sizes[1]} actions, expected {spec.policy_size} "
+            f"and {spec.action_size}"
+        )
     if not (np.isfinite(action).all() and np.isfinite(log_prob).all()):
         raise BadInputError("their actions on the probe are not finite")
     if (largest := float(np.abs(action).max())) > ACTION_LIMIT:

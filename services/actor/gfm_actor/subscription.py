@@ -45,6 +45,7 @@ class PolicySubscription:
         *,
         run: str,
         max_age_s: float,
+        horizon: int = 0,
     ) -> None:
         self.policy: GaussianPolicy | None = None
         self.life = -1
@@ -52,6 +53,7 @@ class PolicySubscription:
         self._spec = spec
         self._refusals = refusals
         self._run = run
+        self._request = WeightsRequest(spec_digest=spec.digest, horizon=horizon)
         self._clock = clock
         self._max_age_s = max_age_s
         self._question = Question(transport, clock, "weights/current", "learner")
@@ -75,7 +77,8 @@ class PolicySubscription:
         """Takes the newest weights that have come.
 
         Raises:
-            RefusedError: the learner learns for another environment, and never had weights for us.
+            RefusedError: the learner learns for another environment, or episodes of another length,
+            and never had weights for us.
         """
         message = self._broadcasts.latest()
         if isinstance(message, Weights):
@@ -100,7 +103,7 @@ class PolicySubscription:
 
     def _ask(self) -> None:
         try:
-            answered = self._question.poll(WeightsRequest(spec_digest=self._spec.digest))
+            answered = self._question.poll(self._request)
         except RefusedError:
             if self.policy is None:
                 raise

@@ -8,7 +8,7 @@ from typing import final
 import msgspec
 
 from gfm.core import EnvironmentSpec, Weights
-from gfm.envs.registry import EnvironmentSettings
+from gfm.envs.registry import EnvironmentSettings, episode_steps
 from gfm.policies import forces_path
 from gfm.service.refusals import Refusals
 from gfm.service.turns import Turns
@@ -32,6 +32,7 @@ class Answers:
         refusals: Refusals,
     ) -> None:
         self._spec = spec
+        self._horizon = episode_steps(config.env, config.environment)
         self._refusals = refusals
         self._environment = RunEnvironment(
             name=config.env, settings=_with_absolute_paths(config.environment), spec=spec
@@ -65,13 +66,17 @@ class Answers:
         wanted, spec = request.message, self._spec
         if not isinstance(wanted, WeightsRequest):
             return f"got {type(wanted).__name__}, expected WeightsRequest"
-        if wanted.spec_digest in ("", spec.digest):
-            return None
-        return (
-            f"the asker's environment has digest {wanted.spec_digest:.40}; this learner learns for "
-            f"{spec.name} with {spec.observation_size} observations and {spec.action_size} "
-            f"actions, digest {spec.digest}"
-        )
+        if wanted.spec_digest not in ("", spec.digest):
+            return (
+                f"the asker's environment has digest {wanted.spec_digest:.40}; this learner learns "
+                f"for {spec.name} with {spec.observation_size} observations and "
+                f"{spec.action_size} actions, digest {spec.digest}"
+            )
+        if wanted.horizon not in (0, self._horizon):
+            return (
+                f"the asker's episodes have {wanted.horizon} steps, this learner's {self._horizon}"
+            )
+        return None
 
     def _reason_against_environment(self, request: Request) -> str | None:
         wanted = request.message
