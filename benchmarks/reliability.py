@@ -20,7 +20,7 @@ from pathlib import Path
 from known_truth.told import Told, all_told
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGE, FIGURE = DOCS / "results" / "reliability.md", DOCS / "images" / "reliability.svg"
+PAGE, FIGURE = DOCS / "results" / "confidences.md", DOCS / "images" / "reliability.svg"
 BINS = 10
 #: From this on a name is told for sure, and above this it is claimed.
 SURE, CLAIMED = 0.9, 0.5

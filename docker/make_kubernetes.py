@@ -143,6 +143,9 @@ def pod(role: str, service: Mapping[str, Any]) -> dict[str, Any]:
                 }
             )
             seen.append({"name": "certs", "mountPath": target, "readOnly": True})
+        elif name.startswith("sums-"):  # outlives the container, if not the pod
+            volumes.append({"name": "sums", "emptyDir": {"sizeLimit": "16Mi"}})
+            seen.append({"name": "sums", "mountPath": target})
         elif name == "point_mass":
             volumes.append({"name": "settings", "configMap": {"name": "gfm-settings"}})
             seen.append({"name": "settings", "mountPath": target, "readOnly": reads})

@@ -55,6 +55,16 @@ def test_a_service_is_unwell_after_the_same_silence_in_compose_image_and_on_a_ma
     assert '"--heartbeat-file", "/tmp/heartbeat"]' in stage
 
 
+@pytest.mark.parametrize("role", [role for role in START_ORDER if role != "router"])
+def test_what_a_service_counts_outlives_its_process_on_a_volume_of_its_role(role):
+    assert f"sums-{role}:/sums" in SERVICES[role]["volumes"]
+    assert '"--sums-file", "/sums", "--heartbeat-file"' in stage_of(
+        SERVICES[role]["build"]["target"]
+    )
+    others = [v for v in SERVICES[role]["volumes"] if v.startswith("sums-")]
+    assert others == [f"sums-{role}:/sums"]
+
+
 def stage_of(target: str) -> str:
     """Returns the part of the Dockerfile that ends in an image."""
     text = (DOCKER / "Dockerfile").read_text()

@@ -54,6 +54,16 @@ def test_the_next_process_goes_on_with_what_those_before_counted(tmp_path):
     assert life(path, clock, 0, kept=5)["steps"] == 5
 
 
+def test_services_that_share_a_folder_have_files_of_their_own(tmp_path):
+    clock = ManualClock(0)
+    for name, count in (("a", 3), ("b", 5)):
+        make_sums(str(tmp_path), name, clock).write({"steps": count})
+    for name, count in (("a", 3), ("b", 5), ("c", 0)):
+        again = make_sums(str(tmp_path), name, clock)
+        assert again.total({"steps": 1}, ()) == {"steps": count + 1}
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "b.json"]
+
+
 def test_one_that_is_killed_loses_no_more_than_a_second_of_counts(tmp_path):
     clock, path = ManualClock(0), tmp_path / "a.sums.json"
     transport = MemoryTransport(MemoryHub(), name="a", clock=clock)
@@ -85,9 +95,9 @@ def test_a_full_disk_is_said_once_and_the_service_goes_on(tmp_path, full_disk, c
 
 
 def test_no_file_is_no_sums_and_one_in_no_folder_is_bad_input(tmp_path):
-    assert make_sums("", ManualClock(0)) is None
+    assert make_sums("", "a", ManualClock(0)) is None
     with pytest.raises(BadInputError, match=r"sums .*/none/sums: expected a file in a folder"):
-        make_sums(str(tmp_path / "none" / "sums"), ManualClock(0))
+        make_sums(str(tmp_path / "none" / "sums"), "a", ManualClock(0))
 
 
 WHO = {"run": "default", "role": "replay", "service": "replay"}

@@ -103,7 +103,9 @@ def _add_connection_flags(parser: argparse.ArgumentParser, *, listens: bool) -> 
         "--heartbeat-file", metavar="FILE", help="touch this while all is well, for a supervisor"
     )
     group.add_argument(
-        "--sums-file", metavar="FILE", help="go on with the counts in it (default: from zero)"
+        "--sums-file",
+        metavar="FILE",
+        help="go on with the counts in it, or in NAME.json of a folder (default: from zero)",
     )
 
 
@@ -150,7 +152,7 @@ def serve(config: Config, build: Callable[[Config, ZenohTransport, Clock], Servi
     _log.info("settings: %s", msgspec.json.encode(config).decode())
     clock = MonotonicClock()
     heartbeat = make_heartbeat(config.heartbeat_file, clock)
-    sums = make_sums(config.sums_file, clock)
+    sums = make_sums(config.sums_file, config.name, clock)
     with open_transport(config) as transport, suppress(StopRequested):
         stopped = StopSignal()
         stopped.install()

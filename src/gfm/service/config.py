@@ -38,7 +38,7 @@ class ServiceConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         name: Unique within the run; empty means made from host and process id.
         heartbeat_file: File that the service's loop touches twice a second; empty for none.
         sums_file: File of what earlier processes of this service counted, which its counters go on
-            from; empty for none.
+            from, or a folder that has one for each service by its name; empty for none.
         log_level: Least severe event that is logged.
         log_format: Lines for people, or one JSON object per line.
     """

@@ -82,6 +82,18 @@ def _read(path: Path) -> dict[str, int]:
         return {}
 
 
-def make_sums(path: str, clock: Clock) -> Sums | None:
-    """Returns the sums that a service's settings ask for; none are kept where the path is empty."""
-    return Sums(Path(path), clock) if path else None
+def make_sums(path: str, name: str, clock: Clock) -> Sums | None:
+    """Returns the sums that a service's settings ask for.
+
+    Args:
+        path: The file, or a folder in which the service has one of its own; empty keeps none.
+        name: Of the service.
+        clock: Of the times between two writes.
+
+    Raises:
+        BadInputError: there is no folder for the file.
+    """
+    if not path:
+        return None
+    place = Path(path)
+    return Sums(place / f"{name}.json" if place.is_dir() else place, clock)
