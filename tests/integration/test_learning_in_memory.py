@@ -1,6 +1,7 @@
 """Actor, replay and learner in one thread over the in-memory transport: the loop learns."""
 
 import numpy as np
+import pytest
 
 from gfm.core import MonotonicClock
 from gfm.envs.point_mass import PointMass
@@ -35,13 +36,13 @@ LEARNING = LearnerSettings(
 class Loop:
     """The three services, stepped in turn."""
 
-    def __init__(self):
+    def __init__(self, priority_exponent):
         clock, hub = MonotonicClock(), MemoryHub()
         env = PointMass(16, seed=1)
         config = LearnerConfig(name="learner", learning=LEARNING, max_steps=STEPS)
         acting = ActorConfig(name="actor", num_envs=16, environment=EnvironmentSettings(horizon=20))
         self.replay = ReplayService(
-            ReplayConfig(name="replay", min_size=32),
+            ReplayConfig(name="replay", min_size=32, priority_exponent=priority_exponent),
             MemoryTransport(hub, name="replay"),
             clock,
             np.random.default_rng(0),
@@ -75,8 +76,9 @@ def mean_return(weights):
     return total.mean()
 
 
-def test_the_loop_learns_and_weights_flow_all_the_way_round():
-    loop = Loop()
+@pytest.mark.parametrize("priority_exponent", [0.0, 0.6], ids=["uniform", "prioritised"])
+def test_the_loop_learns_and_weights_flow_all_the_way_round(priority_exponent):
+    loop = Loop(priority_exponent)
     before = mean_return(loop.learner.weights)
     loop.run()
     loop.actor.close()  # takes in the last acknowledgements
