@@ -129,9 +129,10 @@ def soak(folder: Path, minutes: float) -> list[dict[str, Any]]:
 
 
 def courses(rows: Sequence[dict[str, Any]]) -> list[Course]:
-    """Returns what each process that was there at the end used, after the warm-up."""
+    """Returns what each process used after the warm-up, as far as it answered."""
     warm = [row for row in rows if row["at_s"] >= _WARM * rows[-1]["at_s"]]
-    return [_course(name, warm) for name in sorted(warm[-1]["memory_mib"])]
+    names = {name for row in warm for name in row["memory_mib"]}
+    return [_course(name, warm) for name in sorted(names)]
 
 
 def _course(name: str, rows: Sequence[dict[str, Any]]) -> Course:
@@ -152,7 +153,9 @@ def _ends(values: Sequence[float]) -> tuple[float, float]:
 
 def table(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Returns the table, and below it what was done in all."""
-    first, last = rows[0], rows[-1]
+    everybody = max(len(row["memory_mib"]) for row in rows)
+    whole = [row for row in rows if len(row["memory_mib"]) == everybody]
+    first, last, end_s = whole[0], whole[-1], rows[-1]["at_s"]
     passed_s = max(last["at_s"] - first["at_s"], 1e-9)
     rates = [f"{(last[one] - first[one]) / passed_s:.0f} {one}/s" for one in PROGRESS]
     cores = (last["cpu_s"] - first["cpu_s"]) / passed_s
@@ -166,9 +169,10 @@ def table(rows: Sequence[dict[str, Any]]) -> list[str]:
             for c in courses(rows)
         ),
         "",
-        f"{last['at_s'] / 60:.0f} minutes, looked at after {_WARM * last['at_s'] / 60:.0f}; "
-        f"{', '.join(rates)}; {cores:.2f} of {os.cpu_count()} processors; "
-        f"looks at which somebody was missing: {sum(bool(row['missing']) for row in rows)}",
+        f"{end_s / 60:.0f} minutes, looked at after {_WARM * end_s / 60:.0f}; {', '.join(rates)}; "
+        f"{cores:.2f} of {os.cpu_count()} processors; looks: {len(rows)}, at which somebody did "
+        f"not answer in time: {len(rows) - len(whole)}, at which somebody was missing: "
+        f"{sum(bool(row['missing']) for row in rows)}",
     ]
 
 

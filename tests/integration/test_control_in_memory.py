@@ -5,7 +5,7 @@ import numpy as np
 from gfm.core import MonotonicClock
 from gfm.envs.control_settings import ControlSettings, Curriculum
 from gfm.envs.registry import EnvironmentSettings, make_environment
-from gfm.rl.learner import LearnerSettings
+from gfm.rl.learner_state import LearnerSettings
 from gfm.service.metrics import NoMetrics
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_actor.__main__ import build

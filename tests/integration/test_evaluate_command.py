@@ -15,7 +15,7 @@ from gfm.experiments import film
 from gfm.experiments.film import write_film
 from gfm.policies import forces_path, shipped_policy
 from gfm.recording.weights_file import write_weights
-from gfm.rl.learner import LearnerSettings, init_learner, policy_tensors
+from gfm.rl.learner_state import LearnerSettings, init_learner, policy_tensors
 from gfm.service.force_files import read_forces
 
 #: Of ten goals once, so many at least; the share that was measured is nearer to all of them.

@@ -16,7 +16,7 @@ import gfm_learner.__main__
 import gfm_replay.__main__
 from gfm.core import ManualClock, WireError
 from gfm.envs.registry import EnvironmentSettings
-from gfm.rl.learner import LearnerSettings
+from gfm.rl.learner_state import LearnerSettings
 from gfm.service import RunningService
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_actor.config import ActorConfig

@@ -6,7 +6,7 @@ import pytest
 from gfm.core import MonotonicClock
 from gfm.envs.point_mass import PointMass
 from gfm.envs.registry import EnvironmentSettings
-from gfm.rl.learner import LearnerSettings
+from gfm.rl.learner_state import LearnerSettings
 from gfm.rl.policy_numpy import GaussianPolicy
 from gfm.service.metrics import NoMetrics
 from gfm.transport import MemoryHub, MemoryTransport

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gfm.core import EnvironmentSpec, ManualClock, Sequence
-from gfm.rl.learner import LearnerSettings, state_arrays
+from gfm.rl.learner_state import LearnerSettings, state_arrays
 from gfm.service.metrics import NoMetrics
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_learner.checkpoint import begin

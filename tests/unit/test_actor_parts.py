@@ -9,7 +9,7 @@ import pytest
 from gfm.core import ConfigError, EnvironmentSpec, ManualClock, RefusedError, Sequence, Weights
 from gfm.envs.batched import Transition
 from gfm.envs.registry import EnvironmentSettings
-from gfm.rl.learner import LearnerSettings, init_learner, policy_tensors
+from gfm.rl.learner_state import LearnerSettings, init_learner, policy_tensors
 from gfm.service.ledger import Ledger
 from gfm.service.refusals import Refusals
 from gfm.transport import MemoryHub, MemoryTransport, Transport

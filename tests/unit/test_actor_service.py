@@ -9,7 +9,7 @@ from gfm.core import ConfigError, EnvironmentSpec, ManualClock, Weights
 from gfm.envs.batched import BatchedEnvironment, Transition
 from gfm.envs.point_mass import PointMass
 from gfm.envs.registry import EnvironmentSettings
-from gfm.rl.learner import LearnerSettings, init_learner, policy_tensors
+from gfm.rl.learner_state import LearnerSettings, init_learner, policy_tensors
 from gfm.rl.policy_numpy import GaussianPolicy
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_actor.__main__ import main

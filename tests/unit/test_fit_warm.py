@@ -10,7 +10,7 @@ from gfm.core import CommandKind, Trajectory
 from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings
 from gfm.experiments.fit import COLD, WARM, environment_flags, force_model, training_error
 from gfm.experiments.fit_warm import joint_errors, rollout_rmse, warm_start
-from gfm.rl.learner import LearnerSettings
+from gfm.rl.learner_state import LearnerSettings
 from gfm.rl.policy_numpy import GaussianPolicy
 from gfm.rl.regression import RegressionSettings
 from gfm.service import make_parser

@@ -9,7 +9,7 @@ from gfm.core import BadInputError, CommandKind, ConfigError, EnvironmentSpec, T
 from gfm.envs.arm import Arm, ArmProblem
 from gfm.envs.control_settings import ControlSettings
 from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings, arm_problem
-from gfm.rl.learner import LearnerSettings, init_learner, policy_tensors
+from gfm.rl.learner_state import LearnerSettings, init_learner, policy_tensors
 from gfm.service.assets import load_assets
 from gfm.service.force_files import read_forces, write_forces
 from gfm.sim.batch import HybridBatch

@@ -21,7 +21,7 @@ from gfm.core import (
 from gfm.envs.control_settings import ControlSettings
 from gfm.envs.registry import EnvironmentSettings
 from gfm.recording.weights_file import earlier, read_weights, write_weights
-from gfm.rl.learner import LearnerSettings, state_arrays
+from gfm.rl.learner_state import LearnerSettings, state_arrays
 from gfm.rl.policy_numpy import GaussianPolicy
 from gfm.service.metrics import METRICS, FolderMetrics, NoMetrics
 from gfm.transport import MemoryHub, MemoryTransport

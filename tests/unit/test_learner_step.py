@@ -6,10 +6,10 @@ import torch
 from msgspec.structs import replace
 
 from gfm.core import Batch, EnvironmentSpec
-from gfm.rl.learner import (
+from gfm.rl.learner import learner_step
+from gfm.rl.learner_state import (
     LearnerSettings,
     init_learner,
-    learner_step,
     load_state_arrays,
     policy_tensors,
     state_arrays,

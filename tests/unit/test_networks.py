@@ -8,7 +8,7 @@ import torch
 
 from gfm.core import BadInputError, EnvironmentSpec, ShapeError
 from gfm.rl.gaussian import Gaussian, kl_per_dimension
-from gfm.rl.learner import (
+from gfm.rl.learner_state import (
     LearnerSettings,
     init_learner,
     load_policy_tensors,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gfm.core import BadInputError, EnvironmentSpec
-from gfm.rl.learner import LearnerSettings, init_learner, load_policy_tensors
+from gfm.rl.learner_state import LearnerSettings, init_learner, load_policy_tensors
 from gfm.rl.policy_numpy import GaussianPolicy
 from gfm.rl.regression import RegressionSettings, fit_policy
 

@@ -63,7 +63,20 @@ def test_the_table_tells_how_much_was_done_and_used():
     assert "| replay | 50.0 | 50.0 | +0.00 | 20 and 20 |" in said
     assert "60 minutes, looked at after 20; 800 env_steps/s, 80 replay_sequences/s" in said
     assert "1.50 of " in said
-    assert said.endswith("somebody was missing: 1")
+    assert said.endswith(
+        "looks: 361, at which somebody did not answer in time: 0, at which somebody was missing: 1"
+    )
+
+
+def test_looks_at_which_nobody_answered_are_told_and_count_for_nothing():
+    found = rows(lambda _: 50.0)
+    silent = {**found[200], "memory_mib": {}, "open_files": {}, "env_steps": 0}
+    found[200] = silent
+    found[-1] = {**silent, "at_s": found[-1]["at_s"]}
+    assert verdict(found).memory_mib == (50.0, 50.0)
+    said = "\n".join(soak.table(found))
+    assert "800 env_steps/s" in said
+    assert "did not answer in time: 2" in said
 
 
 @pytest.mark.parametrize(

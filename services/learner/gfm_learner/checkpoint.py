@@ -15,7 +15,7 @@ import torch
 import gfm
 from gfm.core import BadInputError, ConfigError, EnvironmentSpec, Weights
 from gfm.recording.weights_file import earlier, read_arrays, read_weights, write_arrays
-from gfm.rl.learner import (
+from gfm.rl.learner_state import (
     LearnerSettings,
     LearnerState,
     init_learner,

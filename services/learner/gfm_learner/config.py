@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 from msgspec import Meta
 
 from gfm.envs.registry import EnvironmentSettings
-from gfm.rl.learner import Count, Fraction, LearnerSettings
+from gfm.rl.learner_state import Count, Fraction, LearnerSettings
 from gfm.rl.mpo import Positive
 from gfm.service import ServiceConfig
 from gfm_wire import Role

@@ -15,7 +15,8 @@ from typing_extensions import override
 
 from gfm.core import Batch, Clock, GfmError, Status, Weights
 from gfm.recording.weights_file import write_weights
-from gfm.rl.learner import Stats, learner_step, policy_tensors
+from gfm.rl.learner import Stats, learner_step
+from gfm.rl.learner_state import policy_tensors
 from gfm.service import Service, make_status
 from gfm.service.metrics import MetricsSink
 from gfm.service.refusals import Refusals
@@ -40,8 +41,8 @@ class LearningDivergedError(GfmError):
 class LearnerService(Service):
     """Asks `replay/sample`, publishes `weights`, serves `weights/current` and `run/environment`.
 
-    Weights are those of the target policy (see `gfm.rl.learner.policy_tensors`). They are published
-    at the start, whenever the targets change, and as a heartbeat.
+    Weights are those of the target policy (see `gfm.rl.learner_state.policy_tensors`). They are
+    published at the start, whenever the targets change, and as a heartbeat.
     """
 
     def __init__(

@@ -25,7 +25,7 @@ from torch import Tensor
 
 from gfm.core import BadInputError
 from gfm.core.checks import Array, Array32
-from gfm.rl.learner import Count, Widths
+from gfm.rl.learner_state import Count, Widths
 from gfm.rl.mpo import Positive
 from gfm.rl.networks import Normaliser, PolicyNetwork, inverse_softplus
 
