@@ -44,7 +44,7 @@ check: $(VENV)/.installed docs  ## check format, lint, imports, types and links 
 docs: $(VENV)/.installed  ## build the documentation as a site, build/site; fails on a broken link
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
-test-faults: $(VENV)/.installed  ## hurt a system of processes 160 times (40 minutes; again goes on)
+test-faults: $(VENV)/.installed  ## hurt a system of processes 160 times (15 minutes; again goes on)
 	$(BIN)/python benchmarks/faults.py --folder build/faults --kills 100 --others 60
 
 soak: $(VENV)/.installed  ## let a system of processes work for an hour: its memory stays flat
