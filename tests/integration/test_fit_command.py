@@ -84,18 +84,16 @@ def test_learning_goes_on_when_one_of_its_processes_is_killed(files, tmp_path, n
         deadline_s = time.monotonic() + 60.0
         while not metric_rows(out) and time.monotonic() < deadline_s:
             time.sleep(0.05)
-        killed.append(int((out / "logs" / f"{name}.beat").read_text()))
-        os.kill(killed[0], signal.SIGKILL)
+        os.kill(int((out / "logs" / f"{name}.beat").read_text()), signal.SIGKILL)
+        killed.append(len(metric_rows(out)))
 
     thread = Thread(target=kill_once_it_learns)
     thread.start()
-    assert fit(files, out, "--minutes", "0.4", "--from-nothing") == 0
+    assert fit(files, out, "--minutes", "0.6", "--from-nothing") == 0
     thread.join()
-    assert len(killed) == 1
     assert (out / "logs" / f"{name}.1.log").is_file()
-    last = metric_rows(out)[-1]["learner_step"]
+    assert len(metric_rows(out)) > killed[0]
     assert json.loads((out / "fit.json").read_text())["curve"][-1]["learner_step"] > 0
-    assert last > 40
 
 
 def test_forces_are_judged_on_another_recording(files, tmp_path, capsys):
