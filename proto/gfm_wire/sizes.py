@@ -14,6 +14,7 @@ LARGE = {
     "Weights": MAX_BYTES,
     "Sequence": 16 * _MIB,
     "SampleRequest": 4 * _MIB,
+    "RunEnvironment": 4 * _MIB,
     "RobotExchange": 4 * _MIB,
     "RobotStates": 4 * _MIB,
 }

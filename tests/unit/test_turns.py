@@ -83,6 +83,20 @@ def test_a_flood_is_read_a_little_at_a_time():
     assert before_b == pytest.approx(500 / turns._READ_AHEAD, abs=2)
 
 
+def test_all_lines_together_are_bounded_whatever_the_names(monkeypatch):
+    monkeypatch.setattr(turns, "_MOST", 4)
+    room = Room()
+    for number in range(9):
+        room.ask(f"stranger-{number}")
+    found = [room.server.receive() for _ in range(3)]
+    assert [one.stamp.sender for one in found] == [f"stranger-{n}" for n in range(3)]
+    assert room.server._waiting == 3  # read up to the bound, and one handed out
+    room.ask("late")
+    rest = [one.stamp.sender for one in iter(room.server.receive, None)]
+    assert rest == [*(f"stranger-{n}" for n in range(3, 9)), "late"]
+    assert room.refusals.total == 0
+
+
 def test_senders_beyond_all_bounds_share_a_line(monkeypatch):
     monkeypatch.setattr(turns, "_SENDERS", 2)
     room = Room(longest=2)

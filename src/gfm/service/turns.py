@@ -19,6 +19,10 @@ _SENDERS = 4096
 
 _OTHERS = "others"
 
+_MOST = 4096
+"""Questions in all lines together: beyond that none is read, and the link's own queue gives up the
+oldest."""
+
 
 @final
 class Turns(Server):
@@ -44,6 +48,7 @@ class Turns(Server):
         self._longest = longest
         self._busy = busy
         self._lines: OrderedDict[str, deque[Request]] = OrderedDict()
+        self._waiting = 0
 
     @override
     def receive(self) -> Request | None:
@@ -52,13 +57,14 @@ class Turns(Server):
             return None
         sender, line = self._lines.popitem(last=False)
         request = line.popleft()
+        self._waiting -= 1
         if line:
             self._lines[sender] = line
         return request
 
     def _read(self) -> None:
         for _ in range(_READ_AHEAD):
-            if (request := self._server.receive()) is None:
+            if self._waiting >= _MOST or (request := self._server.receive()) is None:
                 return
             self._line_up(request)
 
@@ -69,6 +75,7 @@ class Turns(Server):
         line = self._lines.setdefault(sender, deque())
         if len(line) < self._longest:
             line.append(request)
+            self._waiting += 1
             return
         reason = f"{len(line)} of its questions wait, expected at most {self._longest}"
         self._refusals.add("queue", request.stamp.sender, reason)
