@@ -31,8 +31,11 @@ from gfm.envs.matching import Matching
 from gfm.envs.matching_task import POSE_MATCHING, POSITION_MATCHING
 from gfm.envs.matching_view import MatchingView
 from gfm.experiments.attempt_files import Kept
+from gfm.experiments.attempt_start import ABOVE_M, AttemptStart
+from gfm.experiments.attempt_view import RobotView
 from gfm.experiments.attempts import Attempt, AttemptRunner, planned
-from gfm.experiments.drive_policy import DriveRequest, drive_policy
+from gfm.experiments.drive_policy import drive_policy
+from gfm.experiments.drive_request import DriveRequest
 from gfm.experiments.driver import Driver
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for
 from gfm.experiments.payload import carrying
@@ -57,6 +60,7 @@ from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
 from gfm_wire import RobotClock, SetPayload, StopRobot
 
 POSITION = POSITION_MATCHING.name
+VIEW = RobotView(load_arm(EvaluationRequest(task=POSITION)))
 
 
 def hidden_payload(mass_kg: float) -> HiddenEffect:
@@ -145,6 +149,10 @@ def attempts(
         spec = Matching(POSITION_MATCHING, arm, 1).spec
         policy = policy_for(path, read_weights(path), spec).mean_action
     return AttemptRunner(POSITION_MATCHING, arm, policy, driver, seed=0, person=person)
+
+
+def start(driver: Driver, person: Person | None = None) -> AttemptStart:
+    return AttemptStart(POSITION_MATCHING, VIEW, driver, person or Person())
 
 
 def test_the_shipped_policy_pushes_the_object_to_its_goal_on_the_robot(tmp_path: Path) -> None:
@@ -263,7 +271,7 @@ def test_a_person_puts_the_object_back_and_confirms(
     by_hand(monkeypatch)
     rig = Rig(tmp_path)
     began = Typing({})
-    attempts(rig.driver, person=began.person)._above_basket(READY)
+    assert start(rig.driver, began.person).lead_above_basket(READY)
     typing = Typing({began.asked + 10: "\n"})
     assert attempts(rig.driver, person=typing.person).make(0, 0, "by_hand") is not None
     assert typing.heard == [
@@ -349,45 +357,43 @@ def test_a_stop_on_the_way_to_an_attempt_is_gone_on_after_but_not_for_ever(
     assert not left
 
 
-def tool_height(runner: AttemptRunner) -> float:
-    return float(runner._scene(runner._driver.newest).tip[0, 2] - BASKET_XYZ[2])
+def tool_height(driver: Driver) -> float:
+    return float(VIEW.tool(driver.newest.position)[2] - BASKET_XYZ[2])
 
 
 def test_a_low_tool_is_lifted_before_the_way_back_and_a_high_one_stays(tmp_path: Path) -> None:
     driver = connected(tmp_path)
-    runner = attempts(driver)
     driver.place_object(np.array([0.6, 0.12, 0.08, 1.0, 0.0, 0.0, 0.0]))  # aside
     low = READY + np.array([0.0, 0.08, 0.0, 0.0, 0.0, 0.0, 0.0])
     assert driver.go_to(JOINT_NAMES, low, 0.05)
     heights = []
     for _ in range(2):
-        assert runner._lifted()
-        heights.append(tool_height(runner))
+        assert start(driver).lift()
+        heights.append(tool_height(driver))
     assert heights[0] >= 0.1
     assert abs(heights[1] - heights[0]) < 0.01  # what its servo lags behind
 
 
 def test_the_way_to_an_attempt_comes_from_above(tmp_path: Path) -> None:
     driver = connected(tmp_path)
-    runner = attempts(driver)
-    assert driver.go_to(JOINT_NAMES, runner._raised(READY), 0.05)
-    raised = tool_height(runner)
+    assert driver.go_to(JOINT_NAMES, VIEW.raised(READY, ABOVE_M), 0.05)
+    raised = tool_height(driver)
     assert driver.go_to(JOINT_NAMES, READY, 0.05)
-    assert raised - tool_height(runner) == pytest.approx(0.1, abs=2e-3)
+    assert raised - tool_height(driver) == pytest.approx(0.1, abs=2e-3)
 
 
 def test_an_arm_with_a_load_that_nobody_knows_gives_way_once_and_is_held(tmp_path: Path) -> None:
     driver = Rig(tmp_path, payload_kg=2.0).driver
-    runner = attempts(driver)
-    assert driver.go_to(JOINT_NAMES, runner._raised(READY), 0.05)
-    held = tool_height(runner)
+    raised = VIEW.raised(READY, ABOVE_M)
+    assert driver.go_to(JOINT_NAMES, raised, 0.05)
+    held = tool_height(driver)
     for _ in range(3):  # one session after the other, and a way that leads nowhere
         driver.begin(JOINT_NAMES, 1.0)
         driver.rest(JOINT_NAMES, 0.05)
         assert driver.held is not None
         assert driver.go_to(JOINT_NAMES, driver.held, 0.05)
-    assert tool_height(runner) == pytest.approx(held, abs=1e-3)
-    sags = runner._raised(READY)[1] - driver.newest.position[1]
+    assert tool_height(driver) == pytest.approx(held, abs=1e-3)
+    sags = raised[1] - driver.newest.position[1]
     assert -0.02 < sags < -0.005  # rad: a joint of 800 N m/rad, and 10 N m
 
 

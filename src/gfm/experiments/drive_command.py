@@ -12,7 +12,7 @@ from gfm.launch.flags import add_certs
 from gfm.launch.spec import ENGINES
 
 if TYPE_CHECKING:
-    from gfm.experiments.drive_policy import DriveRequest
+    from gfm.experiments.drive_request import DriveRequest
 
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def request_of(arguments: argparse.Namespace) -> DriveRequest:
     """Returns what the flags of `add_robot_flags` ask for."""
-    from gfm.experiments.drive_policy import DriveRequest
+    from gfm.experiments.drive_request import DriveRequest
 
     return DriveRequest(
         task=f"{arguments.task}_matching",

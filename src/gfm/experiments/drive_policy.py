@@ -13,98 +13,31 @@ from pathlib import Path
 from rich.console import Console
 
 from gfm.api.folders import check_folder
-from gfm.api.provenance import command_line, provenance, sha256
-from gfm.core import BadInputError, Clock, ConfigError, MonotonicClock
+from gfm.api.provenance import command_line, provenance
+from gfm.core import BadInputError, Clock, MonotonicClock
 from gfm.envs.arm import CONTROL_PERIOD_S
 from gfm.envs.matching import Matching
-from gfm.envs.matching_task import RADIAL_GOALS, TASKS
+from gfm.envs.matching_task import TASKS
 from gfm.envs.outcomes import Outcome
 from gfm.experiments.attempt_files import RESULT, Kept
 from gfm.experiments.attempts import Attempt, AttemptRunner, planned
+from gfm.experiments.drive_request import DriveRequest
+from gfm.experiments.drive_robot import robot_of
 from gfm.experiments.driver import Driver
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for, policy_path
 from gfm.experiments.payload import carrying
 from gfm.experiments.person import Keyboard, Person
-from gfm.launch import (
-    RunAddress,
-    Supervisor,
-    SystemSpec,
-    free_endpoint,
-    robot_processes,
-    router_process,
-    watching,
-)
 from gfm.policies import shipped_policy
 from gfm.recording.weights_file import read_weights
 from gfm.report.evaluation import REASONS, Evaluation, evaluation_texts, print_evaluation
 from gfm.report.files import write_texts
 from gfm.service import StopSignal
 from gfm.sim.sawyer import JOINT_NAMES
-from gfm.transport import Transport
-from gfm_wire import Role, SetPayload
 
 _WAIT_S = 30.0
 #: In a folder in which no attempt came to its end.
 _LEFT = ("logs", "recordings", "sealed.json")
 _SIMULATED = {"sim": "on a simulated robot", "drake": "on a simulated robot in Drake"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class DriveRequest:
-    """What is asked for.
-
-    Attributes:
-        task: Name of the environment.
-        policy: Of a file, or of a folder that holds one; by default the one that comes with gfm.
-        model: MJCF by which the tool is placed; None for the nominal cell.
-        robot: Which simulated robot, one of `gfm.launch.spec.ENGINES`.
-        hidden_effect: Of the simulated robot.
-        robot_config: Its settings as a TOML file; None for the default ones.
-        real_time: Whether its time passes by itself.
-        connect: Router of a run whose robot to drive; empty to start a simulated one.
-        run_name: Name of that run.
-        certs: Folder of certificates by which it speaks; empty for none.
-        goals: The first so many are tried.
-        trials: Attempts per goal.
-        payload: What the robot is told that it carries, while it is driven; None for nothing.
-        seed: Of robot and starts.
-        out: Folder for results and recordings.
-    """
-
-    task: str
-    out: Path
-    policy: Path | None = None
-    model: Path | None = None
-    robot: str = "sim"
-    hidden_effect: str = "none"
-    robot_config: Path | None = None
-    real_time: bool = False
-    connect: str = ""
-    run_name: str = "default"
-    certs: str = ""
-    goals: int = RADIAL_GOALS
-    trials: int = 5
-    payload: SetPayload | None = None
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.goals <= RADIAL_GOALS:
-            raise ConfigError(f"--goals is {self.goals}, expected 1 to {RADIAL_GOALS}")
-        if self.trials < 1:
-            raise ConfigError(f"--trials is {self.trials}, expected at least 1")
-        if self.payload is not None and self.payload.problem:
-            raise ConfigError(f"--payload: {self.payload.problem}")
-        started = {
-            "--robot": self.robot != "sim",
-            "--hidden-effect": self.hidden_effect != "none",
-            "--robot-config": self.robot_config is not None,
-            "--real-time": self.real_time,
-        }
-        for flag, given in started.items():
-            if self.connect and given:
-                raise ConfigError(
-                    f"{flag} and --connect: expected one of them, what runs has its settings"
-                )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +70,7 @@ def drive_policy(request: DriveRequest, console: Console | None = None) -> Drive
     task = TASKS[request.task]
     arm = load_arm(EvaluationRequest(task=request.task, model=request.model))
     policy = policy_for(path, read_weights(path), Matching(task, arm, 1).spec)
-    kept = Kept(request.out, _about(request, sha256(path)))
+    kept = Kept(request.out, request.about(path))
     left = [one for one in planned(request.goals, request.trials) if one not in kept.done]
     clock, console = MonotonicClock(), console or Console()
 
@@ -187,8 +120,7 @@ def _report(request: DriveRequest, policy: Path, kept: Kept) -> Evaluation:
         task=TASKS[request.task],
         attempts=kept.together(request.task),
         trials=request.trials,
-        provenance=provenance(files, request.seed, command_line())
-        | _about(request, sha256(policy)),
+        provenance=provenance(files, request.seed, command_line()) | request.about(policy),
         where=f"on the robot of run {request.run_name}"
         if request.connect
         else _SIMULATED[request.robot],
@@ -203,7 +135,7 @@ def _driven(request: DriveRequest, clock: Clock, drives: Callable[[Driver, Perso
     fresh = not request.out.exists()
     try:
         with (
-            _robot(request, clock) as (transport, idle),
+            robot_of(request, clock) as (transport, idle),
             Keyboard() as keyboard,
             _signals() as stop,
         ):
@@ -217,21 +149,6 @@ def _driven(request: DriveRequest, clock: Clock, drives: Callable[[Driver, Perso
         if fresh and not (request.out / RESULT).exists():
             shutil.rmtree(request.out, ignore_errors=True)
         raise
-
-
-@contextmanager
-def _robot(
-    request: DriveRequest, clock: Clock
-) -> Iterator[tuple[Transport, Callable[[], None] | None]]:
-    """Yields a connection to a robot's run, and what to do while waiting for it."""
-    if request.connect:
-        address = RunAddress(run=request.run_name, endpoint=request.connect, certs=request.certs)
-        with address.open(Role.DRIVER, name="drive") as transport:
-            yield transport, None
-        return
-    with Supervisor(_system(request), request.out / "logs", clock=clock) as supervisor:
-        supervisor.start()
-        yield supervisor.transport, watching(supervisor, clock)
 
 
 @contextmanager
@@ -250,46 +167,6 @@ def _signals() -> Iterator[StopSignal]:
 def _say(words: str) -> None:
     sys.stdout.write(f"{words}\n")
     sys.stdout.flush()
-
-
-def _about(request: DriveRequest, policy: str) -> dict[str, object]:
-    return {
-        "task": request.task,
-        "policy": policy,
-        "model": sha256(request.model) if request.model else "",
-        "robot": f"{request.run_name} at {request.connect}" if request.connect else request.robot,
-        "hidden_effect": request.hidden_effect,
-        "robot_config": sha256(request.robot_config) if request.robot_config else "",
-        "clock": _clock(request),
-        "payload": None if request.payload is None else str(request.payload),
-        "seed": request.seed,
-    }
-
-
-def _clock(request: DriveRequest) -> str:
-    return "wall" if request.real_time else "lockstep"
-
-
-def _system(request: DriveRequest) -> SystemSpec:
-    folder = request.out.absolute()
-    config = request.robot_config
-    both = ("--clock", _clock(request), "--task", request.task.removesuffix("_matching"))
-    robot = (
-        *(("--config", str(config.absolute())) if config else ()),
-        *both,
-        *("--hidden-effect", request.hidden_effect),
-        *("--seed", str(request.seed), "--sealed", str(folder / "sealed.json")),
-    )
-    bridge = (
-        *("--recordings", str(folder / "recordings")),
-        *("--control-hz", f"{1.0 / CONTROL_PERIOD_S:g}"),
-        *both,
-    )
-    return SystemSpec(
-        run="drive",  # a router of its own: nobody else is there
-        endpoint=free_endpoint(),
-        processes=(router_process(), *robot_processes(bridge, robot, request.robot)),
-    )
 
 
 def _free_name(request: DriveRequest, clock: Clock, goal: int, trial: int) -> str:

@@ -34,7 +34,7 @@ from gfm.diagnosis.output.result import Diagnosis
 from gfm.excitation.motion import Purpose
 from gfm.excitation.waypoints import motions
 from gfm.experiments.drive import Driven, drive, sawyer_ranges
-from gfm.experiments.drive_policy import DriveRequest
+from gfm.experiments.drive_request import DriveRequest
 from gfm.experiments.findings import Findings, system_facts
 from gfm.experiments.fit import FitInputs, FittedForces, ForceFit
 from gfm.experiments.joint_control import JointControlTest, ModelErrors, make_test

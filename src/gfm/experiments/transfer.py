@@ -12,32 +12,29 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 from rich.console import Console
 from rich.text import Text
 
 from gfm.api.diagnosis import DiagnoseRequest
 from gfm.api.folders import check_folder, check_new_folder
-from gfm.api.models import load_nominal
 from gfm.api.provenance import command_line, provenance
-from gfm.core import Clock, CommandKind, ConfigError
-from gfm.diagnosis.output.correction import model_pair
-from gfm.effects import EffectInstance
+from gfm.core import Clock, ConfigError
 from gfm.envs.matching_task import TASKS
-from gfm.envs.registry import as_trained, nominal_cell
 from gfm.experiments.adapt import AdaptRequest, adapt_policy
 from gfm.experiments.attempt_files import Kept
 from gfm.experiments.diagnose_command import diagnose_files
-from gfm.experiments.drive_policy import DriveRequest, drive_policy
+from gfm.experiments.drive_policy import drive_policy
+from gfm.experiments.drive_request import DriveRequest
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_path
-from gfm.experiments.payload import bearing_payload, named_payload
+from gfm.experiments.payload import named_payload
 from gfm.experiments.policy_flags import ADAPTED, CORRECTED, PLACED, RANDOMISED, TOLD
 from gfm.experiments.train import TrainRequest, train
 from gfm.experiments.transfer_films import film, pair_to_show
+from gfm.experiments.transfer_models import TransferModels
 from gfm.policies import TRAINING_ON, shipped_policy
 from gfm.report.evaluation import Evaluation
-from gfm.report.files import model_texts, write_texts
+from gfm.report.files import write_texts
 from gfm.report.transfer import (
     TITLES,
     Films,
@@ -144,6 +141,11 @@ class _Campaign:
     clock: Clock
     stopped: Callable[[], bool]
 
+    @property
+    def models(self) -> TransferModels:
+        """The files of the cells."""
+        return TransferModels(task=self.request.drive.task, folder=self.request.out)
+
     def drive(
         self,
         name: str,
@@ -169,7 +171,7 @@ class _Campaign:
             learned, held_out = self._recordings()
             diagnose_files(
                 DiagnoseRequest(
-                    model=self._nominal(),
+                    model=self.models.nominal(),
                     recordings=learned,
                     holdout=held_out,
                     minutes=self.request.minutes,
@@ -187,8 +189,8 @@ class _Campaign:
     def model(self, name: str) -> Path | None:
         """Returns the model that places the tool under a treatment; None for the nominal one."""
         if name == TOLD:
-            return self._told()
-        return self._corrected() if name in _NEED_NAMES else None
+            return self.models.told()
+        return self.models.corrected() if name in _NEED_NAMES else None
 
     def treat(self, name: str) -> Path:
         """Returns the policy after what is done to it."""
@@ -221,7 +223,7 @@ class _Campaign:
         request = AdaptRequest(
             task=self.request.drive.task,
             policy=self.request.start,
-            model=self._corrected(),
+            model=self.models.corrected(),
             out=policy,
             seed=self.request.drive.seed,
         )
@@ -250,37 +252,11 @@ class _Campaign:
         lines = [f'base = "{TRAINING_ON.name}"', f'env = "{self.request.drive.task}"']
         lines += [] if steps is None else [f"learner_steps = {steps}"]
         if name == CORRECTED:
-            model = json.dumps(str(self._corrected().absolute()))
+            model = json.dumps(str(self.models.corrected().absolute()))
             lines += ["[learner.environment.models]", f"velocity = {model}"]
         if name == RANDOMISED:
             lines += ["[learner.environment.control]", "randomisation = 0.5", "variants = 64"]
         return "\n".join(lines) + "\n"
-
-    def _nominal(self) -> Path:
-        """Writes the nominal cell, and returns its file."""
-        return self._written("nominal", nominal_cell(self.request.drive.task), ())
-
-    def _corrected(self) -> Path:
-        """Returns the file of the corrected cell as a policy is trained on it, written once."""
-        there = self.request.out / f"{CORRECTED}.xml"
-        if there.is_file():
-            return there
-        found = load_nominal([self.request.out / "diagnosis" / "corrected.xml"])
-        spec = as_trained(found.specs[CommandKind.VELOCITY], self.request.drive.task)
-        return self._written(CORRECTED, spec, found.effects)
-
-    def _told(self) -> Path:
-        """Returns the file of the corrected cell whose robot bears its payload, written once."""
-        there = self.request.out / f"{TOLD}.xml"
-        if there.is_file():
-            return there
-        found = load_nominal([self._corrected()])
-        spec = bearing_payload(found.specs[CommandKind.VELOCITY])
-        return self._written(TOLD, spec, found.effects)
-
-    def _written(self, stem: str, spec: mujoco.MjSpec, effects: Sequence[EffectInstance]) -> Path:
-        write_texts(self.request.out, model_texts(stem, model_pair(spec, effects)))
-        return self.request.out / f"{stem}.xml"
 
     def _recordings(self) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
         """Returns the recordings of before to learn from, and those that judge."""

@@ -1,0 +1,65 @@
+"""The robot of `gfm drive`: one that is there, or a simulated one in processes of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from gfm.core import Clock
+from gfm.envs.arm import CONTROL_PERIOD_S
+from gfm.experiments.drive_request import DriveRequest
+from gfm.launch import (
+    RunAddress,
+    Supervisor,
+    SystemSpec,
+    free_endpoint,
+    robot_processes,
+    router_process,
+    watching,
+)
+from gfm.transport import Transport
+from gfm_wire import Role
+
+
+@contextmanager
+def robot_of(
+    request: DriveRequest, clock: Clock
+) -> Iterator[tuple[Transport, Callable[[], None] | None]]:
+    """Yields a connection to the run of the robot that is asked for, and what to do while waiting.
+
+    A simulated robot is started with its bridge, and stopped in the end.
+
+    Raises:
+        BadInputError: the robot cannot be what is asked for.
+        UnreachableError: no run answers.
+    """
+    if request.connect:
+        address = RunAddress(run=request.run_name, endpoint=request.connect, certs=request.certs)
+        with address.open(Role.DRIVER, name="drive") as transport:
+            yield transport, None
+        return
+    with Supervisor(_system(request), request.out / "logs", clock=clock) as supervisor:
+        supervisor.start()
+        yield supervisor.transport, watching(supervisor, clock)
+
+
+def _system(request: DriveRequest) -> SystemSpec:
+    folder = request.out.absolute()
+    config = request.robot_config
+    both = ("--clock", request.clock, "--task", request.task.removesuffix("_matching"))
+    robot = (
+        *(("--config", str(config.absolute())) if config else ()),
+        *both,
+        *("--hidden-effect", request.hidden_effect),
+        *("--seed", str(request.seed), "--sealed", str(folder / "sealed.json")),
+    )
+    bridge = (
+        *("--recordings", str(folder / "recordings")),
+        *("--control-hz", f"{1.0 / CONTROL_PERIOD_S:g}"),
+        *both,
+    )
+    return SystemSpec(
+        run="drive",  # a router of its own: nobody else is there
+        endpoint=free_endpoint(),
+        processes=(router_process(), *robot_processes(bridge, robot, request.robot)),
+    )
