@@ -11,7 +11,7 @@ export CONTAINER_ENGINE ?= docker
 export CONTAINER_CLI ?= docker
 IMAGES := router replay bridge robot actor learner
 
-.PHONY: help run test test-slow test-faults soak test-containers check docs format lock images clean bench-messages bench-effects bench-joint-control bench-bridge bench-kills bench-fit bench-tracking bench-diagnosis
+.PHONY: help run test test-slow test-faults soak test-containers check docs format lock images clean bench-messages bench-effects bench-joint-control bench-bridge bench-kills bench-fit bench-tracking bench-diagnosis tables
 
 help:  ## say what can be made
 	@sed -En 's/^([a-z-]+):.*## (.*)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -76,6 +76,9 @@ build/peers: benchmarks/peers/requirements.txt $(VENV)/.installed
 
 bench-tracking: $(VENV)/.installed  ## track the object through faults, and in drawn images (10 minutes)
 	$(BIN)/python benchmarks/tracking.py --out docs/results/tracking.md
+
+tables: $(VENV)/.installed  ## close the loop on a task, 8 campaigns x 3 seeds (hours; again goes on)
+	$(BIN)/python benchmarks/campaigns.py --parts build/campaigns
 
 bench-diagnosis: $(VENV)/.installed build/peers  ## judge the diagnosis where the truth is known (hours)
 	$(BIN)/python benchmarks/diagnosis.py --peers
