@@ -588,7 +588,7 @@ def test_robot_and_bridge_as_processes(tmp_path: Path, capsys: pytest.CaptureFix
     request = DriveRequest(task=POSITION, out=tmp_path, goals=1, trials=1)
     assert [one.goal for one in drive_policy(request).attempts] == [0]
     said = " ".join(capsys.readouterr().out.split())
-    assert "1 of 1: goal 1: goal reached and held" in said
+    assert re.search(r"1 of 1: goal 1: goal reached and held .* cm away \(left: 0:00\)", said)
     assert (
         "1 of 1 attempts succeeded, 100% (95 % interval 21% to 100%), on a simulated robot" in said
     )

@@ -27,6 +27,7 @@ from gfm.experiments.driver import Driver
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for, policy_path
 from gfm.experiments.payload import carrying
 from gfm.experiments.person import Keyboard, Person
+from gfm.experiments.progress import clock_face
 from gfm.policies import shipped_policy
 from gfm.recording.weights_file import read_weights
 from gfm.report.evaluation import REASONS, Evaluation, evaluation_texts, print_evaluation
@@ -79,14 +80,17 @@ def drive_policy(request: DriveRequest, console: Console | None = None) -> Drive
             task, arm, policy.mean_action, driver, seed=request.seed, person=person
         )
         attempts.begin()
-        for goal, trial in left:
+        began_ns = clock.now_ns()
+        for number, (goal, trial) in enumerate(left, start=1):
             made = None
             while made is None:
                 made = attempts.make(goal, trial, _free_name(request, clock, goal, trial))
                 if made is None and not attempts.resumes():
                     return
             kept.add(made)
-            console.print(_line(made, len(kept.attempts), request))
+            each_s = 1e-9 * (clock.now_ns() - began_ns) / number
+            left_s = each_s * (len(left) - number)
+            console.print(_line(made, len(kept.attempts), request, left_s))
 
     interrupted = _driven(request, clock, all_made) if left else False
     report = _report(request, path, kept) if kept.attempts else None
@@ -179,9 +183,10 @@ def _free_name(request: DriveRequest, clock: Clock, goal: int, trial: int) -> st
     return name
 
 
-def _line(attempt: Attempt, number: int, request: DriveRequest) -> str:
+def _line(attempt: Attempt, number: int, request: DriveRequest, left_s: float) -> str:
     return (
         f"{number} of {request.goals * request.trials}: goal {attempt.goal + 1}: "
         f"{REASONS[Outcome[attempt.outcome.upper()]]} after "
-        f"{attempt.steps * CONTROL_PERIOD_S:.1f} s, {attempt.place_m * 100.0:.1f} cm away"
+        f"{attempt.steps * CONTROL_PERIOD_S:.1f} s, {attempt.place_m * 100.0:.1f} cm away "
+        f"(left: {clock_face(left_s)})"
     )
