@@ -59,7 +59,7 @@ class RobotView:
 
     def tool(self, joints: Array) -> Array:
         """Returns where the tool is, m, shape (3,), for joints in rad, shape (J,)."""
-        return self._tip.positions(self._layout.as_qpos(joints[None], _SOMEWHERE))[0]
+        return np.asarray(self._tip.positions(self._layout.as_qpos(joints[None], _SOMEWHERE))[0])
 
     def upwards(self, joints: Array) -> Array:
         """Returns how joints, rad, (J,), move for the tool to rise: rad per m, shape (J,)."""
