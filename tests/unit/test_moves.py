@@ -14,9 +14,10 @@ from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.clock import OutOfTimeError
 from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
 from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
-from gfm.diagnosis.search.moves.add import _beginnings, add, best_of
+from gfm.diagnosis.search.moves.add import _beginnings, _together, add, best_of
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.reduce import exchange, gains_of_each, remove, rivals_of
+from gfm.diagnosis.search.screening import Screened
 from gfm.diagnosis.search.steps import run
 from gfm.diagnosis.search.support import support
 from gfm.diagnosis.search.trace import Move, Step, Tried
@@ -164,6 +165,21 @@ def test_of_what_predicts_as_well_the_simplest_is_added(pulled):
     step = added(pulled, "joint_spring", "torque_offset")
     assert step.chosen.new[0].effect.name == "torque_offset"
     assert step.chosen.new[0].values["torque"] == pytest.approx(OFFSET, rel=0.02)
+
+
+def test_lags_on_all_joints_are_tried_in_the_place_of_late_commands(rubbing):
+    here = rubbing.with_effects()
+    lags = [
+        replace(instance("actuator_lag", time_constant=0.01), joints=(joint,)) for joint in "jk"
+    ]
+    screened = [Screened(lag, Difference(100.0, 10.0)) for lag in lags]
+    late = replace(instance("command_delay", delay=0.01), joints=("j", "k"))
+    explained = rubbing.with_effects(instance("coulomb_friction", torque=0.1)).fit
+    gain = Difference(1e4, 10.0)  # there is nothing left that could gain as much
+    assert _together(here, screened, [Tried(new=(late,), fit=explained, gain=gain)]) == [
+        tuple(lags)
+    ]
+    assert _together(here, screened, [Tried(new=(lags[0],), fit=explained, gain=gain)]) == []
 
 
 def test_an_amount_that_is_none_or_has_no_end_is_never_the_best(rubbing):

@@ -82,13 +82,9 @@ def _add(
     for one, again in _shortlist(screened):
         if _is_worth_a_fit(before, one, tried, gained, again=again) and search.goes_on():
             tried += _in_time(before, (one.instance,), search)
-    if worth_more(before, best_of(before, tried)) and search.goes_on():
-        # What no single joint's effect explains, all joints may lack, also beside one of the
-        # whole robot: late commands and friction everywhere look like lags.
-        kinds = _kinds(screened)
-        whole = [o.new for o in tried if is_whole(o.new[0].effect)]
-        kinds += [(*one, *kind) for one in whole[:1] for kind in kinds]
-        tried += [one for kind in kinds for one in _in_time(before, kind, search)]
+    for new in _together(before, screened, tried):
+        if search.goes_on():
+            tried += _in_time(before, new, search)
     return best_first(before, [*ranked, *_with_front_fitted_out(before, tried)])
 
 
@@ -211,6 +207,23 @@ def _shortlist(screened: Sequence[Screened]) -> list[tuple[Screened, bool]]:
     first = first_of_each(taken, lambda one: one.instance.key)
     again = [one for one in taken if all(one is not other for other in first)]
     return [*((one, False) for one in first), *((one, True) for one in again)]
+
+
+def _together(
+    before: Hypothesis, screened: Sequence[Screened], tried: Sequence[Tried]
+) -> list[tuple[EffectInstance, ...]]:
+    """Returns what may be missing on several joints at once, if that may gain most.
+
+    What no single joint's effect explains, all joints may lack, also beside one of the whole robot:
+    late commands and friction everywhere look like lags. And lags everywhere look like late
+    commands: where an effect of the whole robot is in front, kinds are tried in its place.
+    """
+    best = best_of(before, tried)
+    kinds = _kinds(screened)
+    if worth_more(before, best):
+        whole = [one.new for one in tried if is_whole(one.new[0].effect)][:1]
+        return kinds + [(*one, *kind) for one in whole for kind in kinds]
+    return kinds if best is not None and is_whole(best.new[0].effect) else []
 
 
 def _kinds(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
