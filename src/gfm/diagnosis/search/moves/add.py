@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 from gfm.diagnosis.inference.amounts import at_bound
 from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit
-from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.naming import describe, first_of_each
-from gfm.diagnosis.search.screening import Screened, is_whole, open_to, screen
+from gfm.diagnosis.search.promises import jumps, promise, promising
+from gfm.diagnosis.search.screening import Screened, is_whole, open_to
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import Effect, EffectInstance, Scope
-from gfm.sim.plant import acts_on_command
 
-#: Recorded time on which all candidates are looked at, and on which the best of them are, s.
-GLANCE_S, SCREENING_S = 8.0, 24.0
-#: Candidates that are looked at again, that are fitted, places of one effect among those, amounts
-#: from which the fit of one begins, and kinds that are tried on several joints.
-LOOKED_AT, FITTED, PLACES, STARTS, KINDS = 16, 4, 2, 2, 2
-#: Times what screening promises that a fit gains at most: what could gain nothing clear by it is
-#: not fitted.
-FIT_GAINS = 4.0
+#: Candidates that are fitted, places of one effect among those, amounts from which the fit of one
+#: begins, and kinds that are tried on several joints.
+FITTED, PLACES, STARTS, KINDS = 4, 2, 2, 2
 #: Fits in front that are compared from initial states of their own.
 FRONT = 2
 
@@ -77,7 +70,7 @@ def _add(
     left = _after(before, best_of(before, ranked))
     tier = open_to(before, candidates, left.open_joints)
     search.report(f"screening {len(tier)} candidates (misfit {before.fit.cost:.3g})")
-    screened = _screened(before, tier)
+    screened = promising(before, tier)
     tried: list[Tried] = []
     for one, again in _shortlist(screened):
         if _is_worth_a_fit(before, one, tried, gained, again=again) and search.goes_on():
@@ -110,22 +103,12 @@ def _is_worth_a_fit(
         gained: By how much the best step so far predicts better, nats.
         again: Whether it is another start of one that was fitted.
     """
-    promise = _promise((one,))
-    if not promise.clear or not one.instance.effect.separates_motor:
-        return promise.clear
+    promised = promise((one,))
+    if not promised.clear or not one.instance.effect.separates_motor:
+        return promised.clear
     best = best_of(before, tried)
     most = max(gained, 0.0 if best is None else best.gain.nats)
-    return promise.nats > most and not (again and not worth_more(before, best))
-
-
-def _promise(together: Sequence[Screened]) -> Difference:
-    """Returns by how much a fit of candidates together would predict better at most.
-
-    Its error grows with the root of that, as the one that noise makes of a difference.
-    """
-    gains = [one.gain for one in together]
-    nats, error = sum(gain.nats for gain in gains), math.hypot(*(gain.error for gain in gains))
-    return Difference(FIT_GAINS * nats, math.sqrt(FIT_GAINS) * error)
+    return promised.nats > most and not (again and not worth_more(before, best))
 
 
 def beside(before: Hypothesis, fitted: Fit) -> Tried:
@@ -174,20 +157,6 @@ def _after(before: Hypothesis, best: Tried | None) -> Hypothesis:
     return before if best is None else replace(before, fit=best.fit)
 
 
-def _screened(before: Hypothesis, places: Sequence[Place]) -> list[Screened]:
-    """Returns the candidates that promise most, best first: at a glance, then the best.
-
-    Motors apart from their links, which take longest, only if they promise anything at a glance.
-    """
-    glanced = [
-        one
-        for one in screen(before, places, GLANCE_S)
-        if _promise((one,)).notable or not one.instance.effect.separates_motor
-    ]
-    again = list(dict.fromkeys(one.instance.key for one in glanced))[:LOOKED_AT]
-    return screen(before, [p for p in places if p.key in again], SCREENING_S)
-
-
 def _shortlist(screened: Sequence[Screened]) -> list[tuple[Screened, bool]]:
     """Returns the best candidates, not too many of one effect, and the best of the whole robot.
 
@@ -233,7 +202,7 @@ def _kinds(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
         effect = one.instance.effect
         if effect.scope is Scope.JOINT and not effect.separates_motor and one.gain.nats > 0.0:
             kinds.setdefault(effect.name, []).append(one)
-    several = [kind for kind in kinds.values() if len(kind) > 1 and _promise(kind).clear]
+    several = [kind for kind in kinds.values() if len(kind) > 1 and promise(kind).clear]
     several.sort(key=lambda kind: -sum(one.gain.nats for one in kind))
     return [tuple(one.instance for one in kind) for kind in several[:KINDS]]
 
@@ -272,14 +241,13 @@ def _beginnings(
 ) -> list[tuple[EffectInstance, ...]]:
     """Returns the effects with the amounts from which a fit begins.
 
-    An effort beside the command of its stamp jumps when a delay goes past it; a position does not:
-    what makes commands late is fitted from positions alone, too. What is larger than it looks
-    begins as it looks, too.
+    What jumps is fitted from positions alone, too. What is larger than it looks begins as it looks,
+    too.
     """
     effects = (*before.effects, *new)
     begun = [effects]
     if any(one.effect.looks_smaller > 1.0 for one in new):
         begun.append((*before.effects, *map(_as_it_looks, new)))
-    if before.problem.has_efforts and any(acts_on_command(one) for one in new):
+    if any(jumps(before, one) for one in new):
         begun.append(fit(before.problem.positions_alone(), effects, tolerance=ROUGH).effects)
     return begun

@@ -20,8 +20,9 @@ from gfm.diagnosis.residuals.outliers import OUTLYING
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, nominal_hypothesis
-from gfm.diagnosis.search.moves.add import SCREENING_S, worth_more
+from gfm.diagnosis.search.moves.add import worth_more
 from gfm.diagnosis.search.naming import describe, first_of_each
+from gfm.diagnosis.search.promises import SCREENING_S
 from gfm.diagnosis.search.screening import Screened, open_to, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
