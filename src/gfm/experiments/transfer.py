@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.text import Text
 
@@ -22,6 +21,7 @@ from gfm.api.provenance import command_line, provenance
 from gfm.core import Clock, ConfigError
 from gfm.envs.matching_task import TASKS
 from gfm.experiments.adapt import AdaptRequest, adapt_policy
+from gfm.experiments.attempt_choice import judged_on, learned_from
 from gfm.experiments.attempt_files import Kept
 from gfm.experiments.diagnose_command import diagnose_files
 from gfm.experiments.drive_policy import drive_policy
@@ -46,8 +46,6 @@ from gfm.report.transfer import (
 from gfm_wire import SetPayload
 
 BEFORE = "before"
-#: Recordings that the diagnosis learns from, as many as in the paper, and that judge it.
-LEARNED_FROM, JUDGED_ON = 5, 5
 _NEED_NAMES = (PLACED, TOLD, ADAPTED, CORRECTED)
 
 
@@ -84,8 +82,8 @@ class TransferRequest:
             check_new_folder(self.out)
         if self.drive.trials < 2:
             raise ConfigError(
-                f"--trials is {self.drive.trials}, expected at least 2: the first attempts are "
-                "learned from, others judge"
+                f"--trials is {self.drive.trials}, expected at least 2: the last attempts "
+                "judge what is learned from others"
             )
         if not self.minutes > 0.0:
             raise ConfigError(f"--minutes is {self.minutes:g}, expected more than 0")
@@ -261,17 +259,11 @@ class _Campaign:
     def _recordings(self) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
         """Returns the recordings of before to learn from, and those that judge."""
         made = Kept(self.request.out / BEFORE, {}).attempts
-        first, others = (
-            [Path(one.recording) for one in made if (one.trial > 0) is later]
-            for later in (False, True)
+        learned, judged = (
+            tuple(Path(one.recording) for one in choice(made))
+            for choice in (learned_from, judged_on)
         )
-        return _spread(first, LEARNED_FROM), _spread(others, JUDGED_ON)
+        return learned, judged
 
     def _say(self, words: str) -> None:
         self.console.rule(Text(words), align="left")
-
-
-def _spread(paths: Sequence[Path], most: int) -> tuple[Path, ...]:
-    """Returns at most so many of them, from first to last."""
-    kept = np.unique(np.linspace(0, len(paths) - 1, most).round().astype(int))
-    return tuple(paths[i] for i in kept)
