@@ -131,6 +131,7 @@ def files_of_a_robot_beyond_mjcf(folder: Path) -> tuple[list[str], str]:
     return paths, model
 
 
+@pytest.mark.slow
 def test_what_stands_beside_the_model_is_no_gap(tmp_path, capsys):
     paths, model = files_of_a_robot_beyond_mjcf(tmp_path)
     estimate = ParameterEstimate(value=0.25, unit="1", ci95=None)

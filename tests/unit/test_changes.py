@@ -57,6 +57,7 @@ def test_nothing_changed_where_the_model_is_right_both_times():
     assert (told.sentence, told.amounts) == ("Nothing changed.", ())
 
 
+@pytest.mark.slow
 def test_a_friction_that_grew_is_told_with_its_share_of_all_friction():
     told = changes((dry(0.3), {}), (dry(0.42), {}), model=MODEL_WITH_FRICTION)
     (amount,) = told.amounts
@@ -83,6 +84,7 @@ def test_what_the_model_lacks_both_times_is_no_change():
     assert changes((unmodelled, {}), (unmodelled, {})).sentence == "Nothing changed."
 
 
+@pytest.mark.slow
 def test_what_earlier_motions_could_not_show_is_said_and_not_claimed():
     still = (lambda _q, _v: 0.0, {"size": 0.02})
     told = changes(still, (lambda _q, v: -0.3 * v * abs(v), {}))

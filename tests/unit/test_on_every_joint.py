@@ -94,6 +94,7 @@ def test_lags_on_every_joint_are_not_taken_for_a_delay():
         assert named[joint,].confidence > 0.8
 
 
+@pytest.mark.slow
 def test_a_delay_beside_friction_is_not_taken_for_lags():
     found = found_in(delay_s=0.024, friction=(0.0, 0.3))
     assert {(one.effect, one.joints) for one in found.effects} == {

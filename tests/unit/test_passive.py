@@ -98,6 +98,7 @@ def test_what_is_commanded_stays_as_it_is():
     assert len(specs[CommandKind.EFFORT].actuators) == 1
 
 
+@pytest.mark.slow
 def test_friction_of_a_joint_that_nothing_drives_is_named():
     runs = [swung(seed, HIDDEN) for seed in range(4)]
     found = diagnose(SPECS, runs[:3], runs[3:])
