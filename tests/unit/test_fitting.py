@@ -223,3 +223,21 @@ def test_derivatives_at_hand_that_mislead_are_taken_anew(regression):
 def test_derivatives_by_a_play_are_taken_over_more_than_chance_makes_of_it(begun):
     fitted = fit(Rough(), [instance("backlash", gap=begun)])
     assert fitted.effects[0].values["gap"] == pytest.approx(0.02, rel=0.05)
+
+
+@dataclass(frozen=True)
+class Banana(LeastSquares):
+    """Rosenbrock's valley: steps that lead nowhere come between those that lead along it."""
+
+    def residuals(self, candidates):
+        rows = []
+        for first, second in candidates:
+            x, y = (next(iter(e.values.values())) for e in (first, second))
+            rows.append([10.0 * (y - x * x), x - 1.0, 0.0])
+        return np.array(rows)
+
+
+def test_steps_that_lead_nowhere_do_not_count():
+    begun = [instance("actuator_gain", scale=2.0), instance("viscous_friction", coefficient=2.0)]
+    fitted = fit(Banana(), begun)
+    assert amounts(fitted.effects) == pytest.approx([1.0, 1.0], rel=0.02)

@@ -28,7 +28,7 @@ from gfm.diagnosis.inference.amounts import (
 from gfm.diagnosis.residuals.outliers import slopes
 from gfm.effects import EffectInstance, Key
 
-#: Gauss-Newton steps of a fit, and the relative gain below which it ends.
+#: Gauss-Newton steps of a fit that lead nearer, and the relative gain below which it ends.
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
 #: The same where candidates are compared only.
 ROUGH = 1e-2
@@ -136,7 +136,6 @@ def _descended(
     jacobian = derivatives(problem, current, residual, at_hand)
     damping, astray, steps, promised = DAMPING, False, FIT_STEPS, 0.0
     while steps > 0 and residual.any():
-        steps -= 1
         step = _step(jacobian, residual, damping, bounds[0] - values, bounds[1] - values)
         candidate = with_amounts(current, values + step)
         tried = problem.residuals([candidate])[0]
@@ -149,6 +148,7 @@ def _descended(
             continue
         damping *= 0.1 if gain > 0.0 else 30.0
         if gain > 0.0:
+            steps -= 1
             current, values, residual = candidate, values + step, tried
             jacobian = derivatives(problem, current, residual, at_hand)
             astray, promised = False, 0.0
