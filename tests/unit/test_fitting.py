@@ -33,14 +33,18 @@ class Regression(LeastSquares):
         return self.columns[effect.effect.name] * next(iter(effect.values.values()))
 
 
+def pairs(candidates):
+    """Returns the first amounts of two effects, for every candidate."""
+    return [[next(iter(one.values.values())) for one in effects] for effects in candidates]
+
+
 @dataclass(frozen=True)
 class Valley(LeastSquares):
     """Two amounts x and y whose product is nearly all that counts, with lower minima along it."""
 
     def residuals(self, candidates):
         rows = []
-        for first, second in candidates:
-            x, y = (next(iter(e.values.values())) for e in (first, second))
+        for x, y in pairs(candidates):
             along = np.log2(x / y)
             rows.append(
                 [10.0 * np.log2(x * y), 1.5 - 0.2 * along + 0.5 * np.cos(np.pi * along), 0.0]
@@ -231,8 +235,7 @@ class Banana(LeastSquares):
 
     def residuals(self, candidates):
         rows = []
-        for first, second in candidates:
-            x, y = (next(iter(e.values.values())) for e in (first, second))
+        for x, y in pairs(candidates):
             rows.append([10.0 * (y - x * x), x - 1.0, 0.0])
         return np.array(rows)
 
