@@ -8,9 +8,9 @@ Shape letters: T measurements of a segment, J joints, N numbers of a segment.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import mujoco
 import numpy as np
@@ -20,6 +20,7 @@ from gfm.core import CommandKind
 from gfm.core.checks import Array
 from gfm.diagnosis.residuals.clock import Clock
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
+from gfm.diagnosis.residuals.simulated import Simulated
 from gfm.effects import EffectInstance
 from gfm.effects.effect import MOTOR_SIDE
 from gfm.sim.plant import Plant, make_plant
@@ -66,6 +67,13 @@ class Stepping:
         return replace(self, step_s=0.5 * self.step_s)
 
 
+class Way(NamedTuple):
+    """One simulation: its time step, s, and MuJoCo's number of its integrator."""
+
+    step_s: float
+    integrator: int
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rollouts(SegmentedProblem):
     """Recordings and the model that should explain them.
@@ -81,6 +89,7 @@ class Rollouts(SegmentedProblem):
         in_the_air: Whether segments in which the robot touches something are left out.
         rough: Whether they are simulated faster and less exactly.
         clock: Breaks off what takes too long.
+        simulated: What was predicted before.
     """
 
     specs: Mapping[CommandKind, mujoco.MjSpec]
@@ -92,6 +101,7 @@ class Rollouts(SegmentedProblem):
     in_the_air: bool = False
     rough: bool = False
     clock: Clock = field(default_factory=Clock)
+    simulated: Simulated = field(default_factory=Simulated)
 
     @property
     @override
@@ -150,21 +160,43 @@ class Rollouts(SegmentedProblem):
         asked = efforts or self._motors_ring(candidates)
         for kind in dict.fromkeys(segment.kind for segment in self.segments):
             places = [i for i, s in enumerate(self.segments) if s.kind is kind]
-            here = [self.segments[i] for i in places]
-            told = [
-                predict(plants, here, after_command=self.after_command, efforts=asked)
-                for plants in self._plants(kind, candidates)
-            ]
-            for row, *answers in zip(rows, *told, strict=True):
-                row.update(zip(places, map(extrapolated, *answers), strict=True))
+            told = self._of_kind(kind, [self.segments[i] for i in places], candidates, asked)
+            for row, answers in zip(rows, told, strict=True):
+                row.update(zip(places, answers, strict=True))
         return [[row[i] for i in range(len(self.segments))] for row in rows]
 
-    def _plants(
-        self, kind: CommandKind, candidates: Sequence[Sequence[EffectInstance]]
-    ) -> list[list[Plant]]:
-        """Returns the plants to simulate: on one step, or on one and on its half."""
-        spec = self.specs[kind].copy()
-        own = Stepping(step_s=float(spec.option.timestep))
+    def _of_kind(
+        self,
+        kind: CommandKind,
+        segments: Sequence[Segment],
+        candidates: Sequence[Sequence[EffectInstance]],
+        efforts: bool,
+    ) -> list[list[Prediction]]:
+        """Returns every candidate's prediction of segments under one kind of command."""
+        ways = self._ways(kind, candidates)
+
+        def simulate(asked: list[int]) -> list[list[Prediction]]:
+            told = [
+                predict(
+                    self._plants(kind, [candidates[i] for i in asked], way),
+                    segments,
+                    after_command=self.after_command,
+                    efforts=efforts,
+                )
+                for way in ways
+            ]
+            rows = zip(*told, strict=True)
+            return [list(map(extrapolated, *answers)) for answers in rows]
+
+        given = _amounts(self.given)
+        how = (self.specs[kind], *ways, self.after_command, efforts)
+        models = [(*how, given, _amounts(effects)) for effects in candidates]
+        return self.simulated.each(models, segments, simulate)
+
+    def _ways(self, kind: CommandKind, candidates: Sequence[Sequence[EffectInstance]]) -> list[Way]:
+        """Returns how candidates are simulated: on one step, or on one and on its half."""
+        option = self.specs[kind].option
+        own = Stepping(step_s=float(option.timestep))
         stepping = self.stepping.get(kind, own)
         if self.motors_apart(candidates):
             longest_s = max(own.step_s, MOTOR_STEP_S)
@@ -172,15 +204,17 @@ class Rollouts(SegmentedProblem):
         elif self.rough and not stepping.implicit:
             stepping = replace(stepping, step_s=2.0 * stepping.step_s)
         if stepping.implicit:
-            spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
-        elif self.rough:
-            spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        once = not stepping.implicit or self.rough
-        plants = []
-        for one in (stepping,) if once else (stepping, stepping.halved()):
-            spec.option.timestep = one.step_s
-            plants.append([make_plant(spec, self.joints, (*self.given, *c)) for c in candidates])
-        return plants
+            steps = (stepping,) if self.rough else (stepping, stepping.halved())
+            return [Way(one.step_s, mujoco.mjtIntegrator.mjINT_DISCRETE) for one in steps]
+        rough = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        return [Way(stepping.step_s, rough if self.rough else option.integrator)]
+
+    def _plants(
+        self, kind: CommandKind, candidates: Sequence[Sequence[EffectInstance]], way: Way
+    ) -> list[Plant]:
+        spec = self.specs[kind].copy()
+        spec.option.timestep, spec.option.integrator = way
+        return [make_plant(spec, self.joints, (*self.given, *c)) for c in candidates]
 
     def whitened(self, predictions: Sequence[Prediction]) -> list[Array]:
         """Returns measured minus predicted in units of the noise, segment by segment, (N,) each.
@@ -208,3 +242,8 @@ class Rollouts(SegmentedProblem):
         With no limits: it errs by more than these may be.
         """
         return replace(self, rough=True, outlying_from=np.inf)
+
+
+def _amounts(effects: Sequence[EffectInstance]) -> Hashable:
+    """Returns what predictions depend on of effects."""
+    return tuple((*one.key, *sorted(one.values.items()), one.in_model) for one in effects)
