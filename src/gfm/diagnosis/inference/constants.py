@@ -22,10 +22,10 @@ DEGREES_OF_FREEDOM = 4.0
 #: the hypothesis predicts better than with its best rival; by what share of itself it differs
 #: between parts of the data; and how much of what is left its law leaves by not changing with the
 #: state. There is no constant beside them: an exact law and its equal are even odds.
-CONFIDENCE = (1.28, -2.01, -2.51)
+CONFIDENCE = (1.40, -2.31, -2.87)
 #: Share of what speaks for an effect that is taken to speak for it against its best rival, where
 #: no time was left to weigh one.
-UNWEIGHED = 0.72
+UNWEIGHED = 0.71
 #: Confidence from which on a name is given: below it is a suspect.
 LEAST_CONFIDENCE = 0.5
 #: Share, in squares, of what laws that hold do, that they may leave by not being quite exact: a
