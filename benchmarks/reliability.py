@@ -11,9 +11,10 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import random
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -26,6 +27,8 @@ BINS = 10
 SURE, CLAIMED = 0.9, 0.5
 #: Of a normal distribution, for intervals of 95 %.
 _Z = 1.96
+#: Of right and wrong names, to tell what chance makes of a calibration error.
+_DRAWS = 400
 #: Of the diagram: side and margin, in pixels.
 _SIDE, _MARGIN = 320, 50
 
@@ -72,6 +75,21 @@ def calibration_error(bins: Sequence[Bin]) -> float:
     return sum(b.count * abs(b.share - b.mean) for b in bins) / total if total else 0.0
 
 
+def error_by_chance(told: Sequence[Told]) -> tuple[float, float]:
+    """Returns the calibration error that true confidences would show: mean and upper 95 %.
+
+    With few names, shares of right ones scatter about confidences that are what they say.
+    """
+    rng = random.Random(0)
+    errors = sorted(
+        calibration_error(
+            bins_of([replace(one, right=rng.random() < one.confidence) for one in told])
+        )
+        for _ in range(_DRAWS)
+    )
+    return sum(errors) / _DRAWS, errors[int(0.95 * _DRAWS)]
+
+
 def wilson(right: int, count: int) -> tuple[float, float]:
     """Returns the 95 % interval of a share (Wilson 1927)."""
     share, spread = right / count, _Z**2 / count
@@ -107,10 +125,12 @@ def figures(told: Sequence[Told]) -> str:
     """Returns the numbers of some names in one table."""
     wrong = [t for t in told if not t.right]
     claimed = [t for t in wrong if t.confidence > CLAIMED]
+    chance, upper = error_by_chance(told)
     share = f" ({100 * len(claimed) / len(wrong):.0f} %)" if wrong else ""
     rows = (
         ("names", str(len(told))),
         ("expected calibration error", f"{calibration_error(bins_of(told)):.3f}"),
+        ("the same if confidences were true: mean, 95 %", f"{chance:.3f}, {upper:.3f}"),
         ("right, of all", share_of(told)),
         (
             f"right, of those told with {SURE:g} to 1",

@@ -4,6 +4,7 @@ import json
 import sys
 import xml.etree.ElementTree as ET
 
+import numpy as np
 import pytest
 import reliability
 from known_truth.told import Told, all_told, told_in
@@ -99,6 +100,16 @@ def test_the_calibration_error_weighs_bins_by_their_names():
     # A quarter is wrong by 0.9, three quarters by 0.5.
     assert reliability.calibration_error(reliability.bins_of(names)) == pytest.approx(0.6)
     assert reliability.calibration_error([]) == 0.0
+
+
+def test_true_confidences_err_by_chance_less_with_more_names():
+    few, many = ([told(0.7, True)] * count for count in (10, 1000))
+    # The mean distance of a share from its expectation: sqrt(2 p (1 - p) / (pi n)).
+    mean, upper = reliability.error_by_chance(many)
+    assert mean == pytest.approx(np.sqrt(2 * 0.7 * 0.3 / (np.pi * 1000)), rel=0.1)
+    assert upper == pytest.approx(1.96 * np.sqrt(0.7 * 0.3 / 1000), rel=0.15)
+    assert reliability.error_by_chance(few)[0] > 5 * mean
+    assert reliability.error_by_chance([told(1.0, True)]) == (0.0, 0.0)
 
 
 def test_shares_have_wilsons_interval():
