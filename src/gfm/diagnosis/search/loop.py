@@ -30,6 +30,7 @@ from gfm.diagnosis.search.steps import end, run
 from gfm.diagnosis.search.trace import SearchResult, Step, parts_of
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Scope, effect_library
+from gfm.signals.torques import joined
 
 #: Share of the time that is kept for rivals of what was found.
 FOR_RIVALS = 0.4
@@ -113,7 +114,8 @@ def _begun(
 ) -> tuple[Hypothesis[Problem], Search[Problem]]:
     """Returns the nominal model, and a search for every effect at every place that may show."""
     report("looking at torques")
-    scales = joint_scales(problem, torque_views(problem, recordings))
+    views = torque_views(problem, recordings)
+    scales = joint_scales(problem, views)
     library = [effect for effect in effect_library().values() if effect.twin is None]
     if problem.in_the_air:  # what the robot runs onto is left out
         library = [effect for effect in library if not effect.intermittent]
@@ -125,6 +127,7 @@ def _begun(
             for place in places(effect, problem.joints, scales, problem.driven, pushing=pushing)
         ],
         report=report,
+        view=joined(views),
         after=_after,
         in_time=lambda: time_left() > 0.0,
         goes_on=lambda: time_left() > FOR_RIVALS,

@@ -99,7 +99,7 @@ def rivals_of(instance: EffectInstance, rest: Hypothesis[P], search: Search[P]) 
     motors = [p for p in alike if p.effect.separates_motor]
     if rest.effects:  # rivals of then stood beside other effects
         quick = [p for p in alike if p not in motors]
-        found = [one.instance for one in screen(rest, quick, RIVALS_S)] + found
+        found = [one.instance for one in screen(rest, quick, RIVALS_S, search.view)] + found
     best = first_of_each(found, lambda one: one.key)[:RIVALS]
     best += [one.instance for one in screen(rest, motors, RIVALS_S)[:1] if one.gain.notable]
     return [rest.fitted((*rest.effects, rival)) for rival in best]
