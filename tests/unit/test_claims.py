@@ -22,6 +22,7 @@ from gfm.diagnosis.output.claims import (
     verdict_on_both,
 )
 from gfm.diagnosis.output.result import ErrorSummary, Verdict
+from gfm.diagnosis.output.sentences import effects_in_words
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step, Tried
 from one_joint import TIME_S, instance, problem
 
@@ -154,7 +155,20 @@ def test_another_name_of_the_same_law_is_a_suspect_and_never_doubtful():
     result = found((speaking(by=None, rival=None),), offset, equals={offset.key: (twin,)})
     (suspect,) = suspects_of(result, [offset])
     assert (suspect.effect, suspect.confidence) == ("asymmetric_friction", None)
-    assert suspect.reason == "equal to torque offset on joint: the same under another name"
+    assert (
+        suspect.reason == "equal to torque offset on joint: the recordings do not tell them apart"
+    )
+
+
+def test_names_that_the_recordings_do_not_tell_apart_are_told_together():
+    lag = instance("actuator_lag", time_constant=0.007)
+    delay = instance("command_delay", delay=0.007)
+    result = found((speaking(),), lag, equals={lag.key: (delay,)})
+    (named,) = named_effects(result, [lag])
+    assert [other.effect for other in named.equals] == ["command_delay"]
+    assert effects_in_words([named]) == [
+        "actuator lag on joint (time constant 0.007 s) or command delay"
+    ]
 
 
 def test_what_was_fitted_and_lost_is_listed_with_what_it_would_have_brought():

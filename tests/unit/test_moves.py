@@ -1,6 +1,7 @@
 """Hypotheses and the moves between them, on a pendulum that SciPy integrates."""
 
 from dataclasses import replace
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -16,7 +17,13 @@ from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
 from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
 from gfm.diagnosis.search.moves.add import _beginnings, _together, add, best_of
 from gfm.diagnosis.search.moves.common_errors import common_errors
-from gfm.diagnosis.search.moves.reduce import exchange, gains_of_each, remove, rivals_of
+from gfm.diagnosis.search.moves.reduce import (
+    _not_told_apart,
+    exchange,
+    gains_of_each,
+    remove,
+    rivals_of,
+)
 from gfm.diagnosis.search.screening import Screened
 from gfm.diagnosis.search.steps import run
 from gfm.diagnosis.search.support import support
@@ -394,6 +401,30 @@ def test_a_tilt_in_the_plane_of_a_joint_is_its_encoders_offset_under_another_nam
     assert equal.effect.name == "gravity_direction"
     assert equal.values["tilt_x"] == 0.0
     assert compared.rival.new[0].effect.name == "viscous_friction"
+
+
+def test_only_lookalikes_that_the_data_do_not_decide_between_are_named_together(rubbing):
+    """A late command and a lag are known to be confused; late commands and a gain are not."""
+    here = rubbing.with_effects(instance("coulomb_friction", torque=0.1))
+    tried = partial(Tried, fit=here.fit)
+    delay, lag = instance("command_delay", delay=0.01), instance("actuator_lag", time_constant=0.01)
+    told = {
+        (one, nats): _not_told_apart(delay, tried(new=(other,), gain=Difference(nats, 3.0)))
+        for one, other in (("lag", lag), ("gain", instance("actuator_gain", scale=0.9)))
+        for nats in (-4.0, -2.0, 2.0)
+    }
+    assert told == {
+        ("lag", -4.0): False,
+        ("lag", -2.0): True,
+        ("lag", 2.0): True,
+        ("gain", -4.0): False,
+        ("gain", -2.0): False,
+        ("gain", 2.0): False,
+    }
+    assert _not_told_apart(lag, tried(new=(delay,), gain=Difference(-2.0, 3.0)))
+    assert _not_told_apart(
+        delay, tried(new=(instance("actuator_gain", scale=0.9),), gain=Difference(-0.5, 0.9))
+    )
 
 
 def test_laws_of_one_state_are_as_steady_as_they_are_together(rubbing):

@@ -84,6 +84,7 @@ def effect_json(effect: NamedEffect) -> dict[str, object]:
         "confidence": jsonable(effect.confidence),
         "native": effect.native,
         "evidence": jsonable(effect.evidence),
+        "equals": [{"effect": o.effect, "joints": list(o.joints)} for o in effect.equals],
     }
 
 

@@ -86,6 +86,7 @@ def test_the_document_has_the_fields_of_the_contract(diagnosis_with):
         "confidence": 0.97,
         "native": True,
         "evidence": {"nats": 5400.0, "z_without": 17.4, "apart": 0.06, "bends": 0.2},
+        "equals": [],
     }
     assert document["suspects"][0]["reason"].startswith("explains 0.4 %")
     assert document["suspects"][0]["decided_by"].startswith("slow reversals")

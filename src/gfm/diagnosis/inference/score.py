@@ -80,6 +80,11 @@ class Difference(NamedTuple):
         return max(abs(self.nats), self.error) < 1.0
 
     @property
+    def open(self) -> bool:
+        """Whether it is less than its own error to either side: the data do not decide."""
+        return abs(self.nats) <= self.error
+
+    @property
     def notable(self) -> bool:
         """Whether it is more than its own error."""
         return self.nats > self.error

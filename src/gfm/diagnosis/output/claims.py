@@ -26,7 +26,7 @@ from gfm.diagnosis.output.result import (
     Suspect,
     Verdict,
 )
-from gfm.diagnosis.search.naming import describe, first_of_each
+from gfm.diagnosis.search.naming import Placed, describe, first_of_each
 from gfm.diagnosis.search.trace import Evidence, SearchResult, Step, Tried
 from gfm.effects import EffectInstance
 
@@ -125,6 +125,7 @@ def named_effects(
             confidence=round(confidence(found.evidence[instance.key]), 3),
             native=instance.effect.native,
             evidence=_figures(found.evidence[instance.key]),
+            equals=tuple(Placed(*other.key) for other in found.names_of(instance)[1:]),
         )
         for instance in instances
     ]
@@ -157,7 +158,7 @@ def suspects_of(found: SearchResult, named: Sequence[EffectInstance]) -> tuple[S
     equal = [
         _suspect(
             other,
-            f"equal to {describe(instance)}: the same under another name",
+            f"equal to {describe(instance)}: the recordings do not tell them apart",
             _explained(instance, found),
         )
         for instance in named

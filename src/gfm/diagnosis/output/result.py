@@ -59,12 +59,15 @@ class NamedEffect(Placed):
         confidence: 0..1.
         native: Whether plain MuJoCo expresses it in `corrected.xml`.
         evidence: The figures from which its confidence comes.
+        equals: Its other names, which the recordings do not tell from it: one of them all is what
+            the confidence is about.
     """
 
     parameters: Mapping[str, ParameterEstimate]
     confidence: float
     native: bool
     evidence: Mapping[str, float] = field(default_factory=dict)
+    equals: tuple[Placed, ...] = ()
 
     def instance(self) -> EffectInstance:
         """Returns the effect with its estimated amounts, to be put into a model."""

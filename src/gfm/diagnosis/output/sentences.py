@@ -87,7 +87,7 @@ def effects_in_words(named: Sequence[NamedEffect]) -> list[str]:
 
 
 def _in_words(*alike: NamedEffect) -> str:
-    """Returns effects of one kind in words, with the range of their amounts."""
+    """Returns effects of one kind in words, with the range of their amounts and other names."""
     first, digits = alike[0], 4 if len(alike) == 1 else 3
     amounts = []
     for name, parameter in first.parameters.items():
@@ -98,7 +98,9 @@ def _in_words(*alike: NamedEffect) -> str:
     joints = [joint for effect in alike for joint in effect.joints]
     more = ["..."] if len(amounts) > IN_A_SENTENCE else []  # all of them stand in the table below
     shown = ", ".join([*amounts[:IN_A_SENTENCE], *more])
-    return f"{placed_in_words(first.effect, joints)} ({shown})"
+    told = f"{placed_in_words(first.effect, joints)} ({shown})"
+    others = dict.fromkeys(other.effect for effect in alike for other in effect.equals)
+    return " or ".join([told, *(name.replace("_", " ") for name in others)])
 
 
 def notes_on(

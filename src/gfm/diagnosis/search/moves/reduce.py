@@ -164,11 +164,22 @@ def _compared(
     count = parameters_of([instance], here.fit)
     as_simple = [one for one in tried if one.parameters <= count or one.gain.notable]
     pair = _beside_best(instance, as_simple, count)
-    if pair.rival is None or pair.better or not pair.rival.gain.same:
+    if pair.rival is None or pair.better or not _not_told_apart(instance, pair.rival):
         return pair
-    equals = tuple(one.new[0] for one in as_simple if one.gain.same)
-    different = [one for one in as_simple if not one.gain.same]
-    return replace(_beside_best(instance, different, count), equals=equals)
+    equals = [one for one in as_simple if _not_told_apart(instance, one)]
+    different = [one for one in as_simple if one not in equals]
+    names = tuple(one.new[0] for one in equals)
+    return replace(_beside_best(instance, different, count), equals=names)
+
+
+def _not_told_apart(instance: EffectInstance, rival: Tried) -> bool:
+    """Returns whether a rival is another name of an effect, here: they are named together.
+
+    It predicts the very same, or it is known to be confused with it and the data do not decide.
+    """
+    first, second = instance.effect, rival.new[0].effect
+    alike = second.name in first.confused_with or first.name in second.confused_with
+    return rival.gain.same or (alike and rival.gain.open)
 
 
 def _beside_best(instance: EffectInstance, rivals: Sequence[Tried], count: int) -> Compared:
