@@ -10,11 +10,13 @@ Shape letters: T measurements, J joints.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import without
+from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
 from gfm.effects import EffectInstance
 from gfm.signals.torques import TorqueView, has_law
@@ -32,17 +34,23 @@ def read_off(
         places: Where effects may act.
         effects: What is known to be missing: its amounts may be others beside a candidate.
     """
-    laws = [view.law(one).ravel() for one in effects if has_law(one)]
-    basis = np.linalg.qr(np.stack(laws, axis=1))[0] if laws else np.zeros((view.missing.size, 0))
-    missing = without(view.missing.ravel(), basis)
-    found = []
-    for place in places:
-        for group in place.probes:
-            if not all(map(has_law, group)):
-                continue
-            columns = np.stack([view.law(one).ravel() for one in group], axis=1)
-            amounts = np.linalg.lstsq(without(columns, basis), missing, rcond=1e-6)[0]
-            values = place.effect.combine([one.values for one in group], amounts.tolist())
-            if values is not None:
-                found.append(place.instance(values))
-    return found
+    laws = [view.law(one) for one in effects if has_law(one)]
+    return [one for place in places for one in _of_place(view, place, laws)]
+
+
+def _of_place(view: TorqueView, place: Place, laws: Sequence[Array]) -> Iterator[EffectInstance]:
+    """Yields what the missing torque of a place's own joints tells, beside laws (T, J) each."""
+    own = [view.joints.index(name) for name in place.joints]
+    known = [law[:, own].ravel() for law in laws]
+    missing = view.missing[:, own].ravel()
+    nothing = np.zeros_like(missing)  # where no law is known
+    basis = orthonormal(np.stack([nothing, *known], axis=1))
+    missing = without(missing, basis)
+    for group in place.probes:
+        if not all(map(has_law, group)):
+            continue
+        columns = np.stack([view.law(one)[:, own].ravel() for one in group], axis=1)
+        amounts = np.linalg.lstsq(without(columns, basis), missing, rcond=1e-6)[0]
+        values = place.effect.combine([one.values for one in group], amounts.tolist())
+        if values is not None:
+            yield place.instance(values)
