@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 from known_truth.told import Told
 
-PLANTED = np.array([0.8, -0.7, -0.5])
+from gfm.diagnosis.inference.constants import CONFIDENCE
+from gfm.diagnosis.inference.score import Difference
+from gfm.diagnosis.output import claims
+from gfm.diagnosis.search.trace import Evidence
+
+PLANTED = np.array([1.2, -0.7, 4.0, -5.0])
 
 
 def evidence(rng):
@@ -36,26 +41,51 @@ def planted(count):
     rng = np.random.default_rng(1)
     figures = [evidence(rng) for _ in range(count)]
     X = np.stack([calibrate.features(each) for each in figures])
-    right = (rng.random(count) < calibrate.probability(X @ PLANTED)).astype(float)
+    right = (rng.random(count) < calibrate.confidence(X, PLANTED)).astype(float)
     return X, right, figures
 
 
 def test_planted_constants_are_recovered():
     X, right, _ = planted(20000)
-    assert calibrate.fit(X, right) == pytest.approx(PLANTED, abs=0.15)
+    assert calibrate.fit(X, right) == pytest.approx(PLANTED, abs=0.35)
 
 
-def test_at_the_fit_each_figure_is_as_likely_as_it_was_found():
+def test_a_confidence_is_that_of_the_report():
+    """A law that does not bend, one that bends as much as may be, a tie."""
+    figures = {"z_without": 9.0, "z_rival": 5.0, "apart": 0.1, "bends": 0.3}
+    for more in ({}, {"bends": 0.0}, {"bends": 1.0}, {"z_rival": 0.0}, {"apart": 2.0}):
+        told = figures | more
+        evidence = Evidence(
+            without=Difference(45.0, 5.0),
+            rival=Difference(5.0 * told["z_rival"], 5.0),
+            by=None,
+            apart=told["apart"],
+            bends=told["bends"],
+        )
+        (row,) = calibrate.confidence(calibrate.features(told)[None], np.array(CONFIDENCE))
+        assert row == pytest.approx(claims.confidence(evidence))
+
+
+def test_no_other_amounts_are_likelier():
     X, right, _ = planted(500)
     amounts = calibrate.fit(X, right)
-    confidence = calibrate.probability(X @ amounts)
-    np.testing.assert_allclose(X.T @ (right - confidence), amounts, atol=1e-3)  # but for the ridge
+
+    def lost(those):
+        told = calibrate.confidence(X, those)
+        return 500 * calibrate.log_loss(told, right) + 0.5 * calibrate._RIDGE @ those**2
+
+    for step in 0.05 * np.eye(4):
+        assert lost(amounts) < min(lost(amounts + step), lost(amounts - step))
 
 
 def test_names_that_can_be_parted_without_error_give_finite_constants():
-    X = np.stack([np.ones(20), np.linspace(-1.0, 1.0, 20)], axis=1)
-    amounts = calibrate.fit(X, (X[:, 1] > 0.0).astype(float))
-    assert 1.0 < amounts[1] < 20.0
+    bends = np.linspace(0.0, 2.0, 20)
+    X = np.stack([np.full(20, 2.0), np.zeros(20), bends], axis=1)
+    predicts, differs, holds, bent = calibrate.fit(X, (bends < 1.0).astype(float))
+    assert 0.0 < predicts < 20.0
+    assert differs == pytest.approx(0.0, abs=1e-3)
+    assert 1.0 < holds < 50.0
+    assert -50.0 < bent < -1.0
 
 
 def test_features_stay_within_their_limits():
@@ -81,12 +111,15 @@ def test_guessing_costs_ln_2_and_certain_errors_much_but_not_infinitely():
 
 
 def test_a_case_that_is_left_out_does_not_judge_itself():
-    X = np.ones((4, 1))
+    X = np.tile([1.0, 0.0, 0.0], (4, 1))
     right, cases = np.array([1.0, 1.0, 0.0, 1.0]), ["a", "a", "b", "c"]
-    confidence = calibrate.left_out(X, right, cases)
+    told = calibrate.left_out(X, right, cases)
     # Without a, one of two others is right; without b all are, and without c two of three.
-    assert confidence[:2] == pytest.approx([0.5, 0.5], abs=1e-4)
-    assert 0.5 < confidence[3] < 2.0 / 3.0 < confidence[2]  # the ridge draws to even odds
+    assert told[0] == told[1] < told[3] < told[2]
+    for case, place in (("a", 0), ("b", 2), ("c", 3)):
+        others = np.array(cases) != case
+        (alone,) = calibrate.confidence(X[:1], calibrate.fit(X[others], right[others]))
+        assert told[place] == pytest.approx(alone)
 
 
 def test_the_summary_counts_what_is_skipped_and_gives_a_line_to_paste():
@@ -97,7 +130,7 @@ def test_the_summary_counts_what_is_skipped_and_gives_a_line_to_paste():
     assert "60 names of 20 cases" in text
     assert "log loss, of what reports say     0.6931" in text
     amounts = ast.literal_eval(text.splitlines()[-1].removeprefix("CONFIDENCE = "))
-    assert len(amounts) == len(calibrate.FEATURES)
+    assert len(amounts) == len(CONFIDENCE)
 
 
 def test_laws_that_the_library_lacks_count_as_often_as_in_a_whole_suite():

@@ -18,11 +18,12 @@ LEAST_DISCREPANCY = 1.0
 WRONG_ALIKE = 0.05
 #: Degrees of freedom of the predictive density: blocks differ in how far a model is off.
 DEGREES_OF_FREEDOM = 4.0
-#: Of a name: weights of three figures (see `output.claims.features`): by how many standard errors
-#: the hypothesis predicts better than with its best rival; by what share of itself it differs
-#: between parts of the data; and how much of what is left its law leaves by not changing with the
-#: state. There is no constant beside them: an exact law and its equal are even odds.
-CONFIDENCE = (1.40, -2.31, -2.87)
+#: Of a name: weights of three figures (see `output.claims.confidence`). That nothing else says it
+#: as well: by how many standard errors the hypothesis predicts better than with its best rival, and
+#: by what share of itself the effect differs between parts of the data; no constant is beside them:
+#: an exact law and its equal are even odds. That its law holds: a constant, and how much of what is
+#: left the law leaves by not changing with the state.
+CONFIDENCE = (1.50, -2.38, 5.18, -6.99)
 #: Share of what speaks for an effect that is taken to speak for it against its best rival, where
 #: no time was left to weigh one.
 UNWEIGHED = 0.71

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import expit
 
 from gfm.diagnosis.inference.amounts import amounts, free_parameters
 from gfm.diagnosis.inference.constants import (
@@ -71,9 +72,12 @@ def verdict_on_both(robot: Verdict, thing: Verdict) -> Verdict:
 def confidence(evidence: Evidence) -> float:
     """Returns the chance that a name, on its joints, is right, 0..1.
 
-    A logistic function of what speaks for it, calibrated on robots whose truth is known.
+    That nothing else says it as well, times the chance that its law holds: both are logistic
+    functions of what speaks for it, calibrated on robots whose truth is known.
     """
-    return float(1.0 / (1.0 + np.exp(-features(evidence) @ CONFIDENCE)))
+    predicts, differs, holds, bent = CONFIDENCE
+    errors, apart, bends = features(evidence)
+    return float(expit(predicts * errors + differs * apart) * expit(holds + bent * bends))
 
 
 def features(evidence: Evidence) -> np.ndarray:
