@@ -22,7 +22,7 @@ from gfm.diagnosis.output.claims import (
     verdict_on_both,
 )
 from gfm.diagnosis.output.result import ErrorSummary, Verdict
-from gfm.diagnosis.output.sentences import effects_in_words
+from gfm.diagnosis.output.sentences import effects_in_words, sentence_on
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step, Tried
 from one_joint import TIME_S, instance, problem
 
@@ -202,6 +202,10 @@ NAMES = named_effects(found((STRONG,), FRICTION), [FRICTION])
         (1.05 * ADEQUATE_RATIO, 1.05 * ADEQUATE_RATIO, (), Verdict.UNEXPLAINED),
         (20.0, 1.4, NAMES, Verdict.EXPLAINED),
         (20.0, 5.0, NAMES, Verdict.PARTLY_EXPLAINED),
+        # What was named makes it worse, or does nothing: beside noise that is no matter.
+        (20.0, 25.0, NAMES, Verdict.UNEXPLAINED),
+        (20.0, 20.0, NAMES, Verdict.UNEXPLAINED),
+        (1.2, 1.3, NAMES, Verdict.EXPLAINED),
         # As exact as laws are: next to nothing of the gap is left, though more than noise.
         (400.0, 400.0 * 0.9 * np.sqrt(ADEQUATE_SHARE) / 4.0, NAMES, Verdict.EXPLAINED),
         # As small a share, but far from noise.
@@ -210,6 +214,14 @@ NAMES = named_effects(found((STRONG,), FRICTION), [FRICTION])
 )
 def test_the_verdict_follows_what_names_leave_of_the_held_out_error(before, after, named, verdict):
     assert verdict_on(summary(before, after), named) is verdict
+
+
+def test_what_explains_nothing_of_what_is_held_out_is_said_so():
+    told = sentence_on(Verdict.UNEXPLAINED, NAMES, summary(20.0, 25.0), "")
+    assert told.startswith(
+        "The model misses something, and what explains its training recordings does not explain "
+        "those held out: coulomb friction on joint"
+    )
 
 
 def test_the_share_of_a_gap_is_one_where_noise_is_left_and_none_where_nothing_changed():

@@ -66,7 +66,7 @@ VERDICTS = {
     Verdict.UNEXPLAINED: VerdictWords(
         title="Unexplained",
         tone="bad",
-        meaning="There is a gap, and the data support no named effect for it.",
+        meaning="There is a gap, and no named effect takes any of it away on held-out recordings.",
     ),
     Verdict.INSUFFICIENT_DATA: VerdictWords(
         title="Insufficient data",

@@ -59,7 +59,8 @@ def verdict_on(error: ErrorSummary, named: Sequence[NamedEffect]) -> Verdict:
     inexact = near and closed_share(error) >= 1.0 - ADEQUATE_SHARE
     if error.after <= ADEQUATE_RATIO * error.noise_floor or inexact:
         return Verdict.EXPLAINED
-    return Verdict.PARTLY_EXPLAINED
+    better = error.after < error.before
+    return Verdict.PARTLY_EXPLAINED if better else Verdict.UNEXPLAINED
 
 
 def verdict_on_both(robot: Verdict, thing: Verdict) -> Verdict:

@@ -43,9 +43,16 @@ def sentence_on(
     if verdict is Verdict.NO_GAP:
         return f"The model explains the recordings to within the sensor noise ({figures})."
     if verdict is Verdict.UNEXPLAINED:
-        return f"The model misses something{_without_name(suspects)} ({figures})."
+        why = _named_in_vain(named) if named else _without_name(suspects)
+        return f"The model misses something{why} ({figures})."
     among = "" if verdict is Verdict.EXPLAINED else ", among what stays unexplained,"
     return f"The model {_wrong(named, among)} ({figures})."
+
+
+def _named_in_vain(named: Sequence[NamedEffect]) -> str:
+    """Returns what explains the recordings it was found in, and not those held out."""
+    names = "; ".join(effects_in_words(named))
+    return f", and what explains its training recordings does not explain those held out: {names}"
 
 
 def _without_name(suspects: Sequence[Suspect]) -> str:
