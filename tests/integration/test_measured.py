@@ -45,11 +45,11 @@ def test_an_xl330_is_followed_nearer_and_no_stribeck_friction_claimed(measured: 
     training, held = split(measured("bam_xl330/raw/*.json.gz", "xl330.toml"), ("kp200_",))
     spec = mujoco.MjSpec.from_file(str(ROOT / "models" / "xl330_pendulum.xml"))
     specs = {CommandKind.POSITION: spec}
-    found = diagnose(specs, training, held, time_left=in_minutes(5.0))
+    found = diagnose(specs, training, held, time_left=in_minutes(10.0))
     assert "stribeck_friction" not in {one.effect for one in found.effects}
     assert found.verdict is Verdict.PARTLY_EXPLAINED
     errors = np.concatenate(errors_after(specs, held, found))
-    assert np.mean(np.abs(errors)) < 0.045
+    assert np.mean(np.abs(errors)) < 0.06  # 0.108 of the model as it is
 
 
 def test_coulomb_friction_is_found_on_both_joints_of_the_double_pendulum(

@@ -195,6 +195,9 @@ class Effect(ABC):
     #: The one state of its joint of which its torque is a law, "position" or "velocity"; None where
     #: there is none, or more than that. Several laws of one state are one law.
     law_of: ClassVar[str | None] = None
+    #: Whether its torque repeats over the angle: rollouts that are off by a part of its period say
+    #: nothing of it, the torque that is missing along the measured motion does.
+    repeats: ClassVar[bool] = False
     #: Effects that look like it in many motions: they are always put beside it.
     confused_with: ClassVar[tuple[str, ...]] = ()
     #: The effect whose law it is under another name, if there is one: only that is looked for.

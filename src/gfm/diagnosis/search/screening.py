@@ -63,7 +63,8 @@ def screen(
 ) -> list[Screened]:
     """Returns the candidates with their best amounts to first order, best first.
 
-    Far from what was measured, also with those that the missing torque tells.
+    Far from what was measured, what repeats over the angle also with those that the missing torque
+    tells.
 
     Args:
         before: Beside what they would be.
@@ -79,7 +80,8 @@ def screen(
     responses = _responses(part, candidates, base, basis)
     if view is not None and before.fit.cost > FAR_OFF:
         nothing = np.zeros_like(base.residual)
-        responses += [(one, nothing) for one in read_off(view, candidates, before.effects)]
+        repeating = [place for place in candidates if place.effect.repeats]
+        responses += [(one, nothing) for one in read_off(view, repeating, before.effects)]
     here = Hypothesis(problem=part, fit=start, nominal=before.nominal)
     # An amount is that of all parts: left out, a few segments would be told by one or two.
     found = [
