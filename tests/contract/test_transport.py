@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import socket
 import time
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from threading import Event, Thread
@@ -45,7 +47,7 @@ def connect(request) -> Iterator[Connect]:
         elif opened:
             opened.append(ZenohTransport.open(run="test", connect=[endpoint]))
         else:
-            opened.append(ZenohTransport.open(run="test", listen=[endpoint]))
+            opened.append(ZenohTransport.open(run="test", listen=[endpoint], insecure=True))
         return opened[-1]
 
     yield opening
@@ -90,6 +92,26 @@ def test_an_answer_reaches_the_asker_and_stays_available(connect):
     request.reply(RecordDone(path="a.mcap", ticks=3))
     assert answer(pending) == RecordDone(path="a.mcap", ticks=3)
     assert pending.poll() == RecordDone(path="a.mcap", ticks=3)
+
+
+def asked_in_vain(client: Transport, server: Server) -> weakref.ref[PendingReply]:
+    """Returns what still holds a question that was refused, and looked at twice."""
+    pending = client.request("replay/sample", SampleRequest(batch_size=4), timeout_s=5.0)
+    received(server).refuse("no")
+    for _ in range(2):
+        with suppress(RefusedError):
+            answer(pending)
+    return weakref.ref(pending)
+
+
+def test_a_question_in_vain_waits_for_no_collector(connect):
+    server = connect().serve("replay/sample")
+    client = connect()
+    gc.disable()
+    try:
+        assert asked_in_vain(client, server)() is None
+    finally:
+        gc.enable()
 
 
 def test_a_client_can_ask_a_client_through_the_hub(connect):
@@ -309,7 +331,7 @@ def test_zenoh_refuses_an_address_that_is_taken_in_one_line():
         taken.listen()
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
         with pytest.raises(BadInputError, match="address already in use") as caught:
-            ZenohTransport.open(run="test", listen=[endpoint])
+            ZenohTransport.open(run="test", listen=[endpoint], insecure=True)
     assert endpoint in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -329,7 +351,7 @@ def test_zenoh_waits_for_a_router_that_comes_later():
         )
     )
     thread.start()
-    with ZenohTransport.open(run="test", listen=[endpoint]) as hub:
+    with ZenohTransport.open(run="test", listen=[endpoint], insecure=True) as hub:
         thread.join()
         with opened[0] as client:
             server = hub.serve("hello")
@@ -358,7 +380,7 @@ def test_a_body_larger_than_any_message_of_its_key_is_read_by_nobody_and_stops_n
 def test_zenoh_s_router_passes_on_no_body_that_is_too_large_for_its_key():
     endpoint = free_endpoint()
     with (
-        ZenohTransport.open(run="one", listen=[endpoint]),
+        ZenohTransport.open(run="one", listen=[endpoint], insecure=True),
         ZenohTransport.open(run="one", connect=[endpoint]) as server_side,
         ZenohTransport.open(run="one", connect=[endpoint]) as client,
     ):
@@ -381,7 +403,7 @@ def _is_heard(client: Transport, server: Server) -> Request | None:
 def test_runs_that_share_a_router_do_not_meet():
     endpoint = free_endpoint()
     with (
-        ZenohTransport.open(run="one", listen=[endpoint]) as one,
+        ZenohTransport.open(run="one", listen=[endpoint], insecure=True) as one,
         ZenohTransport.open(run="two", connect=[endpoint]) as two,
     ):
         one.serve("hello")
@@ -448,12 +470,12 @@ def bounds_ms(port: int) -> list[int]:
 def test_the_kernel_gives_up_on_stuck_connections_of_zenoh_before_zenoh_does():
     endpoint = free_endpoint()
     port = int(endpoint.rpartition(":")[2])
-    with ZenohTransport.open(run="test", listen=[endpoint]):
+    with ZenohTransport.open(run="test", listen=[endpoint], insecure=True):
         client = ZenohTransport.open(run="test", connect=[endpoint])
         server = client.serve("replay/insert")
         # The one that listens, and both ends of the link; where zenoh just connects again, more.
         eventually(lambda: (server.receive(), len(bounds_ms(port)) >= 3)[1] or None)
         assert set(bounds_ms(port)) == {2000}
-    with client, ZenohTransport.open(run="test", listen=[endpoint]):
+    with client, ZenohTransport.open(run="test", listen=[endpoint], insecure=True):
         eventually(lambda: (server.receive(), len(bounds_ms(port)) >= 3)[1] or None)
         eventually(lambda: (server.receive(), set(bounds_ms(port)) == {2000})[1] or None)

@@ -32,17 +32,29 @@ class BodyReply(PendingReply):
     @override
     def poll(self) -> Message | None:
         if self._failure is not None:
-            raise self._failure
+            raise _without_traceback(self._failure)
         if self._answer is None:
             try:
                 body = self._next()
                 if body is not None:
                     self._answer, self.stamp = self._bodies.answer(self._key, body)
             except GfmError as failure:
-                self._failure = failure
+                self._failure = _without_traceback(failure)
                 raise
         return self._answer
 
     @override
     def reject(self) -> None:
         self._answer = self._failure = None
+
+
+def _without_traceback(failure: GfmError) -> GfmError:
+    """Returns a failure to be kept, or to be raised once more.
+
+    One that was raised holds every frame that it went through, and so the reply that keeps it: the
+    two would stay until Python looks for cycles, which it does the more rarely the longer a process
+    lives.
+    """
+    again = type(failure).__new__(type(failure), *failure.args)
+    again.__dict__.update(vars(failure))
+    return again
