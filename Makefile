@@ -10,6 +10,8 @@ export CONTAINER_ENGINE ?= docker
 # The engine's own command, for what compose has no word for: `network disconnect`, `pause`.
 export CONTAINER_CLI ?= docker
 IMAGES := router replay bridge robot actor learner
+# Built on by the digest that the engine has of it, or on another image by its own digest.
+PYTHON_IMAGE ?= docker.io/library/python:3.11-slim-bookworm
 
 .PHONY: help run test test-slow test-faults soak test-containers check docs format lock images clean bench-messages bench-effects bench-joint-control bench-bridge bench-kills bench-fit bench-tracking bench-diagnosis tables
 
@@ -106,8 +108,10 @@ lock:  ## write requirements.lock and requirements.hashes from pyproject.toml
 	rm -r $(LOCK_VENV)
 
 images:  ## build the container images, with CONTAINER_ENGINE (docker)
+	base=$$(docker/base-image $(CONTAINER_CLI) $(PYTHON_IMAGE)) && \
 	for image in $(IMAGES); do \
-	  $(CONTAINER_ENGINE) build . --file docker/Dockerfile --target $$image --tag gfm-$$image || exit; \
+	  $(CONTAINER_ENGINE) build . --file docker/Dockerfile --target $$image --tag gfm-$$image \
+	    --build-arg PYTHON_IMAGE=$$base --label org.opencontainers.image.base.name=$$base || exit; \
 	done
 
 clean:  ## remove what was made, except runs
