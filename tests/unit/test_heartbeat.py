@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import threading
 from typing import final
@@ -137,3 +138,13 @@ def test_a_process_says_what_it_uses():
     if usage:  # only Linux tells
         assert usage["memory_mib"] > 1.0
         assert usage["open_files"] >= 3.0
+
+
+def test_what_malloc_hands_out_is_told_from_what_it_keeps():
+    if "heap_mib" not in process_usage():
+        pytest.skip("no glibc of 2.33 or newer")
+    before = process_usage()["heap_mib"]
+    held = ctypes.create_string_buffer(32 * 2**20)
+    assert process_usage()["heap_mib"] - before == pytest.approx(32.0, abs=1.0)
+    del held
+    assert process_usage()["heap_mib"] - before == pytest.approx(0.0, abs=1.0)
