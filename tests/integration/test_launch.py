@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -16,17 +17,17 @@ from gfm.launch import (
     ProcessSpec,
     Supervisor,
     SystemSpec,
-    free_endpoint,
+    own_system,
     replay_process,
     router_process,
     statuses,
 )
 from gfm.launch.process import ChildProcess
+from gfm_wire import Role, StatusRequest
 
 
-def make_system(*arguments: str) -> SystemSpec:
-    processes = (router_process(), replay_process(arguments))
-    return SystemSpec(run="launch", endpoint=free_endpoint(), processes=processes)
+def make_system(folder: Path, *arguments: str) -> SystemSpec:
+    return own_system("launch", folder, (router_process(), replay_process(arguments)))
 
 
 def replay_of(supervisor: Supervisor) -> ChildProcess:
@@ -48,7 +49,7 @@ def is_running(pid: int) -> bool:
 
 
 def test_a_system_answers_once_started_and_is_gone_once_stopped(tmp_path):
-    with Supervisor(make_system(), tmp_path) as supervisor:
+    with Supervisor(make_system(tmp_path), tmp_path) as supervisor:
         supervisor.start()
         found = statuses(supervisor.transport)
         assert [(status.role, status.pid) for status in found] == [
@@ -60,7 +61,7 @@ def test_a_system_answers_once_started_and_is_gone_once_stopped(tmp_path):
 
 
 def test_a_child_that_dies_is_reported_with_its_last_words(tmp_path):
-    with Supervisor(make_system(), tmp_path) as supervisor:
+    with Supervisor(make_system(tmp_path), tmp_path) as supervisor:
         supervisor.start()
         pid = replay_of(supervisor).pid
         os.kill(pid, signal.SIGKILL)
@@ -72,7 +73,7 @@ def test_a_child_that_dies_is_reported_with_its_last_words(tmp_path):
 
 def test_a_child_that_refuses_its_settings_makes_the_start_bad_input(tmp_path):
     with (
-        Supervisor(make_system("--min-size", "0"), tmp_path) as supervisor,
+        Supervisor(make_system(tmp_path, "--min-size", "0"), tmp_path) as supervisor,
         pytest.raises(BadInputError, match=r"^replay: min_size is 0, expected at least 1$"),
     ):
         supervisor.start()
@@ -80,7 +81,7 @@ def test_a_child_that_refuses_its_settings_makes_the_start_bad_input(tmp_path):
 
 def test_a_child_that_never_answers_is_given_up_at_the_deadline(tmp_path):
     mute = ProcessSpec(role="actor", name="mute", module="tests_have_no_such_module")
-    system = SystemSpec(run="launch", endpoint=free_endpoint(), processes=(router_process(), mute))
+    system = own_system("launch", tmp_path, (router_process(), mute))
     with (
         Supervisor(system, tmp_path, start_timeout_s=0.0) as supervisor,
         pytest.raises(UnreachableError, match="no answer from the hub"),
@@ -89,7 +90,7 @@ def test_a_child_that_never_answers_is_given_up_at_the_deadline(tmp_path):
 
 
 def test_a_child_that_does_not_stop_is_killed(tmp_path):
-    with Supervisor(make_system(), tmp_path, stop_timeout_s=0.2) as supervisor:
+    with Supervisor(make_system(tmp_path), tmp_path, stop_timeout_s=0.2) as supervisor:
         supervisor.start()
         pid = replay_of(supervisor).pid
         os.kill(pid, signal.SIGSTOP)
@@ -99,8 +100,8 @@ def test_a_child_that_does_not_stop_is_killed(tmp_path):
 def test_children_do_not_outlive_a_parent_that_is_killed(tmp_path):
     script = (
         "import sys, time; from pathlib import Path; from gfm.launch import *\n"
-        "spec = SystemSpec(run='r', endpoint=free_endpoint(), processes=(router_process(),))\n"
-        "supervisor = Supervisor(spec, Path(sys.argv[1])); supervisor.start()\n"
+        "folder = Path(sys.argv[1]); spec = own_system('r', folder, (router_process(),))\n"
+        "supervisor = Supervisor(spec, folder); supervisor.start()\n"
         "print(supervisor.children[0].pid, flush=True); time.sleep(60)\n"
     )
     parent = subprocess.Popen(
@@ -113,3 +114,20 @@ def test_children_do_not_outlive_a_parent_that_is_killed(tmp_path):
         parent.kill()
     eventually(lambda: not is_running(child))
     assert "SIGTERM: stopping" in (tmp_path / "router.log").read_text()
+
+
+def test_the_router_counts_what_it_does_not_let_through(tmp_path):
+    system = make_system(tmp_path)
+
+    def dropped() -> int:
+        found = statuses(supervisor.transport)
+        return next(one.counters["dropped_messages"] for one in found if one.role == "router")
+
+    with Supervisor(system, tmp_path) as supervisor:
+        supervisor.start()
+        assert dropped() == 0
+        with system.address.open(Role.WATCHER, name="test") as watcher:
+            for _ in range(5):
+                watcher.publish("weights", StatusRequest())
+            eventually(lambda: dropped() == 5)
+        assert dropped() == 5

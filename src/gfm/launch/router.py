@@ -29,15 +29,22 @@ class RouterConfig(ServiceConfig, frozen=True, kw_only=True):
 class RouterService(Service):
     """Only says that it is there, and who else: zenoh routes by itself."""
 
-    def __init__(self, name: str, connected: Callable[[], Mapping[str, int]]) -> None:
+    def __init__(
+        self,
+        name: str,
+        connected: Callable[[], Mapping[str, int]],
+        dropped: Callable[[], int],
+    ) -> None:
         """Is ready at once.
 
         Args:
             name: Unique within the run.
             connected: Returns how many connections there are, by role.
+            dropped: Returns how many messages were not let through so far.
         """
         self._name = name
         self._connected = connected
+        self._dropped = dropped
 
     @override
     def step(self) -> bool:
@@ -46,7 +53,8 @@ class RouterService(Service):
     @override
     def status(self) -> Status:
         gauges = {f"connected_{role}": float(n) for role, n in self._connected().items()}
-        return make_status("router", self._name, gauges=gauges, note="routing")
+        counters = {"dropped_messages": self._dropped()}
+        return make_status("router", self._name, counters=counters, gauges=gauges, note="routing")
 
     @override
     def close(self) -> None:
@@ -55,7 +63,10 @@ class RouterService(Service):
 
 def build(config: RouterConfig, transport: ZenohTransport, _clock: Clock) -> Service:
     """Returns the service that the settings describe."""
-    return RouterService(config.name, transport.connected)
+    from gfm.transport.drops import Drops  # zenoh is loaded by whoever opens a transport
+
+    drops = Drops()
+    return RouterService(config.name, transport.connected, lambda: drops.count)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
