@@ -94,11 +94,12 @@ class WeightsRequest:
 
     Attributes:
         spec_digest: EnvironmentSpec.digest that the asker acts in; empty takes any.
-        horizon: Steps of its episodes; 0 takes any.
+        settings: Every setting of it by name, in words, with digests in the place of files
+            (`gfm.service.environment_words`); empty takes any.
     """
 
     spec_digest: str = ""
-    horizon: int = 0
+    settings: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)

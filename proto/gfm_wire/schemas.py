@@ -223,7 +223,7 @@ CONTROL = (
     ),
     Schema(EnvironmentRequest, 1, {"name": TEXT}),
     Schema(RunEnvironment, 2, {"name": TEXT, "settings": Text(2**20), "spec": SPEC}),
-    Schema(WeightsRequest, 2, {"spec_digest": TEXT, "horizon": COUNT}),
+    Schema(WeightsRequest, 3, {"spec_digest": TEXT, "settings": MapOf(TEXT)}),
     Schema(StatusRequest, 1, {}),
     Schema(RecordStart, 1, {"name": TEXT, "metadata": MapOf(TEXT)}),
     Schema(RecordStop, 1, {}),

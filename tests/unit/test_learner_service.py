@@ -23,6 +23,7 @@ from gfm.envs.registry import EnvironmentSettings
 from gfm.recording.weights_file import earlier, read_weights, write_weights
 from gfm.rl.learner_state import LearnerSettings, state_arrays
 from gfm.rl.policy_numpy import GaussianPolicy
+from gfm.service.environment_words import environment_words
 from gfm.service.metrics import METRICS, FolderMetrics, NoMetrics
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_learner.__main__ import main
@@ -257,17 +258,18 @@ def test_another_environment_is_refused_with_both_values():
     assert bench.learner.status().counters["rejected_messages"] == 1
 
 
-@pytest.mark.parametrize(("steps", "heard"), [(0, True), (10, True), (20, False)])
-def test_episodes_of_another_length_are_refused_with_both_values(steps, heard):
+@pytest.mark.parametrize(("steps", "heard"), [(None, True), (10, True), (20, False)])
+def test_an_environment_with_another_setting_is_refused_with_both_values(steps, heard):
     settings = EnvironmentSettings(horizon=10)
     bench = Bench(config(env="point_mass", environment=settings))
-    request = WeightsRequest(spec_digest=SPEC.digest, horizon=steps)
+    told = environment_words("point_mass", EnvironmentSettings(horizon=steps)) if steps else {}
+    request = WeightsRequest(spec_digest=SPEC.digest, settings=told)
     reply = bench.actor.request("weights/current", request, timeout_s=5.0)
     bench.learner.step()
     if heard:
         assert isinstance(reply.poll(), Weights)
         return
-    with pytest.raises(RefusedError, match="episodes have 20 steps, this learner's 10"):
+    with pytest.raises(RefusedError, match=r"has other settings: horizon 20, not 10$"):
         reply.poll()
     assert bench.learner.status().counters["refused_question"] == 1
 

@@ -6,6 +6,7 @@ import pytest
 
 from gfm.core import ManualClock, RefusedError
 from gfm.service import turns
+from gfm.service.rates import Rates
 from gfm.service.refusals import Refusals
 from gfm.service.turns import Turns
 from gfm.transport import MemoryHub, MemoryTransport
@@ -15,10 +16,11 @@ from gfm_wire import NotReady, StatusRequest
 class Room:
     """A server with turns, and those who ask."""
 
-    def __init__(self, longest=4, busy=None):
+    def __init__(self, longest=4, busy=None, per_s=1e6):
         self.hub, self.clock, self.refusals = MemoryHub(), ManualClock(), Refusals()
         served = MemoryTransport(self.hub, clock=self.clock).serve("key")
-        self.server = Turns(served, self.refusals, longest=longest, busy=busy)
+        rates = Rates(self.clock, per_s)
+        self.server = Turns(served, self.refusals, rates, longest=longest, busy=busy)
         self._askers = {}
 
     def ask(self, name, times=1):
@@ -104,3 +106,45 @@ def test_senders_beyond_all_bounds_share_a_line(monkeypatch):
         room.ask(name, 2)
     assert room.senders(7) == "abcabc-"
     assert room.refusals.counters["refused_from_d"] == 2
+
+
+def test_who_asks_more_often_than_allowed_is_turned_away_and_counted_alone():
+    room = Room(per_s=2.0)
+    asked = room.ask("a", 3)
+    room.ask("b")
+    assert room.senders(4) == "aba-"
+    with pytest.raises(
+        RefusedError, match="more questions a second than allowed, expected at most 2"
+    ):
+        asked[2].poll()
+    assert dict(room.refusals.counters) == {
+        "rejected_messages": 1,
+        "refused_rate": 1,
+        "refused_from_a": 1,
+    }
+
+
+def test_what_is_left_unused_may_be_asked_later_up_to_a_second_s_worth():
+    clock = ManualClock()
+    rates = Rates(clock, 4.0)
+    assert [rates.take("a") for _ in range(5)] == [True] * 4 + [False]
+    clock.advance_s(0.25)
+    assert [rates.take("a") for _ in range(2)] == [True, False]
+    clock.advance_s(100.0)
+    assert [rates.take("a") for _ in range(5)] == [True] * 4 + [False]
+
+
+def test_at_the_allowed_rate_nobody_is_turned_away():
+    clock = ManualClock()
+    rates = Rates(clock, 8.0)
+    for _ in range(100):
+        assert rates.take("a")
+        clock.advance_s(0.125)
+
+
+def test_senders_whose_rates_are_known_are_bounded(monkeypatch):
+    monkeypatch.setattr("gfm.service.rates._SENDERS", 3)
+    rates = Rates(ManualClock(), 1.0)
+    assert all(rates.take(name) for name in "abcd")
+    assert not rates.take("d")
+    assert rates.take("a")  # it was forgotten

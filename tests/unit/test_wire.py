@@ -147,7 +147,7 @@ EXAMPLES: tuple[Message, ...] = (
     SequenceAck(actor="a", epoch=1, number=1, cursor=2),
     SampleRequest(batch_size=32, spec_digest="abc"),
     SampleRequest(batch_size=1, seen=np.array([3, 2**62]), priority=numbers(2)),
-    WeightsRequest(spec_digest="abc", horizon=10),
+    WeightsRequest(spec_digest="abc", settings={"horizon": "10"}),
     EnvironmentRequest(name="gfm_fit"),
     EnvironmentSpec(name="gfm_fit", observation_size=3, action_size=2, reward_limit=1.0),
     RunEnvironment(

@@ -12,9 +12,9 @@ from typing_extensions import override
 from gfm.core import ACTION_LIMIT, LOG_PROB_LIMIT, Clock, EnvironmentSpec, Sequence, Status
 from gfm.core.checks import Array32
 from gfm.envs.batched import BatchedEnvironment, Transition
-from gfm.envs.registry import episode_steps
 from gfm.rl.policy_numpy import GaussianPolicy
 from gfm.service import Service, make_status
+from gfm.service.environment_words import environment_words
 from gfm.service.ledger import make_ledger
 from gfm.service.refusals import Refusals
 from gfm.transport import Transport
@@ -56,7 +56,7 @@ class ActorService(Service):
             self._refusals,
             run=config.run,
             max_age_s=config.max_weights_age_s,
-            horizon=episode_steps(config.env, config.environment),
+            settings=environment_words(config.env, config.environment),
         )
         self._outbox = Outbox(
             transport,

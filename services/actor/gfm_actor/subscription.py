@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from typing import final
 
 from gfm.core import BadInputError, Clock, EnvironmentSpec, RefusedError, Weights
@@ -45,7 +46,7 @@ class PolicySubscription:
         *,
         run: str,
         max_age_s: float,
-        horizon: int = 0,
+        settings: Mapping[str, str] | None = None,
     ) -> None:
         self.policy: GaussianPolicy | None = None
         self.life = -1
@@ -53,7 +54,7 @@ class PolicySubscription:
         self._spec = spec
         self._refusals = refusals
         self._run = run
-        self._request = WeightsRequest(spec_digest=spec.digest, horizon=horizon)
+        self._request = WeightsRequest(spec_digest=spec.digest, settings=settings or {})
         self._clock = clock
         self._max_age_s = max_age_s
         self._question = Question(transport, clock, "weights/current", "learner")
@@ -77,7 +78,7 @@ class PolicySubscription:
         """Takes the newest weights that have come.
 
         Raises:
-            RefusedError: the learner learns for another environment, or episodes of another length,
+            RefusedError: the learner learns for another environment, or one with other settings,
             and never had weights for us.
         """
         message = self._broadcasts.latest()

@@ -7,9 +7,11 @@ from typing import final
 
 import msgspec
 
-from gfm.core import EnvironmentSpec, Weights
-from gfm.envs.registry import EnvironmentSettings, episode_steps
+from gfm.core import Clock, EnvironmentSpec, Weights
+from gfm.envs.registry import EnvironmentSettings
 from gfm.policies import forces_path
+from gfm.service.environment_words import difference, environment_words
+from gfm.service.rates import Rates
 from gfm.service.refusals import Refusals
 from gfm.service.turns import Turns
 from gfm.transport import Request, Transport
@@ -18,6 +20,9 @@ from gfm_wire import EnvironmentRequest, RunEnvironment, WeightsRequest
 
 _LONGEST_LINE = 16
 """Questions that one sender may have waiting: everybody asks again only after an answer."""
+
+_MOST_PER_S = 20.0
+"""Of one sender and kind: whoever asks again pauses for a fifth of a second."""
 
 
 @final
@@ -30,15 +35,16 @@ class Answers:
         spec: EnvironmentSpec,
         transport: Transport,
         refusals: Refusals,
+        clock: Clock,
     ) -> None:
         self._spec = spec
-        self._horizon = episode_steps(config.env, config.environment)
+        self._settings = environment_words(config.env, config.environment)
         self._refusals = refusals
         self._environment = RunEnvironment(
             name=config.env, settings=_with_absolute_paths(config.environment), spec=spec
         )
         weights, environment = (
-            Turns(transport.serve(key), refusals, longest=_LONGEST_LINE)
+            Turns(transport.serve(key), refusals, Rates(clock, _MOST_PER_S), longest=_LONGEST_LINE)
             for key in ("weights/current", "run/environment")
         )
         self._weights_server, self._environment_server = weights, environment
@@ -72,11 +78,8 @@ class Answers:
                 f"for {spec.name} with {spec.observation_size} observations and "
                 f"{spec.action_size} actions, digest {spec.digest}"
             )
-        if wanted.horizon not in (0, self._horizon):
-            return (
-                f"the asker's episodes have {wanted.horizon} steps, this learner's {self._horizon}"
-            )
-        return None
+        differs = difference(wanted.settings, self._settings) if wanted.settings else ""
+        return f"the asker's environment has other settings: {differs}" if differs else None
 
     def _reason_against_environment(self, request: Request) -> str | None:
         wanted = request.message

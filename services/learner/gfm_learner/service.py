@@ -71,7 +71,7 @@ class LearnerService(Service):
             prefetch=config.prefetch,
             timeout_s=config.timeout_s,
         )
-        self._answers = Answers(config, progress.spec, transport, self._refusals)
+        self._answers = Answers(config, progress.spec, transport, self._refusals, clock)
         self._weights = self._make_weights()
         self._published_ns: int | None = None
         self._saved_ns = clock.now_ns()

@@ -24,6 +24,8 @@ class ReplayConfig(ServiceConfig, frozen=True, kw_only=True):
         priority_exponent: How much more often those are drawn about which the learner errs more:
             with 1 in proportion to its error, with 0 all alike. What it said of them is not kept
             on disk: after a restart all are alike until it has said so anew.
+        most_per_s: Questions of each kind that one sender may ask in a second; as many at once. An
+            actor that nothing holds back sends a few hundred sequences.
         max_batch_size: Sequences of one batch, at most; nor more than the capacity, nor than fit
             into one message.
         sequence_length: Transitions that every sequence must have; None takes what the first has.
@@ -39,6 +41,7 @@ class ReplayConfig(ServiceConfig, frozen=True, kw_only=True):
     max_samples_per_insert: float | None = None
     min_samples_per_insert: float | None = None
     priority_exponent: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    most_per_s: Annotated[float, Meta(ge=1.0)] = 2000.0
     max_batch_size: int = 4096
     sequence_length: int | None = None
     seed: int = 0

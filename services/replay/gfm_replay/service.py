@@ -12,6 +12,7 @@ from typing_extensions import override
 
 from gfm.core import Batch, Clock, EnvironmentSpec, Sequence, Status
 from gfm.service import Service, make_status
+from gfm.service.rates import Rates
 from gfm.service.refusals import Refusals
 from gfm.service.turns import Turns
 from gfm.transport import Request, Transport
@@ -32,7 +33,7 @@ from gfm_wire import MAX_BYTES, NotReady, SampleRequest, SequenceAck
 _INSERTS_PER_STEP = 64
 _ENVELOPE_BYTES = 4096
 _LONGEST_LINE = OUT_OF_ORDER  # no actor has more unacknowledged
-_BUSY = NotReady(reason=f"{_LONGEST_LINE} of your questions wait already")
+_BUSY = NotReady(reason="you ask more than is answered: too many questions wait, or came at once")
 
 
 @final
@@ -61,8 +62,16 @@ class ReplayService(Service):
         self._expected = ExpectedEnvironment(transport, clock, spec)
         self._refusals = Refusals()
         inserts, samples = transport.serve("replay/insert"), transport.serve("replay/sample")
-        self._inserts = Turns(inserts, self._refusals, longest=_LONGEST_LINE, busy=_BUSY)
-        self._samples = Turns(samples, self._refusals, longest=_LONGEST_LINE, busy=_BUSY)
+        self._inserts, self._samples = (
+            Turns(
+                server,
+                self._refusals,
+                Rates(clock, config.most_per_s),
+                longest=_LONGEST_LINE,
+                busy=_BUSY,
+            )
+            for server in (inserts, samples)
+        )
         self._counters: Counter[str] = Counter(
             batches=0, duplicates=0, given_up=0, no_room=0, held_back=0
         )

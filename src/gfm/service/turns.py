@@ -7,6 +7,7 @@ from typing import final
 
 from typing_extensions import override
 
+from gfm.service.rates import Rates
 from gfm.service.refusals import Refusals
 from gfm.transport import Request, Server
 from gfm_wire import Message
@@ -28,23 +29,32 @@ oldest."""
 class Turns(Server):
     """A server whose senders have lines of their own; the front of each is handed out in turn.
 
-    A line is bounded. What comes on top is answered at once, and counted under its sender. A name
-    is what a sender says of itself: who goes by many has as many turns.
+    A line is bounded, and so is how often one sender may ask. What comes on top is answered at
+    once, and counted under its sender. A name is what a sender says of itself: who goes by many has
+    as many turns.
     """
 
     def __init__(
-        self, server: Server, refusals: Refusals, *, longest: int, busy: Message | None = None
+        self,
+        server: Server,
+        refusals: Refusals,
+        rates: Rates,
+        *,
+        longest: int,
+        busy: Message | None = None,
     ) -> None:
         """Takes over a server.
 
         Args:
             server: Where questions come from.
             refusals: Told of what is not let into a line.
+            rates: How often each sender may ask.
             longest: Questions that one sender may have waiting.
             busy: The answer to what comes on top of that; None refuses it.
         """
         self._server = server
         self._refusals = refusals
+        self._rates = rates
         self._longest = longest
         self._busy = busy
         self._lines: OrderedDict[str, deque[Request]] = OrderedDict()
@@ -72,14 +82,21 @@ class Turns(Server):
         sender = request.stamp.sender
         if sender not in self._lines and len(self._lines) >= _SENDERS:
             sender = _OTHERS
-        line = self._lines.setdefault(sender, deque())
-        if len(line) < self._longest:
-            line.append(request)
-            self._waiting += 1
+        if not self._rates.take(sender):
+            expected = f"expected at most {self._rates.per_s:g}"
+            self._turn_away(request, "rate", f"more questions a second than allowed, {expected}")
             return
-        reason = f"{len(line)} of its questions wait, expected at most {self._longest}"
-        self._refusals.add("queue", request.stamp.sender, reason)
+        line = self._lines.setdefault(sender, deque())
+        if len(line) >= self._longest:
+            waiting = f"{len(line)} of its questions wait, expected at most {self._longest}"
+            self._turn_away(request, "queue", waiting)
+            return
+        line.append(request)
+        self._waiting += 1
+
+    def _turn_away(self, request: Request, reason: str, detail: str) -> None:
+        self._refusals.add(reason, request.stamp.sender, detail)
         if self._busy is None:
-            request.refuse(reason)
+            request.refuse(detail)
         else:
             request.reply(self._busy)
