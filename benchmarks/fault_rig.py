@@ -28,14 +28,14 @@ from gfm.launch import (
     ProcessSpec,
     SupervisionConfig,
     Supervisor,
-    SystemSpec,
     actor_processes,
-    free_endpoint,
     learner_process,
+    own_system,
     replay_process,
     router_process,
     statuses,
 )
+from gfm_wire import Role
 
 ACTORS = 4
 LINES = ("replay", "learner", "actor-0")
@@ -74,26 +74,25 @@ class Rig:
         self.versions_back = 0
         self.resumes = Resumes(folder / "checkpoints" / "policy.npz")
         self._newest = (0, 0)
-        self._endpoint = free_endpoint()
-        self._lines = {name: Relay(self._port) for name in LINES}
-        self.supervisor = Supervisor(self._system(), folder / "logs", start_timeout_s=START_S)
+        system = own_system("faults", folder, (router_process(),))
+        port = int(system.endpoint.rpartition(":")[2])
+        self._lines = {name: Relay(port) for name in LINES}
+        system = replace(system, processes=(*system.processes, *self._processes()))
+        self.supervisor = Supervisor(system, folder / "logs", start_timeout_s=START_S)
         self.supervisor.start()
         # Every fault is the first: what died before does not lengthen the pause.
         deadlines = dict.fromkeys(("router", "replay", "learner", "actor"), HANG_DEADLINE_S)
         config = SupervisionConfig(deadline_s=deadlines, stop_s=1.0, within_s=1.0)
         self._keeper = Keeper(self.supervisor, config, MonotonicClock())
-        self._weights = self.supervisor.transport.subscribe("weights", keep=8)
+        self._listener = system.address.open(Role.ACTOR, name="listener")
+        self._weights = self._listener.subscribe("weights", keep=8)
 
     @property
     def names(self) -> list[str]:
         """Of all processes."""
         return [child.spec.name for child in self.supervisor.children]
 
-    @property
-    def _port(self) -> int:
-        return int(self._endpoint.rpartition(":")[2])
-
-    def _system(self) -> SystemSpec:
+    def _processes(self) -> Iterator[ProcessSpec]:
         folder = self.folder
         learner = ("--checkpoint-dir", str(folder / "checkpoints"), "--checkpoint-period-s", "5")
         acting = ("--max-steps-per-s", "50", "--ledger", str(folder / "ledgers"))
@@ -107,17 +106,13 @@ class Rig:
             learner_process((*_ENV, *learner)),
             *actor_processes(ACTORS, 0, (*_ENV, *acting)),
         )
-        return SystemSpec(
-            run="faults",
-            endpoint=self._endpoint,
-            processes=(router_process(), *map(self._hurtable, processes)),
-        )
+        return map(self._hurtable, processes)
 
     def _hurtable(self, process: ProcessSpec) -> ProcessSpec:
         """Returns a process whose clock can be set back and, if it has a line, that can be cut."""
         name, line = process.name, self._lines.get(process.name)
         clock = ("--set-back-file", str(self._clock_file(name)), "--service", process.module)
-        cable = () if line is None else ("--connect", f"tcp/127.0.0.1:{line.port}")
+        cable = () if line is None else ("--connect", f"tls/127.0.0.1:{line.port}")
         return replace(process, module="set_back", arguments=(*clock, *process.arguments, *cable))
 
     def _clock_file(self, name: str) -> Path:
@@ -125,6 +120,7 @@ class Rig:
 
     def stop(self) -> None:
         """Stops everything in order."""
+        self._listener.close()
         self.supervisor.stop()
         for line in self._lines.values():
             line.cut()

@@ -37,12 +37,12 @@ from gfm.experiments.run import KINDS, nominal_arm
 from gfm.launch import (
     LOCKSTEP,
     Supervisor,
-    SystemSpec,
-    free_endpoint,
+    own_system,
     robot_processes,
     router_process,
 )
 from gfm.report.files import model_texts, write_texts
+from gfm_wire import Role
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE, FIGURE = DOCS / "results" / "fit_forces.md", DOCS / "images" / "fit_forces.svg"
@@ -91,14 +91,15 @@ def drive_round(folder: Path, effect: str, seed: int, motion_seed: int) -> list[
         target = ("--recordings", str((folder / "recordings").absolute()), *LOCKSTEP)
         robot = ("--hidden-effect", effect, "--seed", str(seed), *LOCKSTEP)
         processes = (router_process(), *robot_processes(target, robot))
-        system = SystemSpec(run="drive", endpoint=free_endpoint(), processes=processes)
+        system = own_system("drive", folder, processes)
         with Supervisor(system, folder / "logs") as running:
             running.start()
             chosen = motions(sawyer_ranges(), seed=motion_seed)
-            driven = [
-                (str(one.purpose), str(one.path))
-                for one in drive(running.transport, MonotonicClock(), chosen)
-            ]
+            with system.address.open(Role.DRIVER, name="drive") as driver:
+                driven = [
+                    (str(one.purpose), str(one.path))
+                    for one in drive(driver, MonotonicClock(), chosen)
+                ]
         found.write_text(json.dumps(driven))
     return [(purpose, path) for purpose, path in json.loads(found.read_text())]
 

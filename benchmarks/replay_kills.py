@@ -57,7 +57,9 @@ class Actor:
 
     def __init__(self, endpoint: str) -> None:
         self.clock = MonotonicClock()
-        self.transport = ZenohTransport.open(run=RUN, name="actor", listen=[endpoint])
+        self.transport = ZenohTransport.open(
+            run=RUN, name="actor", listen=[endpoint], insecure=True
+        )
         self._learner = self.transport.serve("run/environment")
         self.outbox = Outbox(self.transport, self.clock, Refusals(), window=WINDOW, timeout_s=1.0)
         self._epoch = self.clock.utc_ns()

@@ -31,10 +31,11 @@ from gfm.core import (
     Status,
 )
 from gfm.core.checks import Array
+from gfm.launch.own_certs import own_certificates
 from gfm.launch.spec import free_endpoint
 from gfm.sim.sawyer import JOINT_NAMES
-from gfm.transport import ZenohTransport, ask
-from gfm_wire import Message, PowerAction, PowerRobot, StatusRequest
+from gfm.transport import ZenohTransport, ask, read_credentials
+from gfm_wire import Message, PowerAction, PowerRobot, Role, StatusRequest
 
 PERIOD_S = 0.05
 #: rad/s, of a mean over ten reports: sensors are as noisy as a tenth of that.
@@ -138,10 +139,12 @@ class Cell:
         bridge: Sequence[str] = (),
     ) -> None:
         self._folder, self._stack, self._flags = folder, stack, bridge
-        self._endpoint = free_endpoint()
+        self._endpoint, self._certs = free_endpoint(secure=True), folder / "certs"
+        own_certificates(self._certs)
+        credentials = read_credentials(self._certs, Role.ROUTER)
         self._port = int(free_endpoint().rpartition(":")[2])
         self._transport = stack.enter_context(
-            ZenohTransport.open(run="cell", listen=[self._endpoint])
+            ZenohTransport.open(run="cell", listen=[self._endpoint], credentials=credentials)
         )
         self._number = 0
         module = "gfm_robot_bridge.rosbridge_sawyer"
@@ -163,7 +166,8 @@ class Cell:
         self.bridge = self._started(
             *("gfm_robot_bridge", "--robot", "sawyer", "--ros", f"127.0.0.1:{self.relay.port}"),
             *("--control-hz", "20", "--recordings", str(self._folder), "--name", "bridge"),
-            *("--run", "cell", "--connect", self._endpoint, *self._flags),
+            *("--run", "cell", "--connect", self._endpoint, "--certs", str(self._certs)),
+            *self._flags,
         )
         eventually(self._bridge_answers, "the bridge answers")
         return self.bridge

@@ -19,10 +19,9 @@ from pathlib import Path
 from gfm.core import Status
 from gfm.launch import (
     Supervisor,
-    SystemSpec,
     actor_processes,
-    free_endpoint,
     learner_process,
+    own_system,
     replay_process,
     router_process,
     statuses,
@@ -147,7 +146,7 @@ def main() -> None:
         replay = ("--folder", f"{folder}/replay", "--max-samples-per-insert", "8")
         learner = (*ENV, "--checkpoint-dir", f"{folder}/checkpoints")
         services = (router_process(), replay_process(replay), learner_process(learner))
-        system = SystemSpec(run="scale", endpoint=free_endpoint(), processes=services)
+        system = own_system("scale", Path(folder), services)
         with Supervisor(
             system, Path(folder) / "logs", start_timeout_s=PATIENCE_S, stop_timeout_s=60.0
         ) as supervisor:

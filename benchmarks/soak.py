@@ -32,8 +32,8 @@ from gfm.launch import (
     Supervisor,
     SystemSpec,
     actor_processes,
-    free_endpoint,
     learner_process,
+    own_system,
     replay_process,
     router_process,
     statuses,
@@ -81,16 +81,13 @@ def make_system(folder: Path) -> SystemSpec:
     env = ("--env", "point_mass")
     ratio = ("--max-samples-per-insert", f"{SAMPLES_PER_INSERT:g}")
     small = ("--capacity-mib", str(CAPACITY_MIB))
-    return SystemSpec(
-        run="soak",
-        endpoint=free_endpoint(),
-        processes=(
-            router_process(),
-            replay_process(("--folder", str(folder / "replay"), *ratio, *small)),
-            learner_process((*env, "--checkpoint-dir", str(folder / "checkpoints"))),
-            *actor_processes(ACTORS, 0, env),
-        ),
+    processes = (
+        router_process(),
+        replay_process(("--folder", str(folder / "replay"), *ratio, *small)),
+        learner_process((*env, "--checkpoint-dir", str(folder / "checkpoints"))),
+        *actor_processes(ACTORS, 0, env),
     )
+    return own_system("soak", folder, processes)
 
 
 def look(supervisor: Supervisor, keeper: Keeper, began_s: float) -> dict[str, Any]:
@@ -101,7 +98,10 @@ def look(supervisor: Supervisor, keeper: Keeper, began_s: float) -> dict[str, An
         "at_s": round(time.monotonic() - began_s, 1),
         "missing": keeper.missing,
         "memory_mib": {one.name: round(one.gauges["memory_mib"], 2) for one in found},
-        "open_files": {one.name: one.gauges["open_files"] for one in found},
+        **{
+            gauge: {one.name: one.gauges[gauge] for one in found}
+            for gauge in ("heap_mib", "python_blocks", "open_files")
+        },
         "cpu_s": sum(cpu_s(child.pid) for child in supervisor.children if child.status is None),
         **{counter: sums[counter] for counter in PROGRESS},
     }

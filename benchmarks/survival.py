@@ -26,8 +26,8 @@ from gfm.launch import (
     Supervisor,
     SystemSpec,
     actor_processes,
-    free_endpoint,
     learner_process,
+    own_system,
     replay_process,
     router_process,
     statuses,
@@ -57,16 +57,13 @@ class Recovery:
 def make_system(folder: Path) -> SystemSpec:
     """Returns router, replay, learner and two actors with the settings of `gfm up`."""
     env = ("--env", "point_mass")
-    return SystemSpec(
-        run="survival",
-        endpoint=free_endpoint(),
-        processes=(
-            router_process(),
-            replay_process(("--folder", str(folder / "replay"))),
-            learner_process((*env, "--checkpoint-dir", str(folder / "checkpoints"))),
-            *actor_processes(2, 0, (*env, "--max-steps-per-s", "200")),
-        ),
+    processes = (
+        router_process(),
+        replay_process(("--folder", str(folder / "replay"))),
+        learner_process((*env, "--checkpoint-dir", str(folder / "checkpoints"))),
+        *actor_processes(2, 0, (*env, "--max-steps-per-s", "200")),
     )
+    return own_system("survival", folder, processes)
 
 
 def hurt(supervisor: Supervisor, keeper: Keeper, name: str, how: signal.Signals) -> Recovery:

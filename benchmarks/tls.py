@@ -93,6 +93,7 @@ def system(folder: Path, certs: str) -> Iterator[tuple[RunAddress, int]]:
         endpoint=free_endpoint(secure=bool(certs)),
         processes=(router_process(),),
         certs=certs,
+        insecure=not certs,
     )
     spawning = multiprocessing.get_context("spawn")
     ready = spawning.Event()

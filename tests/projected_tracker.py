@@ -26,13 +26,14 @@ _PERIOD_NS = 33_333_333
 _FAULTS = Faults(noise_px=0.3, bad_tags=0.1, lost=0.1)
 
 
-def main(endpoint: str, run: str) -> None:
+def main(endpoint: str, run: str, certs: str) -> None:
     """Tracks until it is killed."""
     clock, rng = MonotonicClock(), np.random.default_rng(0)
     cameras, layout = cell_cameras(), cell_layout("brick")
     boxes, pose = object_boxes("brick"), pose_of(np.array(LIES))
     tracker, state = Tracker(cameras, layout), TrackerState()
-    with RunAddress(run=run, endpoint=endpoint).open(Role.TRACKER, name="projected") as transport:
+    address = RunAddress(run=run, endpoint=endpoint, certs=certs)
+    with address.open(Role.TRACKER, name="projected") as transport:
         sender = PoseSender(transport, clock)
         while True:
             began_ns = clock.now_ns()

@@ -127,8 +127,11 @@ another matter ([below](#who-may-speak)).
 _WHO_MAY_SPEAK = """\
 ## Who may speak
 
-Without certificates whoever reaches the router may say and hear everything. A router that was given
-none therefore listens on this machine alone, unless it is told `--insecure`.
+Without certificates whoever reaches the router may say and hear everything, other users of the
+machine included: a router that has none must be told so (`--insecure`), wherever it listens.
+`gfm up` and `gfm router` make some in `runs/certs`, and the systems of `gfm run`, `gfm fit`,
+`gfm train`, `gfm drive` and `gfm transfer` in `certs` of their own folders. A bridge to a real
+robot does not begin without.
 
 With certificates (`gfm certs --out DIR`, then `--certs DIR` for every process;
 [containers.md](containers.md#certificates)) every connection is encrypted, both sides prove who
@@ -148,8 +151,9 @@ _WHAT_IT_IS_WORTH = """\
   answers, and no counter shows it. `rejected_` and `refused_` count what came through.
 - Whoever sends much waits behind itself: replay and learner read the questions of each sender into
   a line of its own, bounded (beyond it `refused_queue`), and answer the front of each line in turn.
-  Who goes by many names has as many turns, and who sends more than a receiver can read drowns out
-  others that have the same role.
+  Who asks more often than allowed is told to come later (`refused_rate`; `most_per_s` of replay,
+  20 a second at the learner). Who goes by many names has as many turns, and who sends more than a
+  receiver can read drowns out others that have the same role.
 - The router reads everything, and whoever has the authority's key can be anybody.
 """
 

@@ -41,7 +41,12 @@ class Cell:
         self.witness.say({"op": "subscribe", "topic": "/robot/joint_states"})
         robot = InteraSawyer(self.link, self.clock, SETTINGS)
         config = BridgeConfig(
-            name="bridge", robot="sawyer", ros="memory:1", control_hz=20.0, recordings=str(folder)
+            name="bridge",
+            robot="sawyer",
+            ros="memory:1",
+            certs="none are asked for in memory",
+            control_hz=20.0,
+            recordings=str(folder),
         )
         hub = MemoryHub()
         transport = MemoryTransport(hub, name="bridge", clock=self.clock)

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import pytest
 
 from gfm.core import BadInputError, ConfigError
-from gfm.launch import Supervisor, SystemSpec, free_endpoint, replay_process, router_process
+from gfm.launch import Supervisor, free_endpoint, own_system, replay_process, router_process
 from gfm.launch.commands import (
     add_router_parser,
     add_status_parser,
@@ -37,34 +37,33 @@ def run_command(*argv: str) -> int:
 
 
 @pytest.fixture(scope="module")
-def endpoint(tmp_path_factory) -> Iterator[str]:
-    """Yields where a running replay service can be asked."""
-    system = SystemSpec(
-        run="shop", endpoint=free_endpoint(), processes=(router_process(), replay_process())
-    )
-    with Supervisor(system, tmp_path_factory.mktemp("logs")) as supervisor:
+def place(tmp_path_factory) -> Iterator[tuple[str, ...]]:
+    """Yields by which flags a running replay service is reached, but for its run, "shop"."""
+    folder = tmp_path_factory.mktemp("shop")
+    system = own_system("shop", folder, (router_process(), replay_process()))
+    with Supervisor(system, folder) as supervisor:
         supervisor.start()
-        yield system.endpoint
+        yield ("--connect", system.endpoint, "--certs", system.certs)
 
 
-def test_status_prints_the_sums_and_every_process_as_json(endpoint, capsys):
-    assert run_command("status", "--json", "--connect", endpoint, "--run", "shop") == 0
+def test_status_prints_the_sums_and_every_process_as_json(place, capsys):
+    assert run_command("status", "--json", *place, "--run", "shop") == 0
     printed = json.loads(capsys.readouterr().out)
     assert [process["role"] for process in printed["processes"]] == ["replay", "router"]
     assert printed["replay_sequences"] == printed["actors"] == printed["rejected_messages"] == 0
     assert printed["services"][0]["note"] == "waiting for the first sequence"
 
 
-def test_status_prints_a_table_for_people(endpoint, capsys):
-    assert run_command("status", "--connect", endpoint, "--run", "shop") == 0
+def test_status_prints_a_table_for_people(place, capsys):
+    assert run_command("status", *place, "--run", "shop") == 0
     printed = capsys.readouterr().out
     assert "replay" in printed
     assert "actors 0" in printed
 
 
-def test_status_of_a_run_that_nobody_is_in_is_bad_input(endpoint):
-    with pytest.raises(BadInputError, match="no service of run 'other' at tcp/"):
-        run_command("status", "--connect", endpoint, "--run", "other")
+def test_status_of_a_run_that_nobody_is_in_is_bad_input(place):
+    with pytest.raises(BadInputError, match="no service of run 'other' at tls/"):
+        run_command("status", *place, "--run", "other")
 
 
 def test_status_where_no_router_is_is_bad_input(monkeypatch):
@@ -128,7 +127,7 @@ def test_a_port_in_use_is_one_line_and_status_two():
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         address = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-        ended = replay("--listen", address, "--log-level", "error")
+        ended = replay("--listen", address, "--insecure", "--log-level", "error")
     assert ended.returncode == 2
     assert ended.stderr == f"error: cannot listen on {address}: address already in use\n"
 
@@ -158,8 +157,8 @@ def test_a_signal_stops_a_service_cleanly(number):
     assert rest.rstrip().endswith("stopped")
 
 
-def test_an_actor_that_waits_for_a_learner_stops_at_once(endpoint):
-    argv = ("gfm_actor", "--connect", endpoint, "--run", "shop", "--wait-s", "300")
+def test_an_actor_that_waits_for_a_learner_stops_at_once(place):
+    argv = ("gfm_actor", *place, "--run", "shop", "--wait-s", "300")
     process = started(*argv, until="connected")
     process.send_signal(signal.SIGTERM)
     _, rest = process.communicate(timeout=30)
@@ -169,7 +168,7 @@ def test_an_actor_that_waits_for_a_learner_stops_at_once(endpoint):
 
 
 def started_replay() -> subprocess.Popen[str]:
-    return started("gfm_replay", "--listen", free_endpoint(), until="running")
+    return started("gfm_replay", "--listen", free_endpoint(), "--insecure", until="running")
 
 
 def started(*argv: str, until: str) -> subprocess.Popen[str]:
@@ -212,7 +211,7 @@ def test_a_bare_router_answers_for_itself(capsys):
         "parser = argparse.ArgumentParser(); add_router_parser(parser.add_subparsers())\n"
         "arguments = parser.parse_args(); sys.exit(arguments.run(arguments))\n"
     )
-    command = [sys.executable, "-c", script, "router", "--listen", address]
+    command = [sys.executable, "-c", script, "router", "--listen", address, "--insecure"]
     with subprocess.Popen(command) as process:
         while True:
             try:
@@ -243,7 +242,7 @@ class Slow(Service):
     def close(self):
         pass
 
-serve(ServiceConfig(listen=sys.argv[1], name="slow"), lambda *_: Slow())
+serve(ServiceConfig(listen=sys.argv[1], insecure=True, name="slow"), lambda *_: Slow())
 """
 
 

@@ -27,10 +27,9 @@ from gfm.launch import (
     Keeper,
     SupervisionConfig,
     Supervisor,
-    SystemSpec,
     actor_processes,
-    free_endpoint,
     learner_process,
+    own_system,
     replay_process,
     robot_processes,
     router_process,
@@ -39,7 +38,7 @@ from gfm.launch import (
 )
 from gfm.launch.process import ChildProcess
 from gfm.sim.sawyer import JOINT_NAMES
-from gfm_wire import Message, StatusRequest
+from gfm_wire import Message, Role, StatusRequest
 
 LONGEST_S = 90.0
 BEGINS = re.compile("expected 0 to begin a session|a command with number 0 begins again")
@@ -79,15 +78,16 @@ class Kept:
 
     def keeper_says(self, name: str) -> Status:
         """Returns what the keeper answers to whoever asks for a process."""
-        status = self.asked(f"supervisor/{name}", StatusRequest())
+        status = self.asked(Role.WATCHER, f"supervisor/{name}", StatusRequest())
         assert isinstance(status, Status)
         return status
 
-    def asked(self, key: str, message: Message) -> Message:
-        """Returns the answer to a question, keeping the system meanwhile."""
-        pending = self.supervisor.transport.request(key, message, timeout_s=10.0)
-        while (answer := pending.poll()) is None:
-            self.step()
+    def asked(self, role: Role, key: str, message: Message) -> Message:
+        """Returns the answer to a question of a role, keeping the system meanwhile."""
+        with self.supervisor.spec.address.open(role, name="test") as transport:
+            pending = transport.request(key, message, timeout_s=10.0)
+            while (answer := pending.poll()) is None:
+                self.step()
         return answer
 
     def goes_on(self) -> None:
@@ -106,18 +106,14 @@ def folder(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def kept(folder) -> Iterator[Kept]:
     env = ("--env", "point_mass")
-    system = SystemSpec(
-        run="survival",
-        endpoint=free_endpoint(),
-        processes=(
-            router_process(),
-            replay_process(("--min-size", "32", "--folder", str(folder / "replay"))),
-            learner_process(
-                (*env, "--checkpoint-dir", str(folder / "learner"), "--checkpoint-period-s", "1")
-            ),
-            *actor_processes(2, 0, (*env, "--max-steps-per-s", "300")),
-        ),
+    learner = ("--checkpoint-dir", str(folder / "learner"), "--checkpoint-period-s", "1")
+    processes = (
+        router_process(),
+        replay_process(("--min-size", "32", "--folder", str(folder / "replay"))),
+        learner_process((*env, *learner)),
+        *actor_processes(2, 0, (*env, "--max-steps-per-s", "300")),
     )
+    system = own_system("survival", folder, processes)
     config = SupervisionConfig(deadline_s={"replay": 4.0}, stop_s=1.0, most_deaths=100)
     with Supervisor(system, folder / "logs") as supervisor:
         supervisor.start()
@@ -182,7 +178,7 @@ def rest(number: int) -> Command:
 def refusal(kept: Kept, command: Command) -> str:
     """Returns why a command was not taken; empty where it was."""
     try:
-        assert isinstance(kept.asked("robot/command", command), Observation)
+        assert isinstance(kept.asked(Role.DRIVER, "robot/command", command), Observation)
     except (RefusedError, UnreachableError) as error:
         return str(error)
     return ""
@@ -191,7 +187,7 @@ def refusal(kept: Kept, command: Command) -> str:
 @pytest.mark.slow
 def test_a_bridge_that_is_started_again_moves_nothing_until_its_driver_begins_again(tmp_path):
     robot = robot_processes(("--recordings", str(tmp_path / "recordings")))
-    system = SystemSpec(run="robot", endpoint=free_endpoint(), processes=(router_process(), *robot))
+    system = own_system("robot", tmp_path, (router_process(), *robot))
     with Supervisor(system, tmp_path / "logs") as supervisor:
         supervisor.start()
         kept = Kept(supervisor, SupervisionConfig())
@@ -210,7 +206,7 @@ def test_a_bridge_that_is_started_again_moves_nothing_until_its_driver_begins_ag
 
 def test_one_who_dies_too_often_and_is_the_last_of_a_role_ends_the_system(tmp_path):
     processes = (router_process(), replay_process())
-    system = SystemSpec(run="lost", endpoint=free_endpoint(), processes=processes)
+    system = own_system("lost", tmp_path, processes)
     with Supervisor(system, tmp_path) as supervisor:
         supervisor.start()
         kept = Kept(supervisor, SupervisionConfig(most_deaths=2, first_pause_s=0.01))

@@ -9,17 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
-from certificates import certificates
 from gfm.core import Command, CommandKind, MonotonicClock
 from gfm.launch import (
     LOCKSTEP,
     Supervisor,
-    SystemSpec,
     actor_processes,
-    free_endpoint,
     learner_process,
+    own_system,
     replay_process,
     robot_processes,
     router_process,
@@ -80,18 +77,13 @@ def is_running(pid: int) -> bool:
     return True
 
 
-@pytest.mark.parametrize("secure", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_the_whole_system_drives_records_and_fits_on_this_machine(tmp_path, secure):
-    system = SystemSpec(
-        run="system",
-        endpoint=free_endpoint(secure=secure),
-        certs=str(certificates(tmp_path / "certs")) if secure else "",
-        processes=(
-            router_process(),
-            replay_process(("--min-size", "32")),
-            *robot_processes(("--recordings", str(tmp_path / "recordings"), *LOCKSTEP), LOCKSTEP),
-        ),
+def test_the_whole_system_drives_records_and_fits_on_this_machine(tmp_path):
+    processes = (
+        router_process(),
+        replay_process(("--min-size", "32")),
+        *robot_processes(("--recordings", str(tmp_path / "recordings"), *LOCKSTEP), LOCKSTEP),
     )
+    system = own_system("system", tmp_path, processes)
     with Supervisor(system, tmp_path / "logs") as supervisor:
         supervisor.start()
         with system.address.open(Role.DRIVER, name="test") as driver:

@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("cv2")
 
 from gfm.core import Command, CommandKind, MonotonicClock, Observation, RefusedError
-from gfm.launch import Supervisor, SystemSpec, free_endpoint, router_process
+from gfm.launch import Supervisor, own_system, router_process
 from gfm.launch.spec import ProcessSpec
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import Transport, ask
@@ -55,13 +55,13 @@ def test_a_killed_tracker_leaves_no_pose_and_stops_who_needs_one(tmp_path: Path)
     bridge = ProcessSpec(
         role="robot_bridge", name="bridge", module="gfm_robot_bridge", arguments=words
     )
-    system = SystemSpec(
-        run="tracked", endpoint=free_endpoint(), processes=(router_process(), bridge)
-    )
+    system = own_system("tracked", tmp_path, (router_process(), bridge))
     with Supervisor(system, tmp_path / "logs") as supervisor:
         supervisor.start()
         script = Path(__file__).parents[1] / "projected_tracker.py"
-        tracker = subprocess.Popen([sys.executable, str(script), system.endpoint, system.run])
+        tracker = subprocess.Popen(
+            [sys.executable, str(script), system.endpoint, system.run, system.certs]
+        )
         with system.address.open(Role.DRIVER, name="test") as driver:
             observations = driver.subscribe("robot/observation")
             seen: list[Observation] = []

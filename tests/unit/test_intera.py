@@ -518,6 +518,10 @@ def test_it_is_told_how_the_clocks_differ(script) -> None:
             {"robot": "sawyer", "ros": "sawyer:9090", "clock": "lockstep"},
             "clock is lockstep and robot sawyer, expected wall",
         ),
+        (
+            {"robot": "sawyer", "ros": "sawyer:9090", "insecure": True},
+            "robot is sawyer and there are no certificates, expected --certs",
+        ),
         ({"ros_latency_s": 1.0}, r"ros_latency_s is 1\.0, expected 0\.0 to 0\.1"),
     ],
 )

@@ -21,7 +21,7 @@ from gfm.launch.spec import START_ORDER, STOP_ORDER, in_order, settings_of
 
 
 def make_system(*processes: ProcessSpec) -> SystemSpec:
-    return SystemSpec(run="r", endpoint="tcp/127.0.0.1:1", processes=processes)
+    return SystemSpec(run="r", endpoint="tls/127.0.0.1:1", processes=processes, certs="certs")
 
 
 WHOLE = make_system(
@@ -42,10 +42,9 @@ def test_whoever_is_asked_starts_first_and_the_hub_stops_last():
 
 def test_the_hub_listens_and_everybody_else_connects_to_it():
     arguments = {process.name: WHOLE.arguments(process) for process in WHOLE.processes}
-    joining = ("--run", "r", "--connect", "tcp/127.0.0.1:1", "--name", "actor-1")
-    assert arguments["router"] == (
-        "--run", "r", "--listen", "tcp/127.0.0.1:1", "--name", "router"
-    )  # fmt: skip
+    at = ("tls/127.0.0.1:1", "--certs", "certs")
+    joining = ("--run", "r", "--connect", *at, "--name", "actor-1")
+    assert arguments["router"] == ("--run", "r", "--listen", *at, "--name", "router")
     assert arguments["actor-1"] == (*joining, "--env", "gfm_fit", "--seed", "6")
 
 

@@ -153,6 +153,11 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
         if self.clock == RobotClock.LOCKSTEP:
             raise ConfigError("clock is lockstep and robot sawyer, expected wall: its time passes")
         address(self.ros)
+        if not self.certs:
+            raise ConfigError(
+                "robot is sawyer and there are no certificates, expected --certs: without, whoever "
+                "reaches the router commands the arm"
+            )
 
     def bounds(self, limits: Limits, patience_s: float) -> Bounds:
         """Returns within which setpoints of a robot stay; it stops by itself after its patience."""

@@ -37,7 +37,7 @@ from gfm.sim.sawyer import JOINT_NAMES
 
 _WAIT_S = 30.0
 #: In a folder in which no attempt came to its end.
-_LEFT = ("logs", "recordings", "sealed.json")
+_LEFT = ("certs", "logs", "recordings", "sealed.json")
 _SIMULATED = {"sim": "on a simulated robot", "drake": "on a simulated robot in Drake"}
 
 

@@ -25,7 +25,8 @@ class DriveRequest:
         real_time: Whether its time passes by itself.
         connect: Router of a run whose robot to drive; empty to start a simulated one.
         run_name: Name of that run.
-        certs: Folder of certificates by which it speaks; empty for none.
+        certs: Folder of certificates by which it speaks; empty for those of `gfm up`, where there
+            are any.
         goals: The first so many are tried.
         trials: Attempts per goal.
         payload: What the robot is told that it carries, while it is driven; None for nothing.

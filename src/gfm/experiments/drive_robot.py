@@ -12,11 +12,12 @@ from gfm.launch import (
     RunAddress,
     Supervisor,
     SystemSpec,
-    free_endpoint,
+    own_system,
     robot_processes,
     router_process,
     watching,
 )
+from gfm.launch.own_certs import certs_to_join
 from gfm.transport import Transport
 from gfm_wire import Role
 
@@ -34,13 +35,15 @@ def robot_of(
         UnreachableError: no run answers.
     """
     if request.connect:
-        address = RunAddress(run=request.run_name, endpoint=request.connect, certs=request.certs)
+        certs = certs_to_join(request.connect, request.certs)
+        address = RunAddress(run=request.run_name, endpoint=request.connect, certs=certs)
         with address.open(Role.DRIVER, name="drive") as transport:
             yield transport, None
         return
     with Supervisor(_system(request), request.out / "logs", clock=clock) as supervisor:
         supervisor.start()
-        yield supervisor.transport, watching(supervisor, clock)
+        with supervisor.spec.address.open(Role.DRIVER, name="drive") as transport:
+            yield transport, watching(supervisor, clock)
 
 
 def _system(request: DriveRequest) -> SystemSpec:
@@ -58,8 +61,5 @@ def _system(request: DriveRequest) -> SystemSpec:
         *("--control-hz", f"{1.0 / CONTROL_PERIOD_S:g}"),
         *both,
     )
-    return SystemSpec(
-        run="drive",  # a router of its own: nobody else is there
-        endpoint=free_endpoint(),
-        processes=(router_process(), *robot_processes(bridge, robot, request.robot)),
-    )
+    processes = (router_process(), *robot_processes(bridge, robot, request.robot))
+    return own_system("drive", folder, processes)

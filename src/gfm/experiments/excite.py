@@ -15,6 +15,7 @@ from gfm.core import CommandKind, ConfigError
 from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators
 from gfm.launch.address import RunAddress
 from gfm.launch.flags import add_certs
+from gfm.launch.own_certs import certs_to_join
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -205,7 +206,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _address(arguments: argparse.Namespace) -> RunAddress | None:
     if not arguments.connect:
         return None
-    return RunAddress(run=arguments.run_name, endpoint=arguments.connect, certs=arguments.certs)
+    certs = certs_to_join(arguments.connect, arguments.certs)
+    return RunAddress(run=arguments.run_name, endpoint=arguments.connect, certs=certs)
 
 
 def joint_values(flag: str, words: Sequence[str]) -> dict[str, float]:

@@ -38,8 +38,8 @@ from gfm.rl.regression import RegressionSettings
 from gfm.service.assets import load_assets
 from gfm.service.force_files import write_forces
 from gfm.sim.rollout import rollout_errors
-from gfm.transport import ask
-from gfm_wire import WeightsRequest
+from gfm.transport import Transport, ask
+from gfm_wire import Role, WeightsRequest
 
 #: Policies; and the best one with all that is needed to use it elsewhere.
 WARM_START, BEST, FORCES = "warm_start.npz", "gfm.npz", "forces.npz"
@@ -307,18 +307,20 @@ class ForceFit:
         """
         keeper = Keeper(supervisor, SupervisionConfig(), self._clock)
         end_s, due_s = self.time_s + seconds, self.time_s + SNAPSHOT_S
-        while self.time_s < end_s:
-            keeper.step()
-            say(self._wait(), 1.0 - (end_s - self.time_s) / seconds)
-            if self.time_s >= due_s:
-                self._look(supervisor)
-                due_s = self.time_s + SNAPSHOT_S
-        self._look(supervisor)
+        # It takes the learner's weights, as actors do and a supervisor may not.
+        with supervisor.spec.address.open(Role.ACTOR, name="fit") as transport:
+            while self.time_s < end_s:
+                keeper.step()
+                say(self._wait(), 1.0 - (end_s - self.time_s) / seconds)
+                if self.time_s >= due_s:
+                    self._look(transport)
+                    due_s = self.time_s + SNAPSHOT_S
+            self._look(transport)
 
-    def _look(self, supervisor: Supervisor) -> None:
+    def _look(self, transport: Transport) -> None:
         """Measures the policy, where the learner is there to be asked."""
         try:
-            self.snapshot(supervisor)
+            self.snapshot(transport)
         except UnreachableError as error:
             _log.warning("the policy was not looked at: %s", error)
 
@@ -333,10 +335,10 @@ class ForceFit:
         newest = rows[-1]
         return f"step {newest['learner_step']:.0f}, reward {newest['reward_mean']:.3f}, {errors}"
 
-    def snapshot(self, supervisor: Supervisor) -> Snapshot:
+    def snapshot(self, transport: Transport) -> Snapshot:
         """Asks the learner for its policy and measures it on the training recordings."""
         answer = ask(
-            supervisor.transport,
+            transport,
             "weights/current",
             WeightsRequest(spec_digest=self._snapshots[0].weights.spec_digest),
             timeout_s=_ASK_S,

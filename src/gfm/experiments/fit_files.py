@@ -31,7 +31,7 @@ from gfm.experiments.fit import (
 )
 from gfm.experiments.joint_control import JointControlTest, ModelErrors, make_test
 from gfm.experiments.progress import Phase, RunProgress
-from gfm.launch import Supervisor, SystemSpec, free_endpoint, replay_process, router_process
+from gfm.launch import Supervisor, own_system, replay_process, router_process
 from gfm.report import ModelKind
 from gfm.report.files import write_texts
 from gfm.sim.hybrid import HybridModel
@@ -189,7 +189,7 @@ def _fit(
         fit = ForceFit(inputs, clock)
     if request.learning_s > 0.0:
         processes = (router_process(), replay_process())
-        system = SystemSpec(run="fit", endpoint=free_endpoint(), processes=processes)
+        system = own_system("fit", request.out, processes)
         with (
             progress.phase(_LEARN),
             Supervisor(system, request.out / "logs", clock=clock) as supervisor,

@@ -47,8 +47,7 @@ from gfm.experiments.transfer import TransferRequest, transfer
 from gfm.launch import (
     LOCKSTEP,
     Supervisor,
-    SystemSpec,
-    free_endpoint,
+    own_system,
     replay_process,
     robot_processes,
     router_process,
@@ -60,6 +59,7 @@ from gfm.report.files import model_texts, write_texts
 from gfm.report.transfer import Transfer
 from gfm.sim.plant import check_joints
 from gfm.sim.sawyer import JOINT_NAMES, sawyer_spec
+from gfm_wire import Role
 
 KINDS = (CommandKind.POSITION, CommandKind.VELOCITY)
 START, DRIVE, MEASURE, IDENTIFY, DIAGNOSE, LEARN, LEARN_REST, TASK, EVALUATE = (
@@ -182,15 +182,8 @@ class _Run:
             *LOCKSTEP,
         )
         bridge = ("--recordings", str(folder / "recordings"), *LOCKSTEP)
-        system = SystemSpec(
-            run="loop",  # a router of its own: nobody else is there
-            endpoint=free_endpoint(),
-            processes=(
-                router_process(),
-                replay_process(),
-                *robot_processes(bridge, robot),
-            ),
-        )
+        processes = (router_process(), replay_process(), *robot_processes(bridge, robot))
+        system = own_system("loop", folder, processes)
         return Supervisor(system, folder / "logs", clock=self._clock)
 
     def _start(self, supervisor: Supervisor) -> None:
@@ -213,9 +206,12 @@ class _Run:
 
         driven: list[Driven] = []
         idle = watching(supervisor, self._clock)
-        with self._progress.phase(DRIVE):
+        with (
+            self._progress.phase(DRIVE),
+            supervisor.spec.address.open(Role.DRIVER, name="run") as driver,
+        ):
             self._progress.say(chosen[0].name, share=0.0)
-            for one in drive(supervisor.transport, self._clock, chosen, idle=idle):
+            for one in drive(driver, self._clock, chosen, idle=idle):
                 driven.append(one)
                 ahead = chosen[len(driven) : len(driven) + 1]
                 now = ahead[0].name if ahead else "reading the recordings"

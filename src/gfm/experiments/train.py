@@ -19,8 +19,8 @@ from gfm.launch import (
     Supervisor,
     SystemSpec,
     actor_processes,
-    free_endpoint,
     learner_process,
+    own_system,
     replay_process,
     router_process,
     sequence_length_of,
@@ -154,16 +154,13 @@ def training_system(config: TrainConfig, folder: RunFolder, life: int) -> System
         *(("--init", str(folder.begun_from)) if folder.begun_from.is_file() else ()),
     )
     seed = config.seed + _LIFE_SEEDS * life
-    return SystemSpec(
-        run="train",  # a router of its own: nobody else is there
-        endpoint=free_endpoint(),
-        processes=(
-            router_process(),
-            replay_process(
-                (*told("replay"), "--seed", str(seed), "--folder", str(folder.replay)),
-                sequence_length_of(folder.config, "actor"),
-            ),
-            learner_process(learner),
-            *actor_processes(config.actors, seed, (*told("actor"), "--env", config.env)),
+    processes = (
+        router_process(),
+        replay_process(
+            (*told("replay"), "--seed", str(seed), "--folder", str(folder.replay)),
+            sequence_length_of(folder.config, "actor"),
         ),
+        learner_process(learner),
+        *actor_processes(config.actors, seed, (*told("actor"), "--env", config.env)),
     )
+    return own_system("train", folder.path, processes)

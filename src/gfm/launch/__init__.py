@@ -2,6 +2,7 @@
 
 from gfm.launch.address import RunAddress
 from gfm.launch.keeper import Keeper
+from gfm.launch.own_certs import own_system
 from gfm.launch.spec import (
     LOCKSTEP,
     ProcessSpec,
@@ -29,6 +30,7 @@ __all__ = [
     "actor_processes",
     "free_endpoint",
     "learner_process",
+    "own_system",
     "replay_process",
     "robot_processes",
     "router_process",

@@ -74,5 +74,5 @@ class RunAddress:
         except UnreachableError as exc:
             raise BadInputError(
                 f"no system at {self.router}: start one with `gfm up`, or name another with "
-                "--connect"
+                "--connect, and its certificates with --certs"
             ) from exc

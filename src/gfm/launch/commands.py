@@ -25,8 +25,9 @@ from gfm.core import (
     Status,
 )
 from gfm.launch.address import RunAddress
-from gfm.launch.flags import add_endpoint, address_of
+from gfm.launch.flags import add_endpoint, address_of, router_address_of
 from gfm.launch.keeper import Keeper
+from gfm.launch.own_certs import OWN_CERTS, own_certificates
 from gfm.launch.router import RouterConfig
 from gfm.launch.router import build as build_router
 from gfm.launch.spec import (
@@ -121,9 +122,11 @@ def run_up(arguments: argparse.Namespace) -> int:
     config = _supervision(arguments.config_dir)
     _log.info("supervision: %s", msgspec.json.encode(config).decode())
     _check_models(vars(arguments).get("environment.models", {}))
+    _make_own(system.address)
     with Supervisor(system, directory / "logs", clock=clock) as supervisor:
         supervisor.start(stopped)
         _log.info("running; logs in %s", directory / "logs")
+        _log.info("%s", _about_certificates(system.certs))
         _log.info("ask it: gfm status %s", shlex.join(system.address.flags))
         if not stopped():
             _keep(supervisor, Keeper(supervisor, config, clock), clock, stopped)
@@ -186,7 +189,7 @@ def _system(arguments: argparse.Namespace, directory: Path) -> SystemSpec:
         recordings = ("--recordings", str(directory / "recordings"))
         bridge = (*settings_of(settings, "robot_bridge"), *recordings)
         processes += robot_processes(bridge, settings_of(settings, "robot"), arguments.robot)
-    address = address_of(arguments)
+    address = router_address_of(arguments)
     return SystemSpec(
         run=address.run,
         endpoint=address.router,
@@ -197,9 +200,22 @@ def _system(arguments: argparse.Namespace, directory: Path) -> SystemSpec:
 
 
 def _check_credentials(system: SystemSpec) -> None:
-    """Refuses certificates that a process of the system could not use."""
+    """Refuses certificates that somebody named and that a process of the system could not use."""
+    if system.certs == str(OWN_CERTS):
+        return  # they are made, and looked at, where all else is well
     for role in (*(process.role for process in system.processes), Role.SUPERVISOR):
         system.address.credentials(Role(role))
+
+
+def _about_certificates(certs: str) -> str:
+    if not certs:
+        return "no certificates: whoever reaches the router may read, publish and command"
+    return f"certificates in {certs}, for who joins; --insecure goes without"
+
+
+def _make_own(address: RunAddress) -> None:
+    if address.certs == str(OWN_CERTS):
+        own_certificates(OWN_CERTS)
 
 
 def environment_arguments(arguments: argparse.Namespace) -> tuple[str, ...]:
@@ -277,7 +293,7 @@ def add_router_parser(subparsers: Subparsers) -> None:
 
 def run_router(arguments: argparse.Namespace) -> int:
     """Routes until told to stop."""
-    address = address_of(arguments)
+    address = router_address_of(arguments)
     config = RouterConfig(
         run=address.run,
         listen=address.router,
@@ -286,5 +302,6 @@ def run_router(arguments: argparse.Namespace) -> int:
         name=unique_name("router"),
         heartbeat_file=arguments.heartbeat_file,
     )
+    _make_own(address)
     serve(config, build_router)
     return 0

@@ -5,7 +5,13 @@ from __future__ import annotations
 import argparse
 
 from gfm.launch.address import RunAddress
-from gfm.service.command import CERTS_HELP, ENDPOINT_DEFAULTS, INSECURE_HELP
+from gfm.launch.own_certs import OWN_CERTS, certs_to_join
+from gfm.service.command import ENDPOINT_DEFAULTS, INSECURE_HELP
+
+_CERTS_HELP = (
+    f"certificates by which all prove who they are (default: {OWN_CERTS}, which `gfm up` and "
+    "`gfm router` make)"
+)
 
 
 def add_endpoint(parser: argparse._ActionsContainer, flag: str, meaning: str) -> None:
@@ -38,9 +44,16 @@ def add_endpoint(parser: argparse._ActionsContainer, flag: str, meaning: str) ->
 
 def add_certs(parser: argparse._ActionsContainer) -> None:
     """Adds `--certs`."""
-    parser.add_argument("--certs", default="", metavar="DIR", help=CERTS_HELP)
+    parser.add_argument("--certs", default="", metavar="DIR", help=_CERTS_HELP)
 
 
 def address_of(arguments: argparse.Namespace) -> RunAddress:
-    """Returns the run that the flags of `add_endpoint` name."""
-    return RunAddress(run=arguments.run_name, endpoint=arguments.endpoint, certs=arguments.certs)
+    """Returns the run to join that the flags of `add_endpoint` name."""
+    certs = certs_to_join(arguments.endpoint, arguments.certs)
+    return RunAddress(run=arguments.run_name, endpoint=arguments.endpoint, certs=certs)
+
+
+def router_address_of(arguments: argparse.Namespace) -> RunAddress:
+    """Returns the run whose router these flags start; its certificates may not be there yet."""
+    certs = arguments.certs or ("" if arguments.insecure else str(OWN_CERTS))
+    return RunAddress(run=arguments.run_name, endpoint=arguments.endpoint, certs=certs)

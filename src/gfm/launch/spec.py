@@ -69,8 +69,8 @@ class SystemSpec:
         endpoint: Where the hub listens and everybody else connects.
         processes: Exactly one of them is the hub.
         certs: Folder of certificates by which all of them speak; empty for none.
-        insecure: Whether anybody may come in, where the hub listens beyond this machine and there
-            are no certificates.
+        insecure: Whether anybody who reaches the hub may come in: without certificates that must
+            be meant.
     """
 
     run: str

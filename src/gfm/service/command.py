@@ -40,7 +40,7 @@ ENDPOINT_DEFAULTS = (
 )
 CERTS_HELP = "certificates of `gfm certs`, by which all prove who they are (default: none)"
 INSECURE_HELP = (
-    "listen beyond this machine without certificates: anybody there may read, publish, command"
+    "speak without certificates: whoever reaches the router may read, publish and command"
 )
 
 Config = TypeVar("Config", bound=ServiceConfig)

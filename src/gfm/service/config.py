@@ -32,8 +32,8 @@ class ServiceConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         connect: The router's endpoint; empty means this machine's, or none where `listen` is set.
         listen: Endpoint on which this process is itself the router; empty means it is a client.
         certs: Folder of certificates, as `gfm certs` makes it, by which all speak; empty for none.
-        insecure: Whether anybody may come in, where `listen` is beyond this machine and there are
-            no certificates.
+        insecure: Whether anybody who reaches it may come in, where `listen` is set and there are no
+            certificates.
         wait_s: How long to wait for the router at the start.
         name: Unique within the run; empty means made from host and process id.
         heartbeat_file: File that the service's loop touches twice a second; empty for none.

@@ -31,8 +31,8 @@ def check_endpoints(
         listen: Where to listen.
         connect: Where to connect.
         secure: Whether there are certificates: then all must be by TLS.
-        insecure: Whether anybody who reaches this machine may come in: without certificates,
-            listening elsewhere than on loopback must be meant.
+        insecure: Whether anybody who reaches them may come in: without certificates that must be
+            meant, on loopback, too, where other users of the machine are.
 
     Raises:
         ConfigError: there is none, one is not as it has to be, or settings contradict each other.
@@ -49,11 +49,11 @@ def check_endpoints(
             f"({', '.join(connect)}): expected one of these, a router connects to nobody"
         )
     for endpoint in listen:
-        if not (secure or insecure or is_loopback(host_and_port(endpoint)[0])):
+        if not (secure or insecure):
             raise ConfigError(
-                f"endpoint {endpoint!r} without certificates lets anybody on the network read, "
-                "publish and command: expected tls/HOST:PORT with --certs, an address of this "
-                "machine alone (127.0.0.1), or --insecure where that is meant"
+                f"endpoint {endpoint!r} without certificates lets anybody who reaches it read, "
+                "publish and command: expected tls/HOST:PORT with --certs, or --insecure where "
+                "that is meant"
             )
 
 

@@ -90,7 +90,7 @@ class ZenohTransport(Transport):
             timeout_s: How long to wait for the router.
             credentials: With them every link is by TLS, both sides verify each other, and a router
                 lets nobody say or hear but what `gfm_wire.CHANNELS` allows. None: anybody may.
-            insecure: Whether a router without credentials may listen beyond loopback.
+            insecure: Whether a router may listen without credentials.
 
         Raises:
             ConfigError: an endpoint or the run's name is malformed, there is no endpoint, or one
