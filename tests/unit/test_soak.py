@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 
+import numpy as np
 import pytest
 import soak
 
@@ -17,6 +18,7 @@ def rows(memory, files=lambda _: 20.0, missing=(), minutes=60):
             "at_s": 10.0 * i,
             "missing": list(missing) if i == 7 else [],
             "memory_mib": {"replay": memory(i / (6 * minutes))},
+            "heap_mib": {"replay": 0.5 * memory(i / (6 * minutes))},
             "open_files": {"replay": files(i / (6 * minutes))},
             "cpu_s": 15.0 * i,
             "env_steps": 8000 * i,
@@ -35,22 +37,44 @@ def verdict(found):
 def test_what_fills_at_first_and_breathes_after_that_is_flat():
     course = verdict(rows(lambda t: min(50.0 + 300.0 * t, 90.0) + (t * 1e4) % 1.0))
     assert course.is_flat
-    assert abs(course.slope_mib_h) < 1.0
+    assert abs(course.slope_mib_h) < 0.1
 
 
-@pytest.mark.parametrize("growth_mib_h", [3.6, 20.0])
+@pytest.mark.parametrize("growth_mib_h", [2.5, 20.0])
 def test_what_goes_on_growing_is_not(growth_mib_h):
     course = verdict(rows(lambda t: 60.0 + growth_mib_h * t))
     assert not course.is_flat
-    assert course.slope_mib_h == pytest.approx(growth_mib_h)
-    # The middles of the two tenths are six tenths of the whole time apart.
+    assert course.slope_mib_h == pytest.approx(growth_mib_h, rel=0.02)
+    assert course.heap_mib_h == pytest.approx(0.5 * growth_mib_h, rel=0.02)
+    # The beginnings of the first and the last eighth are seven twelfths of the time apart.
     first, last = course.memory_mib
-    assert last - first == pytest.approx(0.6 * growth_mib_h, rel=0.03)
+    assert last - first == pytest.approx(7 / 12 * growth_mib_h, rel=0.03)
 
 
-def test_of_a_large_process_a_fiftieth_is_no_growth():
-    assert verdict(rows(lambda t: 400.0 + 10.0 * t)).is_flat
-    assert not verdict(rows(lambda t: 400.0 + 15.0 * t)).is_flat
+def test_what_fills_and_empties_again_is_no_growth():
+    course = verdict(rows(lambda t: 60.0 + 30.0 * (t * 361 % 7 > 3)))
+    assert course.memory_mib == (60.0, 60.0)
+    assert course.is_flat
+
+
+def test_what_cannot_be_told_from_growth_is_not_flat():
+    steps = [0.0, 0.0, 3.0, 3.0, 0.0, 0.0, 3.0, 3.0, 3.0, 0.0, 3.0, 3.0, 0.0]
+    course = verdict(rows(lambda t: 60.0 + steps[int(12 * t)]))
+    assert not course.is_flat
+    assert course.slope_mib_h < 2.0 < course.slope_mib_h + 2.0 * course.error_mib_h
+
+
+def test_of_a_large_process_a_fiftieth_an_hour_is_no_growth():
+    assert verdict(rows(lambda t: 400.0 + 7.0 * t)).is_flat
+    assert not verdict(rows(lambda t: 400.0 + 9.0 * t)).is_flat
+
+
+def test_a_line_has_the_textbook_s_slope_and_error():
+    x, y = [0.0, 1.0, 2.0, 3.0], [1.0, 3.0, 2.0, 4.0]
+    slope, error = soak.line(x, y)
+    assert slope == pytest.approx(0.8)
+    assert error == pytest.approx(np.sqrt(1.8 / 2 / 5))
+    assert soak.line([0.0, 1.0], [0.0, 5.0]) == (0.0, np.inf)
 
 
 def test_handles_that_leak_are_found():
@@ -60,7 +84,7 @@ def test_handles_that_leak_are_found():
 
 def test_the_table_tells_how_much_was_done_and_used():
     said = "\n".join(soak.table(rows(lambda _: 50.0, missing=["replay: down"])))
-    assert "| replay | 50.0 | 50.0 | +0.00 | 20 and 20 |" in said
+    assert "| replay | 50.0 | 50.0 | +0.00 ± 0.00 | +0.00 | 20 and 20 |" in said
     assert "60 minutes, looked at after 20; 800 env_steps/s, 80 replay_sequences/s" in said
     assert "1.50 of " in said
     assert said.endswith(
@@ -70,7 +94,8 @@ def test_the_table_tells_how_much_was_done_and_used():
 
 def test_looks_at_which_nobody_answered_are_told_and_count_for_nothing():
     found = rows(lambda _: 50.0)
-    silent = {**found[200], "memory_mib": {}, "open_files": {}, "env_steps": 0}
+    gauges = {gauge: {} for gauge in ("memory_mib", "heap_mib", "open_files")}
+    silent = {**found[200], **gauges, "env_steps": 0}
     found[200] = silent
     found[-1] = {**silent, "at_s": found[-1]["at_s"]}
     assert verdict(found).memory_mib == (50.0, 50.0)
