@@ -45,7 +45,7 @@ ACCESS = (
     )
     + cases(
         "gfm router",
-        ("open to the network without certificates", lambda: ["--listen", "tcp/0.0.0.0:7447"]),
+        ("open to the network by TCP", lambda: ["--listen", "tcp/0.0.0.0:7447"]),
     )
     + cases(
         "gfm metrics",

@@ -148,7 +148,8 @@ _WHAT_IT_IS_WORTH = """\
   choose. The certificate is known to the router alone, which counts its connections by role
   (`connected_ROLE` in its status).
 - What is dropped is dropped in silence: a broadcast does not arrive, a question finds nobody who
-  answers, and no counter shows it. `rejected_` and `refused_` count what came through.
+  answers. The router's `dropped_messages` counts all of it together. `rejected_` and `refused_`
+  count what came through.
 - Whoever sends much waits behind itself: replay and learner read the questions of each sender into
   a line of its own, bounded (beyond it `refused_queue`), and answer the front of each line in turn.
   Who asks more often than allowed is told to come later (`refused_rate`; `most_per_s` of replay,

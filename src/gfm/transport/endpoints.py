@@ -39,7 +39,9 @@ def check_endpoints(
     """
     if not listen and not connect:
         raise ConfigError("no endpoint: give one to listen on or one to connect to")
-    for endpoint in (*listen, *connect):
+    for endpoint in listen:
+        _check(endpoint, secure=secure, otherwise=", or --insecure in their place")
+    for endpoint in connect:
         _check(endpoint, secure=secure)
     if secure and insecure:
         raise ConfigError("insecure, and certificates: expected one of them")
@@ -57,12 +59,12 @@ def check_endpoints(
             )
 
 
-def _check(endpoint: str, *, secure: bool) -> None:
+def _check(endpoint: str, *, secure: bool, otherwise: str = "") -> None:
     link = "tls" if secure else "tcp"
     words = f"endpoint {endpoint!r} with{'' if secure else 'out'} certificates"
     match = _ENDPOINT.fullmatch(endpoint)
     if match is None or match["link"] != link:
-        raise ConfigError(f"{words}: expected {link}/HOST:PORT")
+        raise ConfigError(f"{words}: expected {link}/HOST:PORT{otherwise if secure else ''}")
     if secure and match["host"].startswith("["):  # zenoh takes it for a name, and finds none
         raise ConfigError(f"{words}: expected a host's name or an IPv4 address")
 
