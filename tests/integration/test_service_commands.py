@@ -204,14 +204,17 @@ def test_a_second_signal_ends_a_service_that_does_not_stop(tmp_path):
         assert process.wait(30) == -signal.SIGTERM
 
 
-def test_a_bare_router_answers_for_itself(capsys):
-    address = free_endpoint()
+def test_a_bare_router_makes_certificates_by_which_others_in_its_folder_ask_it(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    address = free_endpoint(secure=True)
     script = (
         "import argparse, sys; from gfm.launch.commands import add_router_parser\n"
         "parser = argparse.ArgumentParser(); add_router_parser(parser.add_subparsers())\n"
         "arguments = parser.parse_args(); sys.exit(arguments.run(arguments))\n"
     )
-    command = [sys.executable, "-c", script, "router", "--listen", address, "--insecure"]
+    command = [sys.executable, "-c", script, "router", "--listen", address]
     with subprocess.Popen(command) as process:
         while True:
             try:
@@ -221,7 +224,10 @@ def test_a_bare_router_answers_for_itself(capsys):
             break
         process.terminate()
         assert process.wait(30) == 0
-    assert json.loads(capsys.readouterr().out)["processes"][0]["role"] == "router"
+    (answered,) = json.loads(capsys.readouterr().out)["services"]
+    assert answered["role"] == "router"
+    assert answered["gauges"]["connected_watcher"] == 1.0
+    assert list(tmp_path.iterdir()) == [tmp_path / "runs"]
 
 
 LONG_STEP = """
