@@ -8,6 +8,7 @@ Shape letters: J joints.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import final
 
 import mujoco
@@ -34,6 +35,10 @@ class Geometry:
 
     Args:
         box: Lower and upper corner of the workspace, m, shape (6,).
+
+    Attributes:
+        approach: How far the shapes of each pair come nearer at most where a joint moves by 1 rad,
+            m, shape (pairs, J).
     """
 
     def __init__(self, box: tuple[float, ...]) -> None:
@@ -49,20 +54,47 @@ class Geometry:
             "basket": [(i, j) for i, j in pairs if not moves[j]],
             "itself": [(i, j) for i, j in pairs if i < j and self._could_meet(moves[i], moves[j])],
         }
+        self._every = [pair for of_target in self._pairs.values() for pair in of_target]
+        apart = [self._moved_by(i) ^ self._moved_by(j) for i, j in self._every]
+        self.approach = np.array(apart) * _REACH_M
+
+    @property
+    def of_target(self) -> dict[str, slice]:
+        """Which pairs of shapes belong to basket and ground, and which to the arm itself."""
+        first, count = len(self._pairs["basket"]), len(self.approach)
+        return {"basket": slice(0, first), "itself": slice(first, count)}
+
+    def to_box(self, position: Array) -> float:
+        """Returns how near the arm is to a side of the box, m, at most FAR_M; joints rad, (J,)."""
+        self._put(position)
+        return self._to_box()
+
+    def between(self, position: Array, pairs: NDArray[np.intp]) -> Array:
+        """Returns the distances of some pairs of shapes, m, at most FAR_M; joints rad, (J,)."""
+        self._put(position)
+        model, data, every = self._model, self._data, self._every
+        return np.array(
+            [mujoco.mj_geomDistance(model, data, *every[pair], FAR_M, None) for pair in pairs]
+        )
 
     def distances(self, position: Array) -> dict[str, float]:
         """Returns how near the arm is to each of TARGETS, m, at most FAR_M; joints rad, (J,)."""
-        model, data = self._model, self._data
-        data.qpos[:] = position
-        mujoco.mj_kinematics(model, data)
-        return {"box": self._to_box()} | {
-            name: min(mujoco.mj_geomDistance(model, data, *pair, FAR_M, None) for pair in pairs)
-            for name, pairs in self._pairs.items()
-        }
+        distances = self.between(position, np.arange(len(self.approach)))
+        found = {name: float(distances[pairs].min()) for name, pairs in self.of_target.items()}
+        return {"box": self.to_box(position)} | found
 
-    def moved(self, before: Array, after: Array) -> float:
-        """Returns how far a point of the arm went at most between two positions, m."""
-        return float(_REACH_M @ np.abs(after - before))
+    def _put(self, position: Array) -> None:
+        self._data.qpos[:] = position
+        mujoco.mj_kinematics(self._model, self._data)
+
+    def _moved_by(self, geom: int) -> NDArray[np.bool_]:
+        """Returns which joints move a shape, shape (J,)."""
+        moves, body = np.zeros(len(_REACH_M), dtype=bool), int(self._model.geom_bodyid[geom])
+        while body:
+            first, count = self._model.body_dofadr[body], self._model.body_dofnum[body]
+            moves[first : first + count] |= count > 0
+            body = int(self._model.body_parentid[body])
+        return moves
 
     def speed_towards(self, target: str, position: Array, choice: Array) -> Array:
         """Returns joint speeds that lead a link straight to a target, rad/s for 1 m/s, shape (J,).
@@ -103,6 +135,43 @@ class Geometry:
         centre, extent = self._shapes.extents(self._data)
         inside = np.minimum(centre - extent - self._box[0], self._box[1] - centre - extent)
         return min(float(inside.min()), FAR_M)
+
+
+@final
+class Nearest:
+    """How near an arm comes while it moves, of which only what can be the least is measured.
+
+    A distance changes by no more than joints between its two shapes move times how far these
+    reach: one that was larger by more than that when it was measured last is larger still.
+    """
+
+    def __init__(self, geometry: Geometry) -> None:
+        self._geometry = geometry
+        count, joints = geometry.approach.shape
+        self._distance, self._at = np.zeros(count), np.zeros((count, joints))
+        self._box, self._box_at = 0.0, np.zeros(joints)
+
+    def below(self, position: Array, least: Mapping[str, float]) -> dict[str, float]:
+        """Returns the distances that are below those that were the least, m, by target.
+
+        Args:
+            position: rad, shape (J,).
+            least: By target, m.
+        """
+        geometry, found = self._geometry, {}
+        if self._box - _REACH_M @ np.abs(position - self._box_at) < least["box"]:
+            self._box, self._box_at = geometry.to_box(position), position
+            found["box"] = self._box
+        gone = (geometry.approach * np.abs(position - self._at)).sum(axis=1)
+        for target, pairs in geometry.of_target.items():
+            near = np.flatnonzero(self._distance[pairs] - gone[pairs] < least[target])
+            if not len(near):
+                continue
+            near += pairs.start
+            self._distance[near] = geometry.between(position, near)
+            self._at[near] = position
+            found[target] = float(self._distance[near].min())
+        return {target: value for target, value in found.items() if value < least[target]}
 
 
 @final

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import final
 
 import numpy as np
-from bridge_geometry import TARGETS, Geometry
+from bridge_geometry import TARGETS, Geometry, Nearest
 from typing_extensions import override
 
 from gfm.core import Clock, Command, CommandKind, ManualClock, Observation
@@ -51,9 +51,7 @@ class WatchedArm(Mechanics):
 
     def __init__(self, arm: Arm, geometry: Geometry | None) -> None:
         self._arm = arm
-        self._geometry = geometry
-        self._measured: Array | None = None
-        self._distances: dict[str, float] = {}
+        self._nearest = None if geometry is None else Nearest(geometry)
         self.servo = arm.servo
         self.worst: dict[tuple[str, str], float] = {}
         self.slowed = self.time_s = self.moved_s = 0.0
@@ -100,22 +98,13 @@ class WatchedArm(Mechanics):
         self._note("speed", np.abs(v / LIMITS.velocity).max())
         self._note("acceleration", np.abs(a / LIMITS.acceleration).max())
         self._note("past_end_rad", past)
-        if self._geometry is not None:
-            self._measure(self._geometry, q)
+        if self._nearest is not None:
+            kind = str(self.servo.kind)
+            least = {target: -self.worst.get((target, kind), -np.inf) for target in TARGETS}
+            for target, distance in self._nearest.below(q, least).items():
+                self._note(target, -distance)
         slowing = np.where(a * v < 0.0, np.abs(a) / LIMITS.acceleration, 0.0)
         self.slowed = max(self.slowed, float(slowing.max()))
-
-    def _measure(self, geometry: Geometry, q: Array) -> None:
-        """Measures distances, except where none can have become the least."""
-        kind = str(self.servo.kind)
-        gone_m = 0.0 if self._measured is None else geometry.moved(self._measured, q)
-        best = [-self.worst.get((target, kind), -np.inf) for target in TARGETS]
-        left = [self._distances.get(t, 0.0) - b for t, b in zip(TARGETS, best, strict=True)]
-        if gone_m < min(left):
-            return
-        self._measured, self._distances = q, geometry.distances(q)
-        for target, distance in self._distances.items():
-            self._note(target, -distance)
 
     def _note(self, name: str, value: float) -> None:
         key = (name, str(self.servo.kind))
