@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
+import msgspec
 import numpy as np
 from bridge_geometry import TARGETS, Geometry, Nearest
 from typing_extensions import override
@@ -19,6 +20,7 @@ from gfm.transport import MemoryHub, MemoryTransport, PendingReply
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.sawyer_guard import sawyer_guard
 from gfm_robot_bridge.sawyer_limits import sawyer_limits
+from gfm_robot_bridge.sawyer_load import sawyer_load
 from gfm_robot_bridge.service import BridgeService
 from gfm_robot_bridge.simulated.arm import Arm
 from gfm_robot_bridge.simulated.cell import Cell
@@ -140,6 +142,7 @@ class Setting:
         control_hz: Of the bridge.
         share: Of the velocity limits that it allows.
         guarded: Whether it knows any geometry.
+        observed: Whether it observes the load that the arm bears.
         judged: Whether distances are measured at every step.
         effects: What the robot hides from it.
     """
@@ -147,6 +150,7 @@ class Setting:
     control_hz: float
     share: float = _SHARE
     guarded: bool = True
+    observed: bool = True
     judged: bool = True
     effects: tuple[HiddenEffect, ...] = ()
 
@@ -177,7 +181,12 @@ class Rig:
         transport = MemoryTransport(hub, name="bridge", clock=self.clock)
         sawyer = SimulatedSawyer(transport, self.clock, robot_clock=RobotClock.WALL)
         guard = sawyer_guard(config, sawyer) if setting.guarded else None
-        self.bridge = BridgeService(config, sawyer, transport, Waits(self), guard=guard)
+        # The arm that moves has no plate: of a load that is none the bridge shall not know.
+        bare = msgspec.structs.replace(config, task="none")
+        observer = sawyer_load(bare) if setting.observed else None
+        self.bridge = BridgeService(
+            config, sawyer, transport, Waits(self), guard=guard, observer=observer
+        )
         robot = SimulatedRobot(READY, effects=setting.effects, seed=seed, mechanics=self._watch)
         self.robot = SimulatedService(
             SimulatedConfig(name="robot", clock=RobotClock.WALL),

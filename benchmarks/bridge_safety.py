@@ -42,7 +42,14 @@ from gfm_robot_bridge.simulated.hidden import GivenEffect, given
 RATES = ((0.1, 20.0), (0.2, 50.0), (0.3, 100.0), (0.4, 200.0))
 _COMMANDS_IN_A_PART = 5_000
 _TRIES_IN_A_PART = 25
-_COUNTED = ("workspace_limits", "collision_limits", "stalls", "lost_clearances")
+_COUNTED = (
+    "workspace_limits",
+    "collision_limits",
+    "load_limits",
+    "stalls",
+    "heavy_loads",
+    "lost_clearances",
+)
 
 
 def _payload(mass: float) -> GivenEffect:
@@ -55,6 +62,9 @@ HIDDEN = {
     "payload_1kg": _payload(1.0),
     "payload_3kg": _payload(3.0),
     "gain": GivenEffect(effect="actuator_gain", joints=("right_j1",), parameters={"scale": 1.2}),
+    "friction": GivenEffect(
+        effect="coulomb_friction", joints=("right_j1",), parameters={"torque": 4.5}
+    ),
     "late": GivenEffect(effect="command_delay", parameters={"delay": 0.03}),
 }
 
@@ -66,6 +76,7 @@ class Attack:
     Attributes:
         hidden: What the robot hides, a key of HIDDEN, or nothing.
         guarded: Whether the bridge knows any geometry.
+        observed: Whether it observes the load that the arm bears.
         control_hz: Of the bridge.
         first: Number of the first command ...
         count: ... and how many there are.
@@ -73,6 +84,7 @@ class Attack:
 
     hidden: str
     guarded: bool
+    observed: bool
     control_hz: float
     first: int
     count: int
@@ -80,12 +92,20 @@ class Attack:
     @property
     def group(self) -> tuple[str, float]:
         """What belongs together in a table."""
-        return self.hidden if self.guarded else f"{self.hidden}, no geometry", self.control_hz
+        words = [self.hidden]
+        words += [] if self.guarded else ["no geometry"]
+        words += [] if self.observed else ["load not observed"]
+        return ", ".join(words), self.control_hz
 
     def made(self, folder: Path, seed: int) -> Part:
         """Attacks; returns the worst that the arm did, and what was counted."""
         effects = given((HIDDEN[self.hidden],)) if self.hidden in HIDDEN else ()
-        setting = Setting(control_hz=self.control_hz, guarded=self.guarded, effects=effects)
+        setting = Setting(
+            control_hz=self.control_hz,
+            guarded=self.guarded,
+            observed=self.observed,
+            effects=effects,
+        )
         rng = np.random.default_rng([seed, int(self.control_hz), self.first])
         sent: Counter[str] = Counter()
         counters: Counter[str] = Counter(dict.fromkeys((*_COUNTED, "resets"), 0))
@@ -151,6 +171,7 @@ def attacks(arguments: argparse.Namespace) -> Iterator[Attack]:
             yield Attack(
                 hidden=hidden,
                 guarded=not arguments.without_geometry,
+                observed=not arguments.without_load,
                 control_hz=hz,
                 first=first,
                 count=min(_COMMANDS_IN_A_PART, commands - first),
@@ -222,9 +243,9 @@ def report(done: Mapping[Work, Part], seed: int, ran_on: str) -> str:
         "|---|---|---|---|---|---|---|---|---|---|",
         *(line for group, parts in attacked.items() for line in attack_lines(group, parts)),
         "",
-        "| hidden | Hz | limited by the workspace | by collisions | stalls | lost clearances | "
-        "resets | ms of a period, p50 | p99 |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| hidden | Hz | limited by the workspace | by collisions | by a load | stalls | "
+        "too heavy | lost clearances | resets | ms of a period, p50 | p99 |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
         *(count_line(group, parts) for group, parts in attacked.items()),
         "",
         "| from | stopped by | mode | tries | still after, s | deceleration / limit |",
@@ -257,6 +278,9 @@ def main() -> None:
     )
     parser.add_argument(
         "--without-geometry", action="store_true", help="attack a bridge that knows none"
+    )
+    parser.add_argument(
+        "--without-load", action="store_true", help="attack a bridge that observes no load"
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--parts", type=Path, help="where parts are kept (default: nowhere)")

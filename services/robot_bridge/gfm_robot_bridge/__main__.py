@@ -16,6 +16,7 @@ from gfm_robot_bridge.intera.sawyer import InteraSawyer, SawyerSettings
 from gfm_robot_bridge.mirror import MirrorRobot
 from gfm_robot_bridge.robot import Robot
 from gfm_robot_bridge.sawyer_guard import sawyer_guard
+from gfm_robot_bridge.sawyer_load import sawyer_load
 from gfm_robot_bridge.service import BridgeService
 from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
 from gfm_wire import RobotClock
@@ -32,8 +33,10 @@ def build(
 ) -> Service:
     """Returns the service that the settings describe."""
     robot = _robot(config, transport, clock)
-    guard = None if config.robot == "mirror" else sawyer_guard(config, robot)
-    return BridgeService(config, robot, transport, clock, background, guard)
+    if config.robot == "mirror":
+        return BridgeService(config, robot, transport, clock, background)
+    guard, observer = sawyer_guard(config, robot), sawyer_load(config)
+    return BridgeService(config, robot, transport, clock, background, guard, observer)
 
 
 def _robot(config: BridgeConfig, transport: Transport, clock: Clock) -> Robot:

@@ -61,6 +61,9 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             part of the arm leaves that box. Empty for no box.
         clearance_m: Distance that the arm keeps from basket, ground and itself, and from the sides
             of the workspace.
+        unnoticed_load_nm: A load that nobody told the robot of counts where a joint feels more of
+            it than this: what noise and steps of setpoints make of none is less. A large number
+            for a robot whose efforts are something else than its drives' torques.
         power_w: That torques may put into the arm; 80 W is what ISO 10218-1 allows near people.
         report_age_s: The robot is stopped where its newest report is older: as long as the robot
             itself waits for a command.
@@ -96,6 +99,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
     task: Literal["none", "position", "pose"] = "none"
     workspace_m: tuple[float, ...] = (-0.6, -0.9, -0.2, 1.15, 0.9, 1.2)
     clearance_m: float = 0.01
+    unnoticed_load_nm: float = 0.5
     power_w: float = 80.0
     report_age_s: float = 0.2
     behind_rad: float = 0.1
@@ -118,6 +122,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             "acceleration_share": (0.01, 1.0),
             "braking_share": (0.1, 1.0),
             "clearance_m": (0.005, 0.05),
+            "unnoticed_load_nm": (0.1, 1000.0),
             "power_w": (1.0, 1000.0),
             "report_age_s": (0.02, 10.0),
             "behind_rad": (0.01, 10.0),

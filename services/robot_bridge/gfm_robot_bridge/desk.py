@@ -15,6 +15,7 @@ from gfm_robot_bridge.robot import Robot
 from gfm_wire import (
     Ack,
     ByHand,
+    Message,
     PlaceObject,
     PowerAction,
     PowerRobot,
@@ -51,6 +52,10 @@ class Controls(ABC):
     @abstractmethod
     def unlock(self) -> bool:
         """Lets somebody drive again after a stop that only a person ends; returns whether."""
+
+    @abstractmethod
+    def carried(self, payload: SetPayload) -> None:
+        """Takes note of what the robot was told that it carries."""
 
     @abstractmethod
     def scale(self) -> float:
@@ -157,7 +162,13 @@ class Desk:
         elif message.problem:
             self._refuse(request, message.problem)
         elif self._is_holders(request):
-            request.reply(Ack() if self._robot.carry(message) else ByHand())
+            request.reply(self._told_payload(message))
+
+    def _told_payload(self, payload: SetPayload) -> Message:
+        if not self._robot.carry(payload):
+            return ByHand()
+        self._controls.carried(payload)
+        return Ack()
 
     def _answer_release(self, request: Request) -> None:
         if not isinstance(request.message, ReleaseRobot):

@@ -21,6 +21,9 @@ _STEP_S = 0.005
 _SETTLES_S = 0.15
 #: .. and when the setpoint of its position has, s.
 _ARRIVES_S = 0.3
+#: How long at most a loaded arm stands at speeds of 0, s, before it holds its position: the robot's
+#: own stop waits so long.
+_SINKS_S = 0.2
 
 
 @final
@@ -47,7 +50,9 @@ class Foresight:
         self._next_s = next_s
         self._patience_s = patience_s
 
-    def paths(self, position: Array, velocity: Array, plan: Plan) -> Iterator[Array]:
+    def paths(
+        self, position: Array, velocity: Array, plan: Plan, torque: Array | None = None
+    ) -> Iterator[Array]:
         """Yields where the arm would be if it were told a plan, rad, shape (N, J) each.
 
         First if nothing came after it: the robot stops by itself, where it was told no position.
@@ -57,15 +62,18 @@ class Foresight:
             position: At first, rad, shape (J,).
             velocity: At first, rad/s, shape (J,).
             plan: What it is told.
+            torque: Of a load on the joints, all the while the same, N m, shape (J,); None for none.
         """
+        for data in self._data.values():
+            data.qfrc_applied[:] = 0.0 if torque is None else torque
         if plan.kind is CommandKind.POSITION:
             told_s = len(plan.values) * plan.spacing_s
             yield self._told(position, velocity, plan, told_s + _ARRIVES_S)
         else:
             told = self._told(position, velocity, plan, self._patience_s)
-            yield np.concatenate([told, self._stopped(plan.kind)])
+            yield np.concatenate([told, *self._stopped(plan.kind, torque is not None)])
         told = self._told(position, velocity, plan, self._next_s)
-        yield np.concatenate([told, self._stopped(plan.kind)])
+        yield np.concatenate([told, *self._stopped(plan.kind, torque is not None)])
 
     def _told(self, position: Array, velocity: Array, plan: Plan, for_s: float) -> Array:
         """Returns where a plan leads whose last setpoint stays in force."""
@@ -75,16 +83,31 @@ class Foresight:
         setpoints = plan.values[np.minimum(numbers, len(plan.values) - 1)]
         return self._followed(plan.kind, setpoints)
 
-    def _stopped(self, kind: CommandKind) -> Array:
-        """Returns where a stop leads from there: its speeds are ramped down by their setpoints."""
+    def _stopped(self, kind: CommandKind, sinks: bool) -> Iterator[Array]:
+        """Yields where a stop leads from there: its speeds are ramped down by their setpoints.
+
+        An arm that sinks is made to hold its position then, and gives way to its load once more.
+        """
         before, data = self._data[kind], self._data[CommandKind.VELOCITY]
         first = before.qvel.copy()
         data.qpos[:], data.qvel[:] = before.qpos.copy(), first
         if kind is CommandKind.VELOCITY:
             first = smaller(data.ctrl, first)
-        until_s = float((np.abs(first) / self._braking).max()) + _SETTLES_S
+        settles_s = _SINKS_S if sinks else _SETTLES_S
+        until_s = float((np.abs(first) / self._braking).max()) + settles_s
         lost = self._braking * _STEP_S * np.arange(1, round(until_s / _STEP_S) + 1)[:, None]
-        return self._followed(CommandKind.VELOCITY, first - np.clip(first, -lost, lost))
+        yield self._followed(CommandKind.VELOCITY, first - np.clip(first, -lost, lost))
+        if sinks:
+            yield self._held()
+
+    def _held(self) -> Array:
+        """Returns where an arm goes that is told to hold where the stop led it."""
+        before, data = self._data[CommandKind.VELOCITY], self._data[CommandKind.POSITION]
+        data.qpos[:], data.qvel[:] = before.qpos, before.qvel
+        place = before.qpos.copy()
+        return self._followed(
+            CommandKind.POSITION, np.tile(place, (round(_ARRIVES_S / _STEP_S), 1))
+        )
 
     def _followed(self, kind: CommandKind, setpoints: Array) -> Array:
         model, data = self._models[kind], self._data[kind]

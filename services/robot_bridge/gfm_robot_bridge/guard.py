@@ -14,6 +14,7 @@ from gfm.core import Observation
 from gfm.core.checks import Array
 from gfm_robot_bridge.foresight import Foresight
 from gfm_robot_bridge.limits import Reason
+from gfm_robot_bridge.load import Load, by_load
 from gfm_robot_bridge.plan import Plan
 from gfm_robot_bridge.surroundings import SEEN_M, Surroundings
 
@@ -103,22 +104,35 @@ class Guard:
         """Lets things be as near as they are: what a stop still costs belongs to its loss."""
         self._least = np.minimum(self._least, self._distances(seen.position))
 
-    def reason(self, plan: Plan) -> Reason:
-        """Returns why a plan is not to be told; nothing where it may be."""
-        for path in self._foresight.paths(self._position, self._velocity, plan):
-            if reason := self._reason_on(path):
-                return reason
-        return Reason.NONE
+    def reason(self, plan: Plan, load: Load | None = None) -> Reason:
+        """Returns why a plan is not to be told; nothing where it may be.
 
-    def corrected(self, speed: Array) -> Array:
+        What acts on the joints may be friction, which ends with the motion, or a load, which does
+        not: it has to go well with it and without.
+
+        Args:
+            plan: To be told.
+            load: That the robot does not know of; None for none.
+        """
+        if reason := self._reason(plan, None):
+            return reason
+        return Reason.NONE if load is None else by_load(self._reason(plan, load.torque))
+
+    def corrected(self, speed: Array, sinking: Array | None = None) -> Array:
         """Returns speeds that come no nearer than there is time for, rad/s, shape (J,).
 
         Along each distance d, whose rate is g v, they are moved until g v >= -(d - clearance) / T.
+
+        Args:
+            speed: Wanted, rad/s, shape (J,).
+            sinking: At which the arm goes where it is told 0, rad/s, shape (J,).
         """
         near = self._surroundings.near(self._position)
         rows = self._surroundings.parting()
         left = near.distance - self._least[near.pair]
         lowest = -np.maximum(left, 0.0) / _APPROACH_S
+        if sinking is not None:
+            lowest = np.maximum(lowest, lowest - rows @ sinking)
         size = np.maximum((rows**2).sum(axis=1), 1e-9)
         speed = speed.copy()
         for _ in range(_CORRECTIONS if len(rows) else 0):
@@ -128,6 +142,12 @@ class Guard:
                 break
             speed += rows[worst] * lack[worst] / np.sqrt(size[worst])
         return speed
+
+    def _reason(self, plan: Plan, torque: Array | None) -> Reason:
+        for path in self._foresight.paths(self._position, self._velocity, plan, torque):
+            if reason := self._reason_on(path):
+                return reason
+        return Reason.NONE
 
     def _distances(self, position: Array) -> Array:
         """Returns the distance of every pair, m; SEEN_M where it is no less."""

@@ -15,6 +15,7 @@ from gfm.core.checks import Array
 from gfm_robot_bridge.following import Told
 from gfm_robot_bridge.guard import Guard
 from gfm_robot_bridge.limits import Bounds, Reason, limited_position, limited_speed
+from gfm_robot_bridge.load import Load, Loaded, LoadObserver, by_load
 from gfm_robot_bridge.plan import SPACING_S, Plan, positions, smaller, speeds
 from gfm_robot_bridge.torque import Dynamics, limited_torque
 
@@ -36,6 +37,7 @@ class Limiter:
         dynamics: By which torques are limited; None where the robot has none.
         period_s: Between two commands.
         guard: Of what the arm must not touch; None where no model tells.
+        observer: Of the load that the arm bears; None where no model tells.
 
     Attributes:
         scale: Part of the commanded speed at which to go, 0 to 1.
@@ -47,11 +49,13 @@ class Limiter:
         dynamics: Dynamics | None,
         period_s: float,
         guard: Guard | None = None,
+        observer: LoadObserver | None = None,
     ) -> None:
         self.scale = 1.0
         self._bounds = bounds
         self._dynamics = dynamics
         self._guard = guard
+        self._observer = observer
         self._period_s = period_s
         self._kind: CommandKind | None = None
         self._last = np.zeros_like(bounds.lower)
@@ -63,6 +67,11 @@ class Limiter:
     def holds(self) -> bool:
         """Whether the last plan leaves the arm at rest."""
         return self._kind is CommandKind.POSITION and not self._speed.any()
+
+    @property
+    def is_in_position(self) -> bool:
+        """Whether the last plan was of positions; also before there was one."""
+        return self._kind in (None, CommandKind.POSITION)
 
     @property
     def told(self) -> Told | None:
@@ -79,7 +88,17 @@ class Limiter:
         """Returns why commands of a kind are not taken; empty where they are."""
         if kind is CommandKind.EFFORT and self._dynamics is None:
             return "effort commands need a robot with dynamics to limit them by; it has none"
-        return ""
+        return "" if kind is CommandKind.POSITION else self.excess()
+
+    def excess(self) -> str:
+        """Returns why only positions are taken: a load; empty where it is not too heavy."""
+        observer, bounds = self._observer, self._bounds
+        heavy = observer is not None and observer.too_heavy(bounds)
+        return f"{self.load_words()}; tell it, or take that off" if heavy else ""
+
+    def load_words(self) -> str:
+        """Returns what load the arm bears; empty where nothing observes that."""
+        return "" if self._observer is None else self._observer.words(self._bounds)
 
     def limited(self, command: Command, seen: Observation) -> Plan:
         """Returns what to apply of a command.
@@ -119,13 +138,17 @@ class Limiter:
         if self._guard is None:
             return self._taken(plan)
         self._guard.look(seen)
-        too_near = self._guard.reason(plan)
+        load = self._load
+        too_near = self._guard.reason(plan, load)
         if not too_near:
             return self._taken(plan)
         reason = plan.reason | too_near
-        speed = self._guard.corrected(self._speed_of(plan, seen))
+        sinking = None
+        if load is not None and kind is CommandKind.VELOCITY:
+            sinking = load.sinking
+        speed = self._guard.corrected(self._speed_of(plan, seen), sinking)
         nearly = self._towards(kind, self._values_of(kind, speed, seen), seen)
-        if not self._guard.reason(nearly):
+        if not self._guard.reason(nearly, load):
             return replace(self._taken(nearly), reason=reason)
         return replace(self._at_standstill(seen), reason=reason)
 
@@ -155,7 +178,7 @@ class Limiter:
             case CommandKind.VELOCITY:
                 return np.asarray(last)
             case CommandKind.EFFORT:
-                caused = self._known.accelerations(seen.position, seen.velocity, last)
+                caused = self._moved.accelerations(seen.position, seen.velocity, last)
                 return np.asarray(seen.velocity + caused * self._bounds.patience_s)
 
     def _values_of(self, kind: CommandKind, speed: Array, seen: Observation) -> Array:
@@ -167,7 +190,7 @@ class Limiter:
                 return speed
             case CommandKind.EFFORT:
                 needed = (speed - seen.velocity) / self._bounds.patience_s
-                return self._known.torques(seen.position, seen.velocity, needed)
+                return self._moved.torques(seen.position, seen.velocity, needed)
 
     def _at_standstill(self, seen: Observation) -> Plan:
         """Returns the next part of a stop, or of holding after it."""
@@ -178,6 +201,16 @@ class Limiter:
         if self._dynamics is None:
             raise AssertionError("refusal() comes first")
         return self._dynamics
+
+    @property
+    def _moved(self) -> Dynamics:
+        """The arm as it moves, with its load."""
+        load = self._load
+        return self._known if load is None else Loaded(self._known, load.torque)
+
+    @property
+    def _load(self) -> Load | None:
+        return None if self._observer is None else self._observer.load
 
     @property
     def _scaled(self) -> Bounds:
@@ -233,6 +266,18 @@ class Limiter:
         after, reason = limited_speed(
             wanted, last, seen.position, bounds, period_s=period_s, after_s=after_s
         )
+        if (load := self._load) is not None:
+            # The arm goes by so much more than it is told.
+            sinks = load.sinking
+            loaded, why = limited_speed(
+                after + sinks,
+                last + sinks,
+                seen.position,
+                bounds,
+                period_s=period_s,
+                after_s=after_s,
+            )
+            after, reason = loaded - sinks, reason | by_load(why)
         values = speeds(last, after, bounds.acceleration, period_s)
         return self._plan(CommandKind.VELOCITY, values, reason)
 
@@ -240,6 +285,11 @@ class Limiter:
         torque, reason = limited_torque(
             wanted, seen.position, seen.velocity, self._known, self._scaled
         )
+        if self._load is not None:
+            torque, why = limited_torque(
+                torque, seen.position, seen.velocity, self._moved, self._scaled
+            )
+            reason |= by_load(why)
         return self._plan(CommandKind.EFFORT, torque[None], reason)
 
     def _plan(self, kind: CommandKind, values: Array, reason: Reason = Reason.NONE) -> Plan:

@@ -44,6 +44,8 @@ class Reason(IntFlag):
     """It would have led too near to what stands around the arm, or to the arm itself."""
     OBJECT = 2048
     """It was made for where the object is, and that is not known, or not any more."""
+    LOAD = 4096
+    """The arm bears a load that nobody told the robot of, and would not have borne that, too."""
 
 
 @dataclass(frozen=True, kw_only=True)

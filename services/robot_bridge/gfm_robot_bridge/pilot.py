@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import final
 
@@ -20,12 +20,13 @@ from gfm_robot_bridge.inbox import Heard, Inbox, in_order
 from gfm_robot_bridge.lease import Lease
 from gfm_robot_bridge.limiter import Limiter
 from gfm_robot_bridge.limits import Reason
+from gfm_robot_bridge.load import LoadObserver
 from gfm_robot_bridge.object_port import ObjectPort
 from gfm_robot_bridge.robot import Robot
 from gfm_robot_bridge.robot_line import Decision
 from gfm_robot_bridge.timing import Timing
 from gfm_robot_bridge.watch import Alarm, Watch
-from gfm_wire import RobotClock
+from gfm_wire import RobotClock, SetPayload
 
 _log = logging.getLogger(__name__)
 
@@ -41,6 +42,7 @@ class Pilot(Controls):
         clock: Of this process.
         lease: Who drives.
         guard: Of what the arm must not touch; None where no model tells.
+        observer: Of the load that the arm bears; None where no model tells.
         objects: Says whether it is known where the object is.
         timing: Gets the ages of commands.
         stood: Called with why the robot was stopped, when that is over.
@@ -58,6 +60,7 @@ class Pilot(Controls):
         *,
         lease: Lease,
         guard: Guard | None,
+        observer: LoadObserver | None,
         objects: ObjectPort,
         timing: Timing,
         stood: Callable[[str], None],
@@ -70,7 +73,8 @@ class Pilot(Controls):
         self._timing = timing
         self._stood = stood
         bounds = config.bounds(robot.limits, robot.patience_s)
-        self._limiter = Limiter(bounds, robot.dynamics, config.period_ns * 1e-9, guard)
+        self._observer = observer
+        self._limiter = Limiter(bounds, robot.dynamics, config.period_ns * 1e-9, guard, observer)
         self._watch = Watch(config, bounds, guard)
         oldest_ns = round(config.command_age_s * 1e9) if config.clock == RobotClock.WALL else None
         self._gate = CommandGate(robot.joint_names, lease, oldest_ns)
@@ -79,6 +83,7 @@ class Pilot(Controls):
         self._waiting: Request | None = None
         self._stopping, self._sinks = Reason.NONE, False
         self._retry_ns = 0
+        self._says_load = False
 
     @property
     def counters(self) -> Counter[str]:
@@ -109,19 +114,22 @@ class Pilot(Controls):
             return self._further_stop(newest)
         return None if heard is None else self._taken(heard, newest)
 
-    def look(self, newest: Observation, passed_s: float) -> None:
+    def look(self, newest: Observation, passed_s: float, reports: Sequence[Observation]) -> None:
         """Begins to stop the robot where that is to be, by a new report.
 
         Args:
             newest: The report.
             passed_s: Of the robot's time since the last one.
+            reports: All since then, oldest first.
         """
+        if self._observer is not None:
+            self._observer.take(reports)
         self._heed_fault()
         if self._sinks:
             self._watch.sink(newest)
         if self._stopping or passed_s <= 0.0:
             return
-        if alarm := self._watch.arm(self._limiter.told, newest, passed_s):
+        if alarm := self._watch.arm(self._limiter, newest, passed_s):
             self._stop(alarm)
 
     def answer(self, newest: Observation) -> None:
@@ -172,6 +180,11 @@ class Pilot(Controls):
     def unlock(self) -> bool:
         was_locked, self._gate.locked = bool(self._gate.locked), ""
         return was_locked
+
+    @override
+    def carried(self, payload: SetPayload) -> None:
+        if self._observer is not None:
+            self._observer.carry(payload)
 
     @override
     def scale(self) -> float:
@@ -236,20 +249,34 @@ class Pilot(Controls):
         self._counters["clipped_commands"] += bool(plan.reason)
         self._counters["workspace_limits"] += Reason.WORKSPACE in plan.reason
         self._counters["collision_limits"] += Reason.COLLISION in plan.reason
-        self.note = f"commanded in {command.kind} mode"
+        self._counters["load_limits"] += Reason.LOAD in plan.reason
+        self._note(heard, plan.reason)
         self._waiting = heard.request
         return Decision(
             plan=plan, requested=requested, heard_ns=heard.heard_ns, decided_ns=decided_ns
         )
+
+    def _note(self, heard: Heard, reason: Reason) -> None:
+        """Says how it goes; of a load that changes commands, in the log once in a session."""
+        self._says_load &= not heard.begins
+        self.note = f"commanded in {heard.command.kind} mode"
+        if Reason.LOAD not in reason:
+            return
+        self.note = f"limited by a load: {self._limiter.load_words()}"
+        if not self._says_load:
+            _log.warning("%s", self.note)
+        self._says_load = True
 
 
 _COUNTERS = (
     "clipped_commands",
     "workspace_limits",
     "collision_limits",
+    "load_limits",
     "watchdog_trips",
     "stalls",
     "lost_clearances",
+    "heavy_loads",
     "stale_reports",
     "unknown_objects",
     "robot_failures",

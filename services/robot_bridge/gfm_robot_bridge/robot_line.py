@@ -56,6 +56,7 @@ class RobotLine:
 
     Attributes:
         newest: The newest report, with what is in force; None before the first.
+        reports: What the last exchange brought, oldest first.
         under_way: Whether an exchange is.
     """
 
@@ -68,6 +69,7 @@ class RobotLine:
         objects: ObjectPort,
     ) -> None:
         self.newest: Observation | None = None
+        self.reports: tuple[Observation, ...] = ()
         self.under_way = False
         self._robot = robot
         self._clock = clock
@@ -111,7 +113,7 @@ class RobotLine:
         reports = self._robot.poll()
         if reports is None:
             return None
-        self.under_way = False
+        self.under_way, self.reports = False, reports
         before_ns = -1 if self.newest is None else self.newest.stamp_ns
         for report in reports:
             if report.stamp_ns > before_ns:

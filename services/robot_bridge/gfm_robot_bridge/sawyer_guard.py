@@ -12,7 +12,7 @@ from gfm_robot_bridge.robot import Robot
 from gfm_robot_bridge.surroundings import Surroundings, guarded_model
 
 #: What is mounted for a task; where there is a tool, the basket stands there.
-_TOOLS: dict[str, EndEffector] = {"none": "none", "position": "plate", "pose": "ball"}
+TOOLS: dict[str, EndEffector] = {"none": "none", "position": "plate", "pose": "ball"}
 #: From the moment of a report until a command that was decided by it acts, s.
 _LATE_S = 0.015
 
@@ -26,7 +26,7 @@ def sawyer_guard(config: BridgeConfig, robot: Robot) -> Guard:
         config: Says which task the cell is furnished for, and the distances.
         robot: A Sawyer.
     """
-    tool = _TOOLS[config.task]
+    tool = TOOLS[config.task]
     specs = {
         kind: sawyer_spec(command=kind, end_effector=tool, basket=tool != "none")
         for kind in CommandKind

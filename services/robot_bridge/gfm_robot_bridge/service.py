@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import final
 
+import numpy as np
 from typing_extensions import override
 
 from gfm.core import Clock, GfmError, Observation, Status
@@ -20,6 +21,7 @@ from gfm_robot_bridge.flight import FlightRecord
 from gfm_robot_bridge.grid import Grid
 from gfm_robot_bridge.guard import Guard
 from gfm_robot_bridge.lease import Lease
+from gfm_robot_bridge.load import LoadObserver
 from gfm_robot_bridge.object_port import ObjectPort
 from gfm_robot_bridge.pilot import Pilot
 from gfm_robot_bridge.recorder import Recorder
@@ -54,6 +56,7 @@ class BridgeService(Service):
         clock: Of this process.
         background: That writes recordings; by default they are written at once.
         guard: Of what the arm must not touch; None where no model tells.
+        observer: Of the load that the arm bears; None where no model tells.
     """
 
     def __init__(
@@ -64,12 +67,14 @@ class BridgeService(Service):
         clock: Clock,
         background: Background | None = None,
         guard: Guard | None = None,
+        observer: LoadObserver | None = None,
     ) -> None:
         self._config = config
         self._robot = robot
         self._transport = transport
         self._clock = clock
         self._guard = guard
+        self._observer = observer
         if guard is None:
             _log.warning("no model of this robot: nothing keeps it from running into something")
         lease = Lease("the robot", round(config.lease_s * 1e9))
@@ -88,6 +93,7 @@ class BridgeService(Service):
             clock,
             lease=lease,
             guard=guard,
+            observer=observer,
             objects=self._objects,
             timing=self._timing,
             stood=self._record_flight,
@@ -135,6 +141,8 @@ class BridgeService(Service):
             "waits_for_reset": float(self._pilot.waits_for_reset),
             **self._robot.gauges(),
         }
+        if self._observer is not None:
+            gauges["unknown_load_nm"] = float(np.abs(self._observer.torque).max(initial=0.0))
         return make_status(
             "robot_bridge",
             self._config.name,
@@ -202,7 +210,7 @@ class BridgeService(Service):
         newest = self._line.newest
         if newest is None:
             return True
-        self._pilot.look(newest, passed_ns * 1e-9)
+        self._pilot.look(newest, passed_ns * 1e-9, self._line.reports)
         if not (reads and self._tell_next(newest)):
             self._end_period(newest)
         return True

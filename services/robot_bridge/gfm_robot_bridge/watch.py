@@ -7,8 +7,9 @@ from typing import final
 
 from gfm.core import Observation
 from gfm_robot_bridge.config import BridgeConfig
-from gfm_robot_bridge.following import Following, Told
+from gfm_robot_bridge.following import Following
 from gfm_robot_bridge.guard import Guard
+from gfm_robot_bridge.limiter import Limiter
 from gfm_robot_bridge.limits import Bounds, Reason
 from gfm_wire import PROTECTIVE_STOP, RobotClock
 
@@ -66,11 +67,11 @@ class Watch:
         words = f"no command for {silent_ns * 1e-6:.0f} ms, the robot holds"
         return Alarm(words=words, counter="watchdog_trips", reason=Reason.WATCHDOG)
 
-    def arm(self, told: Told | None, report: Observation, passed_s: float) -> Alarm | None:
-        """Returns how something holds a joint, or how the arm is where it was not to go.
+    def arm(self, limiter: Limiter, report: Observation, passed_s: float) -> Alarm | None:
+        """Returns how something holds a joint, bears on it, or led the arm where it was not to go.
 
         Args:
-            told: What the arm was to follow; None where nothing.
+            limiter: Knows what the arm was to follow, and what it bears.
             report: What it did.
             passed_s: Since the last report.
         """
@@ -84,7 +85,10 @@ class Watch:
                 sinks=True,
                 locks=again if loss.again else "",
             )
-        if held := self._following.problem(told, report, passed_s):
+        if not limiter.is_in_position and (heavy := limiter.excess()):
+            words = PROTECTIVE_STOP + heavy
+            return Alarm(words=words, counter="heavy_loads", reason=Reason.LOAD)
+        if held := self._following.problem(limiter.told, report, passed_s):
             return Alarm(words=PROTECTIVE_STOP + held, counter="stalls")
         return None
 

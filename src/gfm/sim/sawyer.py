@@ -56,6 +56,16 @@ def sawyer_spec(
     return spec
 
 
+def hang_payload(spec: mujoco.MjSpec, mass_kg: float, com_m: Array) -> None:
+    """Hangs a point mass on the last link, in whose frame it is, m, shape (3,); in place.
+
+    No gravity compensation bears it.
+    """
+    load = spec.body(numbers.LINKS[-1].name).add_body(name="payload", pos=com_m)
+    load.mass, load.inertia, load.explicitinertial = mass_kg, [1e-9] * 3, True
+    load.ipos = [0.0] * 3  # without it the mass lies twice as far away
+
+
 def _check_name(kind: str, name: str, available: tuple[str, ...]) -> None:
     if name not in available:
         raise UnknownNameError(kind, name, available)

@@ -14,9 +14,8 @@ import mujoco
 import numpy as np
 
 from gfm.core import CommandKind
-from gfm.core.checks import Array
 from gfm.sim.cell import OBJECT_BODY, EndEffector, FreeObject
-from gfm.sim.sawyer import JOINT_NAMES, sawyer_spec
+from gfm.sim.sawyer import JOINT_NAMES, hang_payload, sawyer_spec
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
 from gfm_wire import SetPayload
 
@@ -28,7 +27,6 @@ _STEP_S = 5e-4
 #: What is left of a mass or a friction from which more was taken off than there is.
 _LEAST = 1e-3
 _GRAVITY = 9.81
-_LAST_LINK = "right_l6"
 
 
 class Cell(StrEnum):
@@ -85,7 +83,7 @@ def known_model(cell: Cell, payload: SetPayload | None = None) -> mujoco.MjModel
     """
     spec = cell_spec(cell, bare=True)
     if payload is not None:
-        _hang(spec, payload.mass_kg, payload.com_m)
+        hang_payload(spec, payload.mass_kg, payload.com_m)
     return spec.compile()
 
 
@@ -102,7 +100,7 @@ def cell_model(cell: Cell, effects: Sequence[HiddenEffect] = ()) -> mujoco.MjMod
         match effect.effect:
             case "payload":
                 where = np.array([values["com_x"], values["com_y"], values["com_z"]])
-                _hang(spec, values["mass"], where)
+                hang_payload(spec, values["mass"], where)
             case "gravity_direction":
                 spec.option.gravity = _gravity(values["tilt_x"], values["tilt_y"])
             case "armature":
@@ -110,13 +108,6 @@ def cell_model(cell: Cell, effects: Sequence[HiddenEffect] = ()) -> mujoco.MjMod
     model = spec.compile()
     _add_hidden(model, effects)
     return model
-
-
-def _hang(spec: mujoco.MjSpec, mass_kg: float, com_m: Array) -> None:
-    """Hangs a load on the last link, in whose frame its centre is, m, shape (3,); in place."""
-    load = spec.body(_LAST_LINK).add_body(name="payload", pos=com_m)
-    load.mass, load.inertia, load.explicitinertial = mass_kg, [1e-9] * 3, True
-    load.ipos = [0.0] * 3  # without it the mass lies twice as far away
 
 
 def _gravity(tilt_x: float, tilt_y: float) -> list[float]:
