@@ -30,12 +30,17 @@ from gfm_robot_bridge.simulated.mechanics import Mechanics
 from gfm_robot_bridge.simulated.robot import SimulatedRobot
 from gfm_robot_bridge.simulated.service import SimulatedService
 from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
-from gfm_wire import Message, RobotClock, SetPayload
+from gfm_wire import Message, ObjectPose, RobotClock, SetPayload, TrackedObject
 
 LIMITS = sawyer_limits()
 _SHARE = 0.5
 _STILL = 0.01
 _STEP_S = 2e-3
+_SOMEWHERE = ObjectPose(
+    position=np.array([0.6, 0.0, 0.05]),
+    quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+    covariance=1e-6 * np.eye(6),
+)
 
 
 @final
@@ -161,6 +166,7 @@ class Rig:
 
     Attributes:
         spent_s: Processor time of the bridge in every stretch of time that was let pass.
+        object_is_seen: Whether cameras see an object.
     """
 
     def __init__(self, folder: Path, setting: Setting, seed: int) -> None:
@@ -195,6 +201,8 @@ class Rig:
             self.clock,
         )
         self._driver = MemoryTransport(hub, name="driver", clock=self.clock)
+        self._tracker = MemoryTransport(hub, name="tracker", clock=self.clock)
+        self.object_is_seen = True
         self.observations = self._driver.subscribe("robot/observation")
         self.bridge_lives = True
         self.number = 0
@@ -241,8 +249,21 @@ class Rig:
         self.bridge.close()
         self.bridge_lives = False
 
+    def track(self) -> None:
+        """Tells where the object is, or that no camera sees it."""
+        seen = TrackedObject(
+            stamp_ns=self.clock.utc_ns(), pose=_SOMEWHERE if self.object_is_seen else None
+        )
+        self._tracker.request("robot/tracked", seen, timeout_s=1.0)
+
     def send(
-        self, kind: CommandKind, values: Array, *, number: int | None = None, age_s: float = 0.0
+        self,
+        kind: CommandKind,
+        values: Array,
+        *,
+        number: int | None = None,
+        age_s: float = 0.0,
+        needs_object: bool = False,
     ) -> PendingReply:
         """Sends one command."""
         command = Command(
@@ -251,6 +272,7 @@ class Rig:
             values=values,
             stamp_ns=self.clock.utc_ns() - round(age_s * 1e9),
             number=self.number if number is None else number,
+            needs_object=needs_object,
         )
         self.number += number is None
         return self._driver.request("robot/command", command, timeout_s=1.0)

@@ -15,7 +15,14 @@ from gfm_wire import ScaleSpeed, StopRobot
 
 _STANDS_S = 0.15
 
-CAUSES = ("driver silent", "stopped by request", "scaled to zero", "bridge closed", "bridge killed")
+CAUSES = (
+    "driver silent",
+    "stopped by request",
+    "scaled to zero",
+    "cameras lost",
+    "bridge closed",
+    "bridge killed",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +41,7 @@ def stop_once(folder: Path, kind: CommandKind, share: float, cause: str, seed: i
     control_hz = float(rng.choice([20.0, 50.0, 100.0, 200.0]))
     setting = Setting(control_hz=control_hz, share=0.6, guarded=False, judged=False)
     rig = Rig(folder, setting, seed)
-    drive = _driving(rig, kind, share, rng)
+    drive = _driving(rig, kind, share, rng, needs_object=cause == "cameras lost")
     for _ in range(round(rng.uniform(0.5, 0.7) * rig.config.control_hz)):
         drive()
     rig.pass_time(rng.uniform(0.0, 1.0 / rig.config.control_hz))
@@ -49,7 +56,7 @@ def stop_once(folder: Path, kind: CommandKind, share: float, cause: str, seed: i
 
 
 def _driving(
-    rig: Rig, kind: CommandKind, share: float, rng: np.random.Generator
+    rig: Rig, kind: CommandKind, share: float, rng: np.random.Generator, *, needs_object: bool
 ) -> Callable[[], None]:
     """Returns what sends the next command of a motion at constant speed."""
     away = np.where(READY > 0.5 * (LIMITS.lower + LIMITS.upper), -1.0, 1.0)  # noqa: SIM300
@@ -67,7 +74,8 @@ def _driving(
             CommandKind.POSITION: target,
             CommandKind.EFFORT: 15.0 * slow,
         }
-        rig.send(kind, values[kind])
+        rig.track()
+        rig.send(kind, values[kind], needs_object=needs_object)
         rig.pass_time(period_s)
 
     return drive
@@ -80,8 +88,11 @@ def _stop(rig: Rig, cause: str) -> bool:
             rig.ask("robot/stop", StopRobot(reason="tried"))
         case "scaled to zero":
             rig.ask("robot/speed", ScaleSpeed(scale=0.0))
+        case "cameras lost":
+            rig.object_is_seen = False
+            rig.track()
         case "bridge killed":
             rig.bridge_lives = False
         case "bridge closed":
             rig.close_bridge()
-    return cause == "scaled to zero"
+    return cause in ("scaled to zero", "cameras lost")
