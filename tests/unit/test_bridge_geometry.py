@@ -131,7 +131,11 @@ def stepped(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 def ball_guard() -> Guard:
     foresight = Foresight(
-        {kind: slides(kind).compile() for kind in CommandKind}, np.full(2, 7.0), 0.035, 0.235
+        {kind: slides(kind).compile() for kind in CommandKind},
+        np.full(2, 7.0),
+        np.full(2, 5.0),
+        0.035,
+        0.235,
     )
     surroundings = Surroundings(guarded_model(slides(CommandKind.EFFORT), WALLS))
     return Guard(surroundings, foresight, CLEARANCE_M)
@@ -237,6 +241,7 @@ def test_it_foresees_how_the_robot_stops_by_itself() -> None:
     foresight = Foresight(
         {kind: sawyer_spec(command=kind).compile() for kind in CommandKind},
         0.7 * limits.acceleration,
+        0.5 * limits.acceleration,
         next_s=0.02,
         patience_s=0.104,
     )
@@ -249,7 +254,11 @@ def test_it_foresees_how_the_robot_stops_by_itself() -> None:
 
 def test_it_foresees_that_a_position_is_arrived_at() -> None:
     foresight = Foresight(
-        {kind: slides(kind).compile() for kind in CommandKind}, np.full(2, 7.0), 0.02, 0.22
+        {kind: slides(kind).compile() for kind in CommandKind},
+        np.full(2, 7.0),
+        np.full(2, 5.0),
+        0.02,
+        0.22,
     )
     plan = Plan(kind=CommandKind.POSITION, values=np.array([[0.0, 0.29]]), spacing_s=0.02)
     arrived, stopped = foresight.paths(np.array([0.0, 0.3]), np.zeros(2), plan)
@@ -462,7 +471,8 @@ def test_a_path_that_is_let_through_keeps_away_in_all_its_moments() -> None:
     models = {
         kind: sawyer_spec(command=kind, end_effector="plate").compile() for kind in CommandKind
     }
-    foresight = Foresight(models, 0.7 * limits.acceleration, next_s=0.035, patience_s=0.235)
+    shares = (0.7 * limits.acceleration, 0.5 * limits.acceleration)
+    foresight = Foresight(models, *shares, next_s=0.035, patience_s=0.235)
     guard = Guard(judge, foresight, CLEARANCE_M)
     for position in READY + rng.uniform(-0.4, 0.4, (150, 7)):
         if judge.near(position).distance.min(initial=1.0) < CLEARANCE_M:

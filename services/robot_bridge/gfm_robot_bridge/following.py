@@ -16,7 +16,7 @@ from gfm.core.checks import Array
 #: Joints that go at less than this share of the speed that they are told fall behind.
 _SLOW = 0.3
 #: A position servo follows its setpoint by at most so much later, s.
-_LAG_S = 0.15
+LAG_S = 0.15
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ def behind(
         period_s: Since `before`.
     """
     if told.position is not None:
-        lag = _LAG_S * np.abs(told.speed)
+        lag = LAG_S * np.abs(told.speed)
         return np.asarray(np.maximum(np.abs(told.position - position) - lag, 0.0))
     missing = _SLOW * np.abs(told.speed) - np.abs(velocity) - still
     return np.asarray(np.maximum(before + missing * period_s, 0.0))

@@ -33,6 +33,7 @@ class Foresight:
     Args:
         models: With drives that take commands of each kind; the joints are the arm's, in order.
         braking: Of a stop, rad/s^2, shape (J,).
+        slowing: Of one in position mode, rad/s^2, shape (J,).
         next_s: In which time the bridge can stop it, after what it is told now.
         patience_s: In which time the robot stops by itself.
     """
@@ -41,12 +42,14 @@ class Foresight:
         self,
         models: Mapping[CommandKind, mujoco.MjModel],
         braking: Array,
+        slowing: Array,
         next_s: float,
         patience_s: float,
     ) -> None:
         self._models = {kind: _for_stepping(model) for kind, model in models.items()}
         self._data = {kind: mujoco.MjData(model) for kind, model in self._models.items()}
         self._braking = braking
+        self._slowing = slowing
         self._next_s = next_s
         self._patience_s = patience_s
 
@@ -87,7 +90,11 @@ class Foresight:
         """Yields where a stop leads from there: its speeds are ramped down by their setpoints.
 
         An arm that sinks is made to hold its position then, and gives way to its load once more.
+        Positions of one come to rest as positions.
         """
+        if sinks and kind is CommandKind.POSITION:
+            yield self._slowed()
+            return
         before, data = self._data[kind], self._data[CommandKind.VELOCITY]
         first = before.qvel.copy()
         data.qpos[:], data.qvel[:] = before.qpos.copy(), first
@@ -99,6 +106,14 @@ class Foresight:
         yield self._followed(CommandKind.VELOCITY, first - np.clip(first, -lost, lost))
         if sinks:
             yield self._held()
+
+    def _slowed(self) -> Array:
+        """Returns where an arm goes whose positions come to rest as evenly as they may."""
+        data = self._data[CommandKind.POSITION]
+        first, until_s = data.qvel.copy(), float((np.abs(data.qvel) / self._slowing).max())
+        lost = self._slowing * _STEP_S * np.arange(round((until_s + _ARRIVES_S) / _STEP_S))[:, None]
+        way = _STEP_S * np.cumsum(first - np.clip(first, -lost, lost), axis=0)
+        return self._followed(CommandKind.POSITION, data.ctrl + way)
 
     def _held(self) -> Array:
         """Returns where an arm goes that is told to hold where the stop led it."""

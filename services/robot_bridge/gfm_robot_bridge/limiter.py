@@ -6,13 +6,14 @@ Shape letters: J joints.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import final
 
 import numpy as np
 
 from gfm.core import Command, CommandKind, Observation
 from gfm.core.checks import Array
-from gfm_robot_bridge.following import Told
+from gfm_robot_bridge.following import LAG_S, Told
 from gfm_robot_bridge.guard import Guard
 from gfm_robot_bridge.limits import Bounds, Reason, limited_position, limited_speed
 from gfm_robot_bridge.load import Load, Loaded, LoadObserver, by_load
@@ -26,6 +27,8 @@ _SERVO_LAG_S = 0.1
 #: as hard as a speed servo; the lag at the end of a ramp (0.1 s) has halved by then, so that this
 #: is no harder than the ramp. Every moment more costs way.
 _SETTLES_S = 0.08
+#: Farther from its setpoint a position servo pushes with all that it has, rad: something holds it.
+_PUSHES_RAD = 0.1
 
 
 @final
@@ -119,6 +122,8 @@ class Limiter:
         """Returns the next part of a stop: a ramp to rest, then holding; None where it holds."""
         if self.holds:
             return None
+        if self._load is not None and self._is_followed(seen):
+            return self._slow_down()
         if not self._at_rest(seen.velocity):
             return self._brake(seen)
         self._hold(seen.position)
@@ -252,6 +257,22 @@ class Limiter:
         self._last = slower
         return self._plan(CommandKind.VELOCITY, values)
 
+    def _is_followed(self, seen: Observation) -> bool:
+        """Returns whether the arm is about where positions were told, and is not held up."""
+        if self._kind is not CommandKind.POSITION:
+            return False
+        late = np.abs(self._last - seen.position) - LAG_S * np.abs(self._speed)
+        return bool((late < _PUSHES_RAD).all())
+
+    def _slow_down(self) -> Plan:
+        """Returns the next positions of a way to rest: at speeds of 0 a loaded arm would sink."""
+        step = self._bounds.acceleration * self._period_s
+        slower = self._speed - np.clip(self._speed, -step, step)
+        after = self._last + slower * self._period_s
+        values, spacing_s = positions(self._last, after, self._period_s)
+        self._last, self._speed = after, slower
+        return Plan(kind=CommandKind.POSITION, values=values, spacing_s=spacing_s)
+
     def _to_position(self, wanted: Array) -> Plan:
         after, reason = limited_position(
             wanted, self._last, self._speed, self._scaled, period_s=self._period_s
@@ -261,34 +282,26 @@ class Limiter:
 
     def _to_speed(self, wanted: Array, seen: Observation) -> Plan:
         last = self._last if self._kind is CommandKind.VELOCITY else seen.velocity
-        period_s, bounds = self._period_s, self._bounds
-        after_s = bounds.patience_s + _SERVO_LAG_S
-        after, reason = limited_speed(
-            wanted, last, seen.position, bounds, period_s=period_s, after_s=after_s
+        limited = partial(
+            limited_speed,
+            position=seen.position,
+            bounds=self._bounds,
+            period_s=self._period_s,
+            after_s=self._bounds.patience_s + _SERVO_LAG_S,
         )
-        if (load := self._load) is not None:
+        after, reason = limited(wanted, last)
+        for sinks in [] if self._load is None else self._load.lately:
             # The arm goes by so much more than it is told.
-            sinks = load.sinking
-            loaded, why = limited_speed(
-                after + sinks,
-                last + sinks,
-                seen.position,
-                bounds,
-                period_s=period_s,
-                after_s=after_s,
-            )
+            loaded, why = limited(after + sinks, last + sinks)
             after, reason = loaded - sinks, reason | by_load(why)
-        values = speeds(last, after, bounds.acceleration, period_s)
+        values = speeds(last, after, self._bounds.acceleration, self._period_s)
         return self._plan(CommandKind.VELOCITY, values, reason)
 
     def _to_torque(self, wanted: Array, seen: Observation) -> Plan:
-        torque, reason = limited_torque(
-            wanted, seen.position, seen.velocity, self._known, self._scaled
-        )
+        at, scaled = (seen.position, seen.velocity), self._scaled
+        torque, reason = limited_torque(wanted, *at, self._known, scaled)
         if self._load is not None:
-            torque, why = limited_torque(
-                torque, seen.position, seen.velocity, self._moved, self._scaled
-            )
+            torque, why = limited_torque(torque, *at, self._moved, scaled)
             reason |= by_load(why)
         return self._plan(CommandKind.EFFORT, torque[None], reason)
 

@@ -35,6 +35,7 @@ def sawyer_guard(config: BridgeConfig, robot: Robot) -> Guard:
     foresight = Foresight(
         {kind: spec.compile() for kind, spec in specs.items()},
         bounds.braking,
+        bounds.acceleration,
         next_s=config.period_ns * 1e-9 + _LATE_S,
         patience_s=bounds.patience_s + _LATE_S,
     )

@@ -35,7 +35,7 @@ class SawyerBalance(Balance):
         data = self._data
         data.qpos[:], data.qvel[:], data.qacc[:] = position, velocity, acceleration
         mujoco.mj_inverse(self._model, data)
-        return data.qfrc_inverse.copy()
+        return np.array(data.qfrc_inverse)
 
     @override
     def carry(self, payload: SetPayload) -> None:
