@@ -247,8 +247,7 @@ class Limiter:
         an arm that a load drags along shall not be told to go with it.
         """
         if not self._braking:
-            told = self._last if self._kind is CommandKind.VELOCITY else seen.velocity
-            self._last, self._stood_s = smaller(told, seen.velocity), 0.0
+            self._last, self._stood_s = smaller(self._told_speed(seen), seen.velocity), 0.0
         self._stood_s = 0.0 if self._last.any() else self._stood_s + self._period_s
         self._kind, self._braking = CommandKind.VELOCITY, True
         step = self._bounds.braking * self._period_s
@@ -281,7 +280,7 @@ class Limiter:
         return Plan(kind=CommandKind.POSITION, values=values, spacing_s=spacing_s, reason=reason)
 
     def _to_speed(self, wanted: Array, seen: Observation) -> Plan:
-        last = self._last if self._kind is CommandKind.VELOCITY else seen.velocity
+        last = self._told_speed(seen)
         limited = partial(
             limited_speed,
             position=seen.position,
@@ -296,6 +295,12 @@ class Limiter:
             after, reason = loaded - sinks, reason | by_load(why)
         values = speeds(last, after, self._bounds.acceleration, self._period_s)
         return self._plan(CommandKind.VELOCITY, values, reason)
+
+    def _told_speed(self, seen: Observation) -> Array:
+        """Returns the speeds that the arm was told, or those by which it would go on as it does."""
+        if self._kind is CommandKind.VELOCITY:
+            return self._last
+        return seen.velocity if self._load is None else seen.velocity - self._load.sinking
 
     def _to_torque(self, wanted: Array, seen: Observation) -> Plan:
         at, scaled = (seen.position, seen.velocity), self._scaled
