@@ -15,9 +15,11 @@ from gfm.core.checks import Array
 from gfm.sim.sawyer import JOINT_NAMES, READY
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.config import BridgeConfig
-from gfm_robot_bridge.limits import Reason
+from gfm_robot_bridge.limiter import Limiter
+from gfm_robot_bridge.limits import Limits, Reason
 from gfm_robot_bridge.load import Balance, Loaded, LoadObserver
 from gfm_robot_bridge.mirror import UnitMasses
+from gfm_robot_bridge.plan import Plan
 from gfm_robot_bridge.sawyer_guard import sawyer_guard
 from gfm_robot_bridge.sawyer_limits import sawyer_limits
 from gfm_robot_bridge.sawyer_load import SawyerBalance, sawyer_load
@@ -140,6 +142,91 @@ def test_a_load_is_too_heavy_where_a_servo_gives_way_too_fast(
     assert f"a bears {torque:.1f} N m" in observer.words(bounds)
     assert f"sinks at {torque / 50:.2f} rad/s" in observer.words(bounds)
     assert "up to 25.0 N m" in observer.words(bounds)
+
+
+# What is told to a loaded joint
+
+ONE = CONFIG.bounds(
+    Limits(
+        lower=np.array([-3.0]),
+        upper=np.array([3.0]),
+        velocity=np.array([2.0]),
+        acceleration=np.array([10.0]),
+        effort=np.array([80.0]),
+    ),
+    0.2,
+)
+
+
+class Joint:
+    """A limiter, and a joint at which a load of -10 N m pulls: by -0.2 rad/s in velocity mode."""
+
+    def __init__(self) -> None:
+        observer = LoadObserver(OneKilogram(), servo_gain=50.0, unnoticed_nm=0.5)
+        observer.take([report(0.0, 0.0, 10.0)])
+        self.limiter = Limiter(ONE, UnitMasses(), PERIOD_S, observer=observer)
+        self.position, self.velocity = np.zeros(1), np.zeros(1)
+
+    @property
+    def seen(self) -> Observation:
+        return replace(report(0.0, 0.0, 10.0), position=self.position, velocity=self.velocity)
+
+    def send(self, kind: CommandKind, value: float) -> Plan:
+        """Commands, and lets the joint do what it is told."""
+        command = Command(kind=kind, joint_names=("a",), values=np.array([value]), stamp_ns=0)
+        plan = self.limiter.limited(command, self.seen)
+        self.follow(plan)
+        return plan
+
+    def follow(self, plan: Plan) -> None:
+        if plan.kind is CommandKind.POSITION:
+            self.velocity = (plan.values[-1] - self.position) / PERIOD_S
+            self.position = plan.values[-1]
+        else:
+            self.velocity = plan.values[-1] - 0.2
+            self.position = self.position + PERIOD_S * self.velocity
+
+
+def test_speeds_leave_room_for_what_a_load_adds_and_more_where_it_grows() -> None:
+    down, up = Joint(), Joint()
+    for _ in range(50):
+        reason = down.send(CommandKind.VELOCITY, -2.0).reason
+        up.send(CommandKind.VELOCITY, 2.0)
+    assert Reason.LOAD | Reason.VELOCITY in reason
+    assert down.velocity == pytest.approx(-ONE.velocity + 0.1)
+    assert up.velocity == pytest.approx(ONE.velocity - 0.2)
+
+
+def test_speeds_begin_where_the_servo_bears_the_load() -> None:
+    joint = Joint()
+    first = joint.send(CommandKind.VELOCITY, 1.0).values
+    assert first[0] == pytest.approx(0.2 + ONE.acceleration * 0.004)
+    assert joint.velocity >= 0.0
+
+
+def test_positions_of_a_loaded_arm_come_to_rest_as_positions() -> None:
+    joint = Joint()
+    for _ in range(20):
+        joint.send(CommandKind.POSITION, 2.0)
+    before, periods = joint.velocity, 0
+    assert before > 0.3
+    while (plan := joint.limiter.stopped(joint.seen)) is not None:
+        joint.follow(plan)
+        assert plan.kind is CommandKind.POSITION
+        assert (before - joint.velocity <= ONE.acceleration * PERIOD_S + 1e-9).all()
+        before, periods = joint.velocity, periods + 1
+    assert joint.velocity == pytest.approx(0.0)
+    assert periods > 3
+
+
+def test_a_loaded_arm_that_is_held_up_is_let_go_of() -> None:
+    joint = Joint()
+    for _ in range(20):
+        joint.send(CommandKind.POSITION, 2.0)
+    joint.position = joint.position - 0.5
+    plan = joint.limiter.stopped(joint.seen)
+    assert plan is not None
+    assert plan.kind is CommandKind.VELOCITY
 
 
 # The arm's model

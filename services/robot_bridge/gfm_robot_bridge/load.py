@@ -37,8 +37,8 @@ SETTLES_S = 0.1
 _GONE_S = 0.5
 #: Longer than a joint takes to the highest speed, ns: what a load takes to be accelerated is over.
 _REMEMBERED_NS = 500_000_000
-#: By so much a load may grow until a servo has followed: by its lever as the posture changes, and by
-#: its inertia where it is slowed down.
+#: By so much a load may grow until a servo has followed: by its lever as the posture changes, and
+#: by its inertia where it is slowed down.
 _GROWS = 1.5
 #: Of the torque that a drive has, a load may take so much: the rest is left to brake with.
 _STRENGTH = 0.8
