@@ -3,8 +3,8 @@
     python benchmarks/campaigns.py --parts build/campaigns
 
 Every campaign is one `gfm transfer`, in a folder that is named by all that it is asked for: what is
-there is not made again, and what was broken off goes on. What the robots hide lies in
-`benchmarks/robots`.
+there is not made again, and what was broken off goes on. One that fails does not keep the others
+from being made. What the robots hide lies in `benchmarks/robots`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from parts import Part, commits, done_parts
 from gfm.experiments.policy_flags import TREATMENTS
 from gfm.experiments.sealed import unseal
 
-ROBOTS = Path(__file__).parent / "robots"
+HERE = Path(__file__).parent
+ROBOTS = HERE / "robots"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,16 +90,36 @@ def campaigns(seeds: int) -> list[Campaign]:
 
 
 def made(campaign: Campaign, folder: Path) -> Part:
-    """Closes the loop, and returns what the campaign's files say."""
-    log = folder.with_suffix(".log")
-    with log.open("a") as out:
+    """Closes the loop, and returns what the campaign's files say.
+
+    Raises:
+        CalledProcessError: that did not come to its end; the log beside the folder says why.
+    """
+    words = ("transfer", *campaign.words, "--out", str(folder))
+    with log_of(folder).open("a") as out:
         subprocess.run(
-            [sys.executable, "-m", "gfm.cli", "transfer", *campaign.words, "--out", str(folder)],
+            [sys.executable, str(HERE / "one_process.py"), *words],
             stdout=out,
             stderr=subprocess.STDOUT,
             check=True,
         )
     return summary(campaign, folder)
+
+
+def log_of(folder: Path) -> Path:
+    """Returns where a campaign's words are kept."""
+    return folder.with_name(f"{folder.name}.log")
+
+
+def failed(asked: Mapping[str, Campaign], parts: Path) -> list[str]:
+    """Makes what is not made yet, and returns which of it did not come to its end."""
+    names = []
+    for name, campaign in asked.items():
+        try:
+            done_parts(parts, [name], lambda _, one=campaign: made(one, parts / one.name))
+        except subprocess.CalledProcessError:
+            names.append(name)
+    return names
 
 
 def summary(campaign: Campaign, folder: Path) -> Part:
@@ -166,7 +187,7 @@ were given to the diagnosis.
 
 
 def main() -> None:
-    """Makes what is not made yet, and writes the page."""
+    """Makes what is not made yet, and writes the page; exits with 1 where something failed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--parts", type=Path, default=Path("build/campaigns"), metavar="DIR")
     parser.add_argument("--seeds", type=int, default=3, metavar="N")
@@ -178,11 +199,14 @@ def main() -> None:
     )
     arguments = parser.parse_args()
     asked = {one.name: one for one in campaigns(arguments.seeds)}
-    chosen = [name for name in asked if arguments.only in name]
-    done_parts(arguments.parts, chosen, lambda name: made(asked[name], arguments.parts / name))
+    chosen = {name: one for name, one in asked.items() if arguments.only in name}
+    left = failed(chosen, arguments.parts)
     parts = done_parts(arguments.parts, [*asked], None)
     text = page(parts, len(asked))
     (arguments.page or arguments.parts / "campaigns.md").write_text(text, encoding="utf-8")
+    for name in left:
+        print(f"{name} did not come to its end, see {log_of(arguments.parts / name)}")
+    sys.exit(1 if left else 0)
 
 
 if __name__ == "__main__":

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from campaigns import ROBOTS, Campaign, campaigns, page, summary
+from campaigns import ROBOTS, Campaign, campaigns, failed, log_of, page, summary
+from parts import done_parts
 
 from gfm.cli import main
 from gfm.experiments.policy_flags import TREATMENTS
@@ -85,3 +87,23 @@ def test_every_campaign_is_one_that_the_command_takes(
     for one in asked:  # refused for the folder alone, after all flags were read
         assert main(["transfer", *one.words, "--out", str(tmp_path)]) == 2
         assert "expected a new or an empty folder" in capsys.readouterr().err
+
+
+def test_a_campaign_that_fails_does_not_keep_the_others_from_being_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def made(campaign: Campaign, folder: Path) -> dict[str, object]:
+        if campaign.seed == 1:
+            raise subprocess.CalledProcessError(1, str(folder))
+        return {"seed": campaign.seed}
+
+    monkeypatch.setattr("campaigns.made", made)
+    asked = {one.name: one for one in (replace(ASKED, seed=seed) for seed in range(3))}
+    assert failed(asked, tmp_path) == [replace(ASKED, seed=1).name]
+    done = done_parts(tmp_path, [*asked], None)
+    assert [part["seed"] for part in done.values()] == [0, 2]
+
+
+def test_every_campaign_has_a_log_of_its_own(tmp_path: Path) -> None:
+    logs = {log_of(tmp_path / replace(ASKED, seed=seed).name) for seed in range(3)}
+    assert len(logs) == 3
