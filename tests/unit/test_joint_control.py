@@ -181,6 +181,7 @@ def fitted(*snapshots: Snapshot, lacking: bool = True, began: Beginning = WARM) 
         problem=None,  # type: ignore[arg-type]
         about="forces on a",
         began=began,
+        unit="rad",
         nominal_error=0.5,
         lacking=lacking,
         snapshots=snapshots,
@@ -265,7 +266,7 @@ def test_without_metrics_there_are_no_learning_curves(tmp_path):
 
 
 def test_error_curves_show_both_with_and_without_forces():
-    learned, without = error_curves([(0.0, 0, 0.2), (15.0, 300, 0.1)], 0.4)
+    learned, without = error_curves([(0.0, 0, 0.2), (15.0, 300, 0.1)], 0.4, "rad")
     np.testing.assert_allclose(learned.value, (0.2, 0.1))
     np.testing.assert_allclose(learned.learner_steps, (0, 300))
     np.testing.assert_allclose(without.value, (0.4, 0.4))

@@ -3,7 +3,8 @@
 The warm start (`gfm.experiments.fit_warm`) comes first. From there MPO goes on in the learner, with
 actors in `gfm_fit`. Every now and then the learner's policy is rolled out along the *training*
 recordings; the best one is kept, the warm start among them, or no force at all where none of them
-does any good. Held-out recordings are never looked at here.
+does any good. Where an object is pushed, its place in short windows counts
+(`gfm.envs.following`). Held-out recordings are never looked at here.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 from gfm.core import Clock, CommandKind, GfmError, Trajectory, UnreachableError, Weights
 from gfm.core.checks import Array32
 from gfm.envs.fit_problem import FitProblem
+from gfm.envs.following import object_errors
 from gfm.envs.gfm_fit import NAME
 from gfm.envs.registry import EnvironmentSettings, make_environment
 from gfm.experiments.fit_curves import error_curves, learning_curves, metric_rows
@@ -43,6 +45,8 @@ from gfm_wire import Role, WeightsRequest
 
 #: Policies; and the best one with all that is needed to use it elsewhere.
 WARM_START, BEST, FORCES = "warm_start.npz", "gfm.npz", "forces.npz"
+#: Control periods of an episode.
+HORIZON = 40
 _POLL_NS = 500_000_000
 #: Between two looks at the policy, s.
 SNAPSHOT_S = 15.0
@@ -116,7 +120,7 @@ class FitInputs:
     seed: int
     actors: int
     control_period_s: float = 0.02
-    horizon: int = 40
+    horizon: int = HORIZON
     began: Beginning = WARM
 
     @property
@@ -140,6 +144,8 @@ def environment_flags(settings: EnvironmentSettings) -> tuple[str, ...]:
         *(("--scale", str(x)) for x in settings.scale or ()),
         ("--control-period-s", str(settings.control_period_s)),
         ("--joint-nm", str(settings.joint_nm)),
+        ("--object-n", str(settings.object_n)),
+        ("--object-nm", str(settings.object_nm)),
         ("--horizon", str(settings.horizon)),
     ]
     return tuple(word for pair in pairs for word in pair)
@@ -152,7 +158,7 @@ class Snapshot:
     Attributes:
         weights: Its parameters; version 0 is the warm start.
         time_s: Since the fit began.
-        error: Rollout position RMSE on the training recordings, rad.
+        error: On the training recordings, in the unit of the fit.
     """
 
     weights: Weights
@@ -168,8 +174,10 @@ class FittedForces:
         problem: The model, features and recordings that were fitted with.
         about: Where forces act and what they depend on, in words.
         began: What learning began with.
-        nominal_error: Training error without any forces, rad.
-        lacking: Whether that is more than noise on any joint.
+        unit: Of training errors: rad, of the joints' positions in rollouts of whole recordings; or
+            m, of an object's place in windows in which it moves.
+        nominal_error: Training error without any forces.
+        lacking: Whether that is more than noise on any joint, or of the object's place.
         snapshots: In order of time; the first is the one that learning began with.
         curves: How the fit went.
     """
@@ -177,6 +185,7 @@ class FittedForces:
     problem: FitProblem
     about: str
     began: Beginning
+    unit: str
     nominal_error: float
     lacking: bool
     snapshots: tuple[Snapshot, ...]
@@ -207,7 +216,7 @@ class FittedForces:
     def detail(self) -> str:
         """What was kept, and what learning added to the first policy, in words."""
         if not self.lacking:
-            left = f"{self.nominal_error:.3g} rad in training recordings"
+            left = f"{self.nominal_error:.3g} {self.unit} in training recordings"
             return f"no force kept: nothing but noise is left on any joint ({left})"
         first, best = self.snapshots[0], self.best
         waited = self.began.critic_first_steps
@@ -222,7 +231,7 @@ class FittedForces:
             outcome = f"{self.began.words} refined by {best.weights.version} learner steps"
             after = f", {best.error:.3g} after learning"
         return (
-            f"{outcome}; training error {self.nominal_error:.3g} rad without forces, "
+            f"{outcome}; training error {self.nominal_error:.3g} {self.unit} without forces, "
             f"{first.error:.3g} at first{after}; {self.about}"
         )
 
@@ -264,7 +273,9 @@ class ForceFit:
             tensors=self._warm.tensors,
         )
         write_weights(inputs.folder / WARM_START, weights)
-        self._nominal_error = float(np.sqrt(np.square(self._warm.nominal_errors).mean()))
+        errors = self._warm.object_errors
+        joints = float(np.sqrt(np.square(self._warm.nominal_errors).mean()))
+        self._unit, self._nominal_error = ("m", errors.place_m) if errors else ("rad", joints)
         first_s = self.time_s
         self._snapshots = [Snapshot(weights=weights, time_s=first_s, error=self._error(weights))]
 
@@ -357,12 +368,13 @@ class ForceFit:
             problem=self._warm.problem,
             about=self._warm.about,
             began=self._inputs.began,
+            unit=self._unit,
             nominal_error=self._nominal_error,
             lacking=self._warm.lacking,
             snapshots=tuple(self._snapshots),
             curves=(
                 *learning_curves(metric_rows(self._inputs.folder), self._began_utc_s),
-                *error_curves(points, self._nominal_error),
+                *error_curves(points, self._nominal_error, self._unit),
             ),
         )
         write_weights(self._inputs.folder / BEST, fitted.kept)
@@ -372,6 +384,8 @@ class ForceFit:
 
     def _error(self, weights: Weights) -> float:
         forces = force_model(self._warm.problem, weights)
+        if self._unit == "m":
+            return object_errors(self._warm.problem, forces.policy).place_m
         return training_error(forces, self._trajectories)
 
 

@@ -51,13 +51,14 @@ def learning_curves(
 
 
 def error_curves(
-    points: Sequence[tuple[float, int, float]], without_forces: float
+    points: Sequence[tuple[float, int, float]], without_forces: float, unit: str
 ) -> tuple[TrainingCurve, ...]:
     """Returns the training error of the policy, and that without any forces beside it.
 
     Args:
-        points: Time s, learner steps and error rad of each measured policy.
-        without_forces: rad.
+        points: Time s, learner steps and error of each measured policy.
+        without_forces: The error of none.
+        unit: Of the errors.
     """
     times, steps, errors = np.array(points, np.float64).reshape(-1, 3).T
     values = {
@@ -68,7 +69,7 @@ def error_curves(
         TrainingCurve(
             label=label,
             group=CurveGroup.ERROR,
-            unit="rad",
+            unit=unit,
             wall_clock_s=times,
             learner_steps=steps,
             value=value,

@@ -18,18 +18,21 @@ from gfm.api.provenance import command_line, provenance
 from gfm.api.recordings import check_together, read_recordings
 from gfm.api.refusals import check_usable
 from gfm.api.sources import check_different
-from gfm.core import Clock, ConfigError, MonotonicClock
-from gfm.diagnosis.data.segmentation import measure_noise
+from gfm.core import Clock, ConfigError, MonotonicClock, Trajectory
+from gfm.envs.fit_problem import make_fit_problem
+from gfm.envs.following import MOVES_M, moving_windows
 from gfm.experiments.fit import (
     FORCES,
+    HORIZON,
     WARM,
     Beginning,
     FitInputs,
     FittedForces,
     ForceFit,
+    Snapshot,
     force_model,
 )
-from gfm.experiments.joint_control import JointControlTest, ModelErrors, make_test
+from gfm.experiments.fit_judge import Judge, Judged, make_judge
 from gfm.experiments.progress import Phase, RunProgress
 from gfm.launch import Supervisor, own_system, replay_process, router_process
 from gfm.report import ModelKind
@@ -91,14 +94,16 @@ class Point:
     Attributes:
         time_s: Since the fit began.
         learner_step: Steps of the learner until then.
-        training: Open-loop position RMSE on the recordings that are followed, rad.
-        held_out: The same on those held out.
+        training: Error on the recordings that are followed, see `FittedForces.unit`.
+        held_out: On those held out: open-loop position RMSE, rad.
+        object_m: The same of an object's place, m; None where there is none.
     """
 
     time_s: float
     learner_step: int
     training: float
     held_out: float
+    object_m: float | None = None
 
 
 def fit_files(request: FitRequest, clock: Clock | None = None) -> None:
@@ -113,59 +118,75 @@ def fit_files(request: FitRequest, clock: Clock | None = None) -> None:
     if not held_out:
         training, held_out = training[:-1], training[-1:]
     robot = load_nominal(request.models, request.actuators)
-    test, nominal = _test(robot, training, held_out)
-    _check_replays(robot, training, request.period_s)
+    judge = _judge(robot, training, held_out, request.period_s)
     phases = [Phase(name=_BEGIN, expected_s=30.0), Phase(name=_COMPARE, expected_s=10.0)]
     if request.learning_s > 0.0:
         phases.insert(1, Phase(name=_LEARN, expected_s=request.learning_s))
     with RunProgress(phases, console=Console(stderr=True), clock=clock) as progress:
         fitted = _fit(request, robot, training, progress, clock)
         with progress.phase(_COMPARE):
-            points = [_point(test, fitted, i) for i in range(len(fitted.snapshots))]
-            hybrid = _errors(test, fitted)
+            points = [_point(judge, fitted, one) for one in fitted.snapshots]
+            nominal = judge.errors(None, fitted.problem)
+            hybrid = judge.errors(fitted.forces, fitted.problem)
     files = {"model": robot.files, "recording": training, "held-out recording": held_out}
     report = {
         "schema": SCHEMA,
         "unit": "rad",
-        "noise_floor": float(np.sqrt(np.mean(test.problem.noise.position**2))),
-        "models": [_row(test, nominal), _row(test, hybrid)],
+        "noise_floor": float(np.sqrt(np.mean(judge.noise**2))),
+        "models": [
+            _row(judge, ModelKind.NOMINAL, nominal, "as given"),
+            _row(judge, ModelKind.HYBRID, hybrid, fitted.detail),
+        ],
         "curve": [asdict(point) for point in points],
         "forces": FORCES,
         "provenance": provenance(files, request.seed, command_line()),
     }
     text = json.dumps(report, indent=2, allow_nan=False) + "\n"
     (path,) = write_texts(request.out, {REPORT: text})
-    _print(Console(), test, nominal, hybrid)
+    print_fit(Console(), judge, nominal, hybrid, fitted)
     for written in (request.out / FORCES, path):
         Console().print(Text(str(written)), soft_wrap=True)
 
 
-def _test(
-    robot: NominalModel, training: Sequence[Path], held_out: Sequence[Path]
-) -> tuple[JointControlTest, ModelErrors]:
-    """Returns what forces are compared on, and the nominal model on it."""
+def _judge(
+    robot: NominalModel, training: Sequence[Path], held_out: Sequence[Path], period_s: float
+) -> Judge:
+    """Returns what forces are compared on.
+
+    Raises:
+        BadInputError: models and recordings cannot be used, or do not belong together.
+    """
     paths = [*training, *held_out]
     recordings = read_recordings(paths)
     check_different(paths)
     read = list(zip(paths, recordings, strict=True))
     check_together(robot.specs, read)
+    fitted, kept = recordings[: len(training)], recordings[len(training) :]
     check_usable(robot.specs, read[: len(training)], read[len(training) :])
-    noise = measure_noise(recordings[: len(training)])
-    test = make_test(robot.specs, recordings[len(training) :], noise, robot.effects)
-    return test, test.model_errors(ModelKind.NOMINAL, (), "as given")
-
-
-def _check_replays(robot: NominalModel, training: Sequence[Path], period_s: float) -> None:
-    """Raises BadInputError where a recording cannot be followed, period by period."""
-    recordings = read_recordings(training)
     model = HybridModel(
         models={kind: spec.copy().compile() for kind, spec in robot.specs.items()},
         joint_names=recordings[0].joint_names,
         control_period_s=period_s,
         effects=robot.effects,
     )
-    for recording in recordings:
+    for recording in fitted:
         make_replay(model, recording)
+    if model.layout.has_object:
+        for what, some in (("recording", fitted), ("held-out recording", kept)):
+            _check_pushed(model, what, some)
+    return make_judge(robot, fitted, kept, pushes=model.layout.has_object)
+
+
+def _check_pushed(model: HybridModel, what: str, recordings: Sequence[Trajectory]) -> None:
+    """Raises BadInputError where no object is recorded, or none moves."""
+    scale = [1.0] * (2 * len(model.layout.joint_names) + 6)
+    problem = make_fit_problem(model, recordings, horizon=HORIZON, scale=scale)
+    if not len(moving_windows(problem)):
+        within_s = HORIZON * model.control_period_s
+        raise ConfigError(
+            f"the object moves by {1e3 * MOVES_M:g} mm within {within_s:g} s in no {what}; the "
+            "model has a free object, expected recordings in which it is pushed"
+        )
 
 
 def _fit(
@@ -204,44 +225,47 @@ def _fit(
     return fit.finish()
 
 
-def _point(test: JointControlTest, fitted: FittedForces, index: int) -> Point:
-    snapshot, problem = fitted.snapshots[index], fitted.problem
-    forces = force_model(problem, snapshot.weights)
-    errors = test.hybrid_errors(ModelKind.HYBRID, forces, problem.model, "")
+def _point(judge: Judge, fitted: FittedForces, snapshot: Snapshot) -> Point:
+    found = judge.errors(force_model(fitted.problem, snapshot.weights), fitted.problem)
     return Point(
         time_s=snapshot.time_s,
         learner_step=snapshot.weights.version,
         training=snapshot.error,
-        held_out=errors.overall,
+        held_out=found.overall,
+        object_m=None if found.pushed is None else found.pushed.place_m,
     )
 
 
-def _errors(test: JointControlTest, fitted: FittedForces) -> ModelErrors:
-    """Returns what is kept on the held-out recordings."""
-    model = fitted.problem.model
-    return test.hybrid_errors(ModelKind.HYBRID, fitted.forces, model, fitted.detail)
-
-
-def _row(test: JointControlTest, errors: ModelErrors) -> dict[str, object]:
-    joints = dict(zip(test.problem.joints, errors.joints, strict=True))
-    return {
-        "model": str(errors.model),
-        "detail": errors.detail,
+def _row(judge: Judge, kind: ModelKind, errors: Judged, detail: str) -> dict[str, object]:
+    row = {
+        "model": str(kind),
+        "detail": detail,
         "overall": errors.overall,
-        "joints": joints,
+        "joints": dict(zip(judge.joint_names, errors.joints, strict=True)),
     }
+    if errors.pushed is None:
+        return row
+    place_m, yaw_rad = errors.pushed.place_m, errors.pushed.yaw_rad
+    return row | {"object": {"place_m": place_m, "yaw_rad": yaw_rad}}
 
 
-def _print(
-    console: Console, test: JointControlTest, nominal: ModelErrors, hybrid: ModelErrors
+def print_fit(
+    console: Console, judge: Judge, nominal: Judged, hybrid: Judged, fitted: FittedForces
 ) -> None:
-    table = Table(title="Held-out position error (rad, RMSE of open-loop rollouts)")
+    """Prints what is left without the forces and with them."""
+    title = "Held-out position error (rad, RMSE of open-loop rollouts)"
+    floor = float(np.sqrt(np.mean(judge.noise**2)))
+    rows = [("all joints", nominal.overall, hybrid.overall, floor)]
+    rows += zip(judge.joint_names, nominal.joints, hybrid.joints, judge.noise, strict=True)
+    table = Table(title=title)
     for name in ("joint", "nominal", "with the forces", "noise"):
         table.add_column(name, justify="left" if name == "joint" else "right")
-    noise = test.problem.noise.position
-    rows = zip(test.problem.joints, nominal.joints, hybrid.joints, noise, strict=True)
-    floor = float(np.sqrt(np.mean(noise**2)))
-    for name, *figures in [("all joints", nominal.overall, hybrid.overall, floor), *rows]:
+    for name, *figures in rows:
         table.add_row(str(name), *(f"{float(figure):.3g}" for figure in figures))
+    if nominal.pushed and hybrid.pushed:
+        for key, unit in (("place_m", "m"), ("yaw_rad", "rad")):
+            both = (getattr(one.pushed, key) for one in (nominal, hybrid))
+            name = f"object, {key.partition('_')[0]} ({unit})"
+            table.add_row(name, *(f"{figure:.3g}" for figure in both), "")
     console.print(table)
-    console.print(Text(hybrid.detail))
+    console.print(Text(fitted.detail))

@@ -1,7 +1,8 @@
 """Where a fit of generalized forces begins: which joints, how strong, what they depend on.
 
 Forces by inverse dynamics along the training recordings are regressed onto the policy network.
-Joints that the nominal model predicts down to the noise get none. What each force may depend on,
+Joints that the nominal model predicts down to the noise get none. Those on a free object are found
+by short rollouts instead (`gfm.envs.object_forces`). What each force may depend on,
 and how smooth it is, are chosen by training recordings that the regression has not seen: by
 predicting their missing forces, and by rolling them out. To begin with, forces depend mostly on the
 joint's own motion and drive, for the motions of the others in a few recordings are enough to
@@ -23,7 +24,10 @@ from numpy.typing import NDArray
 from gfm.core import Trajectory
 from gfm.core.checks import Array, Array32
 from gfm.diagnosis.data.segmentation import measure_noise
+from gfm.diagnosis.objects.track import plane_noise, track_of
 from gfm.envs.fit_problem import FitProblem, counted_scale, explored_difference
+from gfm.envs.following import ObjectErrors, moving_windows, object_errors, with_recordings
+from gfm.envs.object_forces import object_forces
 from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings, fit_problem
 from gfm.envs.warm_start import example_states, warm_start_examples
 from gfm.rl.policy_numpy import GaussianPolicy
@@ -45,6 +49,8 @@ _TRIAL_SHARE = 0.25  # of the epochs, for those fits
 #: Noise on scaled inputs and decay of weights between which is chosen.
 _SMOOTHINGS = ((0.0, 0.0), (0.1, 0.0), (0.05, 1.0))
 _EVERYTHING = "everything observed"
+#: Forces on a free object, the last of all.
+_ON_OBJECT = 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +62,8 @@ class WarmStart:
         problem: The same, loaded.
         tensors: The policy.
         nominal_errors: Training error of every joint without forces, rad, shape (J,).
-        lacking: Whether any of them is more than noise.
+        object_errors: Of a free object without forces; None where there is none, or it never moves.
+        lacking: Whether any of them, or the object's, is more than noise.
         about: What was chosen, in words with figures.
     """
 
@@ -64,6 +71,7 @@ class WarmStart:
     problem: FitProblem
     tensors: Mapping[str, Array32]
     nominal_errors: Array
+    object_errors: ObjectErrors | None
     lacking: bool
     about: str
 
@@ -91,13 +99,13 @@ def warm_start(
     )
     errors = joint_errors(nominal, recordings)
     forced = np.flatnonzero(errors > _ABOVE_NOISE * measure_noise(recordings).position)
-    lacking = bool(len(forced))
-    if not lacking:  # no force will be kept
-        forced = np.array([errors.argmax()])
-    forces = [residual_forces(nominal, one) for one in recordings]
-    chosen = _with_joints(settings, nominal, forced, np.concatenate(forces))
+    forces = _missing_forces(nominal, recordings, forced)
+    chosen = _with_forces(settings, nominal, forced, np.concatenate(forces))
     problem = fit_problem(chosen, assets)
-    columns = np.concatenate([forced, np.arange(len(errors), len(nominal.force_dof))])
+    moves = nominal.layout.has_object and len(moving_windows(problem))
+    pushed = object_errors(problem, None) if moves else None
+    lacking = bool(len(forced)) or (pushed is not None and _is_lacking(pushed, recordings))
+    columns = np.concatenate([problem.model.forced, len(errors) + np.arange(_on_object(nominal))])
     examples = warm_start_examples(problem, [one[:, columns] for one in forces])
     how = regression or RegressionSettings()
     if not lacking:
@@ -114,6 +122,7 @@ def warm_start(
         problem=replace(problem, scale=scale),
         tensors=fitted.tensors,
         nominal_errors=errors,
+        object_errors=pushed,
         lacking=lacking,
         about=_about(chosen, best, how, left, examples[1]),
     )
@@ -125,13 +134,45 @@ def joint_errors(model: HybridModel, recordings: Sequence[Trajectory]) -> Array:
     return np.asarray(np.sqrt((errors**2).mean(axis=0)))
 
 
+def _on_object(model: HybridModel) -> int:
+    return _ON_OBJECT if model.layout.has_object else 0
+
+
+def _missing_forces(
+    model: HybridModel, recordings: Sequence[Trajectory], forced: NDArray[np.intp]
+) -> list[Array]:
+    """Returns the forces that the model lacks on its joints, then on the object, (K, A) each."""
+    forces = [residual_forces(model, one) for one in recordings]
+    fine = np.setdiff1d(np.arange(len(model.forced)), forced)
+    for one in forces:
+        one[:, fine] = 0.0
+    if model.layout.has_object:
+        found = object_forces(model, recordings)
+        for one, on_object in zip(forces, found, strict=True):
+            one[:, -_ON_OBJECT:] = on_object
+    return forces
+
+
+def _is_lacking(errors: ObjectErrors, recordings: Sequence[Trajectory]) -> bool:
+    """Returns whether an object moves otherwise than a model says, by more than the noise."""
+    tracks = [track for one in recordings if (track := track_of(one)) is not None]
+    return errors.place_m > _ABOVE_NOISE * float(np.linalg.norm(plane_noise(tracks)[:2]))
+
+
 def _candidates(problem: FitProblem) -> dict[str, Mask]:
-    """Returns what each force may depend on, shape (A, O), by its description."""
+    """Returns what each force may depend on, shape (A, O), by its description.
+
+    Nothing brings an object back to where it was recorded. From earlier states a policy reads how
+    it is accelerated, which tells the force in a recording and is its own echo in a rollout: there
+    forces die away. So with an object the newest state has to do.
+    """
     features, model = problem.features, problem.model
     everything = np.ones((problem.action_size, features.size), bool)
-    if model.layout.has_object:
-        return {_EVERYTHING: everything}
     own = np.array([features.of_joint(joint) for joint in model.forced])
+    if model.layout.has_object:
+        own = np.vstack([own, np.tile(features.of_object(), (_ON_OBJECT, 1))])
+        now = np.tile(features.of_now(), (problem.action_size, 1))
+        return {"the newest state of what it acts on": own & now, "the newest state of all": now}
     newest = np.arange(features.size) < len(model.layout.joint_names)
     return {
         "its joint's states and drive": own,
@@ -140,15 +181,23 @@ def _candidates(problem: FitProblem) -> dict[str, Mask]:
     }
 
 
-def _with_joints(
+def _with_forces(
     settings: EnvironmentSettings, model: HybridModel, forced: NDArray[np.intp], force: Array
 ) -> EnvironmentSettings:
-    """Returns the settings with forces on chosen joints, and a limit that suits them."""
-    needed = float(np.quantile(np.abs(force[:, forced]), _QUANTILE, axis=0).max())
+    """Returns the settings with forces on chosen joints and the object, and limits that suit them.
+
+    There has to be a joint: where none is chosen, the first one is, of which nothing is asked.
+    """
+    needed = np.quantile(np.abs(force), _QUANTILE, axis=0)
+    chosen = forced if len(forced) else np.arange(1)
+    limits = {"joint_nm": float(np.ceil(_ROOM * needed[chosen].max()))}
+    if model.layout.has_object:
+        on_object = _ROOM * needed[-_ON_OBJECT:]
+        limits |= {"object_n": float(on_object[:3].max()), "object_nm": float(on_object[3:].max())}
     return msgspec.structs.replace(
         settings,
-        joint_nm=max(settings.joint_nm, float(np.ceil(_ROOM * needed))),
-        forced_joints=tuple(model.layout.joint_names[i] for i in forced),
+        forced_joints=tuple(model.layout.joint_names[i] for i in chosen),
+        **{name: max(getattr(settings, name), limit) for name, limit in limits.items()},
     )
 
 
@@ -197,11 +246,22 @@ def _choose_smoothing(
     errors = []
     for one in chosen:
         followed = [
-            rollout_rmse(problem, policy, [recordings[i] for i in out])
+            followed_rmse(problem, policy, [recordings[i] for i in out])
             for out, policy in _folds(problem, examples, _briefly(one), seed, inputs)
         ]
         errors.append(float(np.log(np.concatenate(followed)).mean()))
     return chosen[int(np.argmin(errors))]
+
+
+def followed_rmse(
+    problem: FitProblem, policy: GaussianPolicy, recordings: Sequence[Trajectory]
+) -> Array:
+    """Returns how far each recording is followed: an object's place, m, else the joints, rad."""
+    if not problem.model.layout.has_object:
+        return rollout_rmse(problem, policy, recordings)
+    each = [with_recordings(problem, [one]) for one in recordings]
+    pushed = [one for one in each if len(moving_windows(one))]
+    return np.array([object_errors(one, policy.mean_action).place_m for one in pushed])
 
 
 def rollout_rmse(
@@ -260,12 +320,22 @@ def _about(
     left: Array,
     action: Array32,
 ) -> str:
+    on_object = action.shape[1] > len(settings.forced_joints)
     rms = np.sqrt(np.square(action, dtype=np.float64).sum(axis=1).mean())
     share = float(np.sqrt(np.square(left).sum()) / max(float(rms), 1e-12))
     smooth = f" (smoothed: input noise {how.input_noise:g}, weight decay {how.weight_decay:g})"
     return (
-        f"forces on {', '.join(settings.forced_joints)}, at most {settings.joint_nm:g} N m, every "
+        f"forces on {_places(settings, on_object)}, every "
         f"{1e3 * settings.control_period_s:g} ms, beginning with {inputs}"
         f"{smooth if how.input_noise or how.weight_decay else ''}; of the missing force "
         f"{share:.0%} remains in recordings left out"
+    )
+
+
+def _places(settings: EnvironmentSettings, on_object: bool) -> str:
+    joints = f"{', '.join(settings.forced_joints)}, at most {settings.joint_nm:g} N m"
+    if not on_object:
+        return joints
+    return (
+        f"{joints}, and on the object, {settings.object_n:.3g} N and {settings.object_nm:.3g} N m"
     )

@@ -46,6 +46,20 @@ def add_environment_flags(parser: argparse.ArgumentParser) -> None:
         help="largest generalized force on a joint, N m",
     )
     group.add_argument(
+        "--object-n",
+        dest="environment.object_n",
+        type=float,
+        metavar="FORCE",
+        help="largest generalized force on the object, N",
+    )
+    group.add_argument(
+        "--object-nm",
+        dest="environment.object_nm",
+        type=float,
+        metavar="TORQUE",
+        help="largest generalized torque on the object, N m",
+    )
+    group.add_argument(
         "--forced-joint",
         dest="environment.forced_joints",
         action="append",

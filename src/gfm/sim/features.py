@@ -68,6 +68,17 @@ class Features:
         state = np.isin(np.arange(self.state_size), [joint, joints + joint])
         return np.concatenate([np.tile(state, self.history + 1), np.arange(joints) == joint])
 
+    def of_object(self) -> NDArray[np.bool_]:
+        """Returns which inputs are about the object's states, (O,); none where there is none."""
+        joints = len(self.torque_scale)
+        state = np.arange(self.state_size) >= 2 * joints
+        return np.concatenate([np.tile(state, self.history + 1), np.zeros(joints, bool)])
+
+    def of_now(self) -> NDArray[np.bool_]:
+        """Returns which inputs are the newest state and the drives' torques, (O,)."""
+        index = np.arange(self.size)
+        return (index < self.state_size) | (index >= self.size - len(self.torque_scale))
+
     def fill(self, observation: Array32, states: Array32) -> None:
         """Writes the history, oldest state first, shape (n, H + 1, X), into (n, O)."""
         observation[:, : -len(self.torque_scale)] = states[:, ::-1].reshape(len(states), -1)
