@@ -84,7 +84,7 @@ def moving_windows(problem: FitProblem) -> NDArray[np.intp]:
     place = windows.qpos[:, layout.object_qpos][:, :2]
     start = windows.start[::every]
     way = place[start[:, None] + np.arange(problem.horizon + 1)] - place[start][:, None]
-    return start[np.linalg.norm(way, axis=2).max(axis=1) > MOVES_M]
+    return np.asarray(start[np.linalg.norm(way, axis=2).max(axis=1) > MOVES_M])
 
 
 def window_differences(
