@@ -1,6 +1,6 @@
 """Whether confidences are what they say: of names told with 0.8, eight of ten are right.
 
-    python benchmarks/reliability.py runs/known_truth runs/known_truth_other
+    python benchmarks/reliability.py runs/known_truth runs/known_truth_other [--today]
 
 Counts every name of an effect, and every suspect that carries a confidence, in the reports that
 `diagnosis.py` made where the truth is known.
@@ -18,7 +18,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
+import calibrate
+import numpy as np
 from known_truth.told import Told, all_told
+
+from gfm.diagnosis.inference.constants import CONFIDENCE, LEAST_CONFIDENCE
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE, FIGURE = DOCS / "results" / "confidences.md", DOCS / "images" / "reliability.svg"
@@ -218,6 +222,20 @@ def document(told: Sequence[Told], reports: int, figure: str, made: str = "") ->
     return "\n\n".join(sections) + "\n"
 
 
+def by_todays_weights(told: Sequence[Told]) -> list[Told]:
+    """Returns names with the confidences that today's weights make of their evidence.
+
+    Those without evidence are left out.
+    """
+    anew = []
+    for one in told:
+        row = calibrate.features(one.evidence)
+        if row is not None:
+            (sure,) = calibrate.confidence(row[None], np.array(CONFIDENCE))
+            anew.append(replace(one, confidence=float(sure), suspect=sure < LEAST_CONFIDENCE))
+    return anew
+
+
 def commits(folders: Sequence[Path]) -> list[str]:
     """Returns the commits at which the reports were made."""
     files = [path for folder in folders for path in folder.glob("diagnoses/*/made.json")]
@@ -229,15 +247,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folders", nargs="+", type=Path, metavar="DIR")
     parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE")
+    parser.add_argument(
+        "--today", action="store_true", help="weigh the evidence of reports by today's weights"
+    )
     asked = parser.parse_args()
     told, reports = all_told(asked.folders)
+    told = by_todays_weights(told) if asked.today else told
     ours = asked.page == PAGE
     figure = FIGURE if ours else asked.page.with_suffix(".svg")
     for file in (asked.page, figure):
         file.parent.mkdir(parents=True, exist_ok=True)
     figure.write_text(diagram(bins_of(told)), encoding="utf-8")
-    words = shlex.join(["python", "benchmarks/reliability.py", *map(str, asked.folders)])
+    flags = ["--today"] if asked.today else []
+    words = shlex.join(["python", "benchmarks/reliability.py", *map(str, asked.folders), *flags])
     made = f"Written by `{words}`, diagnosed at {', '.join(commits(asked.folders))}."
+    if asked.today:
+        weights = ", ".join(f"{weight:g}" for weight in CONFIDENCE)
+        made += f" Confidences are those of the evidence by the weights {weights}."
     text = document(told, reports, "../images/reliability.svg" if ours else figure.name, made)
     asked.page.write_text(text, encoding="utf-8")
     print(text)

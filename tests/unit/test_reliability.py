@@ -3,6 +3,7 @@
 import json
 import sys
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -148,3 +149,13 @@ def test_page_and_diagram_are_written_side_by_side(tmp_path, monkeypatch, capsys
     assert "## Suspects only" not in text
     assert (tmp_path / "page.svg").exists()
     assert text in capsys.readouterr().out
+
+
+def test_confidences_of_today_are_made_of_the_evidence_in_the_reports():
+    figures = {"z_without": 9.0, "z_rival": 0.0, "apart": 0.0, "bends": 0.0}
+    names = [replace(told(0.9, True), evidence=more) for more in (figures, None)]
+    (tie,) = reliability.by_todays_weights(names)
+    assert tie.suspect
+    assert 0.49 < tie.confidence < 0.5
+    (sure,) = reliability.by_todays_weights([replace(tie, evidence=figures | {"z_rival": 9.0})])
+    assert not sure.suspect
