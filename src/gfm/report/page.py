@@ -60,6 +60,7 @@ def _environment() -> Environment:
         "interval": words.interval,
         "effect_title": words.effect_title,
         "effect_law": words.effect_law,
+        "names_title": words.names_title,
         "joints_title": words.joints_title,
         "packed_figure": lambda picture: packed(picture.figure.to_json()),
         "code_words": code_words,

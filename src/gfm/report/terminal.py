@@ -72,7 +72,7 @@ def _effects_table(effects: tuple[NamedEffect, ...]) -> Table:
         "What the model lacks", "effect", "where", "parameter", *figures, figures=figures
     )
     for effect in effects:
-        head = (words.effect_title(effect.effect), words.joints_title(effect.joints, effect.effect))
+        head = (words.names_title(effect), words.joints_title(effect.joints, effect.effect))
         confidence = words.percent(effect.confidence)
         for name, value, interval in _parameter_lines(effect):
             table.add_row(*map(Text, (*head, name, value, interval, confidence)))

@@ -171,6 +171,12 @@ def effect_title(name: str) -> str:
     return name.replace("_", " ")
 
 
+def names_title(effect: NamedEffect) -> str:
+    """Returns an effect's name, and those that the recordings do not tell from it."""
+    others = dict.fromkeys(effect_title(one.effect) for one in effect.equals)
+    return " or ".join([effect_title(effect.effect), *others])
+
+
 def effect_law(name: str) -> str:
     """Returns what the effect does, in a few words.
 

@@ -6,7 +6,9 @@ import pytest
 from rich.console import Console
 
 from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, Suspect, Verdict
+from gfm.diagnosis.search.naming import Placed
 from gfm.report import print_diagnosis, print_run
+from gfm.report.document import diagnosis_html
 
 
 def printed(show, value, width=80):
@@ -61,6 +63,20 @@ def test_an_effect_without_parameters_still_has_its_line(diagnosis_with):
     text = printed(print_diagnosis, diagnosis_with(effects=(effect,)))
     assert "mystery" in text
     assert "whole robot" in text
+
+
+def test_names_that_are_not_told_apart_stand_together(diagnosis_with):
+    effect = NamedEffect(
+        effect="lag",
+        joints=("j",),
+        parameters={},
+        confidence=0.9,
+        native=True,
+        equals=(Placed(effect="delay", joints=("j",)),),
+    )
+    diagnosis = diagnosis_with(effects=(effect,))
+    assert "lag or delay" in " ".join(printed(print_diagnosis, diagnosis).split())
+    assert diagnosis_html(diagnosis).count("lag or delay") == 2  # on its card and in the table
 
 
 def test_only_the_best_suspects_are_listed_and_the_rest_counted(diagnosis_with):
