@@ -33,7 +33,7 @@ _START, _LEARN = "start the services", "learn"
 #: Expected of a start, and of one learner step on two cores, s.
 _START_S, _STEP_S = 8.0, 0.03
 #: A training run may be one of several on a busy machine.
-_START_TIMEOUT_S = 300.0
+START_TIMEOUT_S = 300.0
 #: The seeds of different starts of one run lie so far apart.
 _LIFE_SEEDS = 1000
 
@@ -78,7 +78,7 @@ def train(
         with (
             RunProgress(phases, console=console, clock=clock) as progress,
             Supervisor(
-                system, folder.logs, start_timeout_s=_START_TIMEOUT_S, clock=clock
+                system, folder.logs, start_timeout_s=START_TIMEOUT_S, clock=clock
             ) as supervisor,
         ):
             with progress.phase(_START):
