@@ -333,6 +333,16 @@ def test_a_loaded_arm_does_not_sink_into_the_basket(tmp_path: Path) -> None:
     assert status.gauges["unknown_load_nm"] > 5.0
 
 
+def test_a_loaded_arm_that_is_held_above_the_basket_is_led_up(tmp_path: Path) -> None:
+    served = Served(tmp_path, payload(3.0))
+    stood(served, 60)
+    held = served.command(CommandKind.POSITION, READY)
+    up = held.position - 0.3 * np.eye(7)[1]
+    for _ in range(100):
+        seen = served.command(CommandKind.POSITION, up)
+    assert seen.position[1] < held.position[1] - 0.2
+
+
 def test_a_bridge_that_observes_no_load_stops_it_when_a_clearance_is_lost(tmp_path: Path) -> None:
     served = Served(tmp_path, payload(2.0), observed=False)
     stood(served, 150)
