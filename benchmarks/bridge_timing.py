@@ -108,7 +108,10 @@ def main() -> None:
         done = cell.ask("robot/record", RecordStop(), timeout_s=10.0)
         if not isinstance(done, RecordDone):
             raise TypeError(f"got {type(done).__name__}, expected RecordDone")
-        text = table(since(before, status), delays(Path(done.path)), counts)
+        taken = delays(Path(done.path))
+        if not len(taken):
+            sys.exit("error: no command was answered; expected a machine that is less busy")
+        text = table(since(before, status), taken, counts)
     if arguments.out is None:
         print(text)
     else:
