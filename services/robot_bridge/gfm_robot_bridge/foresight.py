@@ -54,7 +54,12 @@ class Foresight:
         self._patience_s = patience_s
 
     def paths(
-        self, position: Array, velocity: Array, plan: Plan, torque: Array | None = None
+        self,
+        position: Array,
+        velocity: Array,
+        plan: Plan,
+        torque: Array | None = None,
+        stays: bool = False,
     ) -> Iterator[Array]:
         """Yields where the arm would be if it were told a plan, rad, shape (N, J) each.
 
@@ -66,6 +71,7 @@ class Foresight:
             velocity: At first, rad/s, shape (J,).
             plan: What it is told.
             torque: Of a load on the joints, all the while the same, N m, shape (J,); None for none.
+            stays: Whether positions are stopped as positions.
         """
         for data in self._data.values():
             data.qfrc_applied[:] = 0.0 if torque is None else torque
@@ -74,9 +80,9 @@ class Foresight:
             yield self._told(position, velocity, plan, told_s + _ARRIVES_S)
         else:
             told = self._told(position, velocity, plan, self._patience_s)
-            yield np.concatenate([told, *self._stopped(plan.kind, torque is not None)])
+            yield np.concatenate([told, *self._stopped(plan.kind, torque is not None, stays)])
         told = self._told(position, velocity, plan, self._next_s)
-        yield np.concatenate([told, *self._stopped(plan.kind, torque is not None)])
+        yield np.concatenate([told, *self._stopped(plan.kind, torque is not None, stays)])
 
     def _told(self, position: Array, velocity: Array, plan: Plan, for_s: float) -> Array:
         """Returns where a plan leads whose last setpoint stays in force."""
@@ -86,13 +92,13 @@ class Foresight:
         setpoints = plan.values[np.minimum(numbers, len(plan.values) - 1)]
         return self._followed(plan.kind, setpoints)
 
-    def _stopped(self, kind: CommandKind, sinks: bool) -> Iterator[Array]:
+    def _stopped(self, kind: CommandKind, sinks: bool, stays: bool) -> Iterator[Array]:
         """Yields where a stop leads from there: its speeds are ramped down by their setpoints.
 
         An arm that sinks is made to hold its position then, and gives way to its load once more.
-        Positions of one come to rest as positions.
+        Positions come to rest as positions where they are to stay that.
         """
-        if sinks and kind is CommandKind.POSITION:
+        if stays and kind is CommandKind.POSITION:
             yield self._slowed()
             return
         before, data = self._data[kind], self._data[CommandKind.VELOCITY]

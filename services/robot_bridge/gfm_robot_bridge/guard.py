@@ -114,9 +114,10 @@ class Guard:
             plan: To be told.
             load: That the robot does not know of; None for none.
         """
-        if reason := self._reason(plan, None):
+        stays = load is not None and load.stays
+        if reason := self._reason(plan, None, stays):
             return reason
-        return Reason.NONE if load is None else by_load(self._reason(plan, load.torque))
+        return Reason.NONE if load is None else by_load(self._reason(plan, load.torque, stays))
 
     def corrected(self, speed: Array, sinking: Array | None = None) -> Array:
         """Returns speeds that come no nearer than there is time for, rad/s, shape (J,).
@@ -143,8 +144,8 @@ class Guard:
             speed += rows[worst] * lack[worst] / np.sqrt(size[worst])
         return speed
 
-    def _reason(self, plan: Plan, torque: Array | None) -> Reason:
-        for path in self._foresight.paths(self._position, self._velocity, plan, torque):
+    def _reason(self, plan: Plan, torque: Array | None, stays: bool) -> Reason:
+        for path in self._foresight.paths(self._position, self._velocity, plan, torque, stays):
             if reason := self._reason_on(path):
                 return reason
         return Reason.NONE

@@ -122,7 +122,7 @@ class Limiter:
         """Returns the next part of a stop: a ramp to rest, then holding; None where it holds."""
         if self.holds:
             return None
-        if self._load is not None and self._is_followed(seen):
+        if (load := self._load) is not None and load.stays and self._is_followed(seen):
             return self._slow_down()
         if not self._at_rest(seen.velocity):
             return self._brake(seen)

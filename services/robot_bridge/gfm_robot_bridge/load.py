@@ -40,6 +40,9 @@ _REMEMBERED_NS = 500_000_000
 #: By so much a load may grow until a servo has followed: by its lever as the posture changes, and
 #: by its inertia where it is slowed down.
 _GROWS = 1.5
+#: A load that is less sinks an arm by some millimetres while it is stopped by speeds, N m, which is
+#: quicker. What steps of setpoints make of none is less as well.
+_STAYS_NM = 3.0
 #: Of the torque that a drive has, a load may take so much: the rest is left to brake with.
 _STRENGTH = 0.8
 
@@ -70,6 +73,11 @@ class Load:
     torque: Array
     sinking: Array
     lately: Array
+
+    @property
+    def stays(self) -> bool:
+        """Whether positions are stopped as positions: at speeds of 0 the arm would sink."""
+        return bool(np.abs(self.torque).max() > _STAYS_NM)
 
 
 def by_load(reason: Reason) -> Reason:
