@@ -132,4 +132,4 @@ def test_a_fit_learns_what_moves_an_object_and_gives_the_arm_nothing() -> None:
     forces = force_model(begun.problem, begun.tensors)
     problem = with_recordings(begun.problem, [recorded(model, HIDDEN, "new")])
     assert object_errors(problem, forces.policy).place_m < 0.3 * begun.object_errors.place_m
-    assert "and on the object" in begun.about
+    assert "forces on the object" in begun.about
