@@ -59,7 +59,7 @@ def test_the_warm_start_alone_needs_no_services(files, tmp_path, capsys):
     forces = read_forces(tmp_path / "fit" / "forces.npz")
     assert forces.forced_joints == ("j",)
     said = capsys.readouterr().out
-    assert "warm start (inverse dynamics, regressed)" in said
+    assert "warm start (missing forces, regressed)" in said
     assert str(tmp_path / "fit" / "fit.json") in said
 
 

@@ -175,7 +175,9 @@ def snapshot(version: int, error: float) -> Snapshot:
     return Snapshot(weights=weights, time_s=float(version), error=error)
 
 
-def fitted(*snapshots: Snapshot, lacking: bool = True, began: Beginning = WARM) -> FittedForces:
+def fitted(
+    *snapshots: Snapshot, lacking: bool = True, foretells: bool = True, began: Beginning = WARM
+) -> FittedForces:
     # What is kept does not depend on the problem.
     return FittedForces(
         problem=None,  # type: ignore[arg-type]
@@ -184,6 +186,7 @@ def fitted(*snapshots: Snapshot, lacking: bool = True, began: Beginning = WARM) 
         unit="rad",
         nominal_error=0.5,
         lacking=lacking,
+        foretells=foretells,
         snapshots=snapshots,
         curves=(),
     )
@@ -193,7 +196,7 @@ def test_the_policy_with_the_smallest_training_error_is_kept():
     outcome = fitted(snapshot(0, 0.2), snapshot(1600, 0.1), snapshot(1700, 0.3))
     assert outcome.best.weights.version == 1600
     assert outcome.detail == (
-        "warm start (inverse dynamics, regressed) refined by 1600 learner steps; training error "
+        "warm start (missing forces, regressed) refined by 1600 learner steps; training error "
         "0.5 rad without forces, 0.2 at first, 0.1 after learning; forces on a"
     )
 
@@ -211,7 +214,7 @@ def test_the_warm_start_is_kept_where_learning_does_not_improve_it():
     outcome = fitted(snapshot(0, 0.2), snapshot(1600, 0.25), snapshot(1700, 0.3))
     assert outcome.best.weights.version == 0
     assert outcome.detail == (
-        "warm start (inverse dynamics, regressed) kept: reinforcement learning did not improve it; "
+        "warm start (missing forces, regressed) kept: reinforcement learning did not improve it; "
         "training error 0.5 rad without forces, 0.2 at first, 0.25 at best after learning; "
         "forces on a"
     )
@@ -237,8 +240,15 @@ def test_no_force_is_kept_where_only_noise_is_left():
     )
 
 
+def test_a_first_policy_that_foretells_nothing_is_not_kept():
+    outcome = fitted(snapshot(0, 0.2), foretells=False)
+    assert (outcome.kept.tensors["mean.weight"] == 0.0).all()
+    assert outcome.detail.startswith("no force kept: none did any good")
+    assert fitted(snapshot(0, 0.2), snapshot(1600, 0.1), foretells=False).helps
+
+
 def test_a_fit_without_learning_says_so():
-    assert fitted(snapshot(0, 0.2)).detail.startswith("warm start (inverse dynamics, regressed);")
+    assert fitted(snapshot(0, 0.2)).detail.startswith("warm start (missing forces, regressed);")
 
 
 def metric_row(step: int, time_s: float) -> dict[str, float]:
@@ -316,4 +326,4 @@ def test_a_missing_sealed_file_is_said():
 
 def test_what_was_seen_while_only_the_critic_learned_does_not_count_as_learned():
     outcome = fitted(snapshot(0, 0.2), snapshot(WARM.critic_first_steps, 0.2))
-    assert outcome.detail.startswith("warm start (inverse dynamics, regressed);")
+    assert outcome.detail.startswith("warm start (missing forces, regressed);")

@@ -78,7 +78,7 @@ class Beginning:
 #: A policy that is close to its goal: the critic, which has to tell small differences, goes first,
 #: and the policy follows it in small steps with a steady stddev.
 WARM = Beginning(
-    words="warm start (inverse dynamics, regressed)",
+    words="warm start (missing forces, regressed)",
     critic_first_steps=1500,
     learning="""\
 policy_learning_rate = 1e-4
@@ -178,6 +178,8 @@ class FittedForces:
             m, of an object's place in windows in which it moves.
         nominal_error: Training error without any forces.
         lacking: Whether that is more than noise on any joint, or of the object's place.
+        foretells: Whether the first policy foretells anything of recordings that it was not
+            regressed on.
         snapshots: In order of time; the first is the one that learning began with.
         curves: How the fit went.
     """
@@ -188,6 +190,7 @@ class FittedForces:
     unit: str
     nominal_error: float
     lacking: bool
+    foretells: bool
     snapshots: tuple[Snapshot, ...]
     curves: tuple[TrainingCurve, ...]
 
@@ -198,8 +201,12 @@ class FittedForces:
 
     @property
     def helps(self) -> bool:
-        """Whether there was something to learn, and the best one is better than no force."""
-        return self.lacking and self.best.error < self.nominal_error
+        """Whether there was something to learn, and the best one is better than no force.
+
+        A first policy that foretells nothing is better by chance.
+        """
+        known = self.foretells or self.best is not self.snapshots[0]
+        return self.lacking and known and self.best.error < self.nominal_error
 
     @property
     def kept(self) -> Weights:
@@ -371,6 +378,7 @@ class ForceFit:
             unit=self._unit,
             nominal_error=self._nominal_error,
             lacking=self._warm.lacking,
+            foretells=self._warm.foretells,
             snapshots=tuple(self._snapshots),
             curves=(
                 *learning_curves(metric_rows(self._inputs.folder), self._began_utc_s),

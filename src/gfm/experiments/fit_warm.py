@@ -65,6 +65,8 @@ class WarmStart:
         nominal_errors: Training error of every joint without forces, rad, shape (J,).
         object_errors: Of a free object without forces; None where there is none, or it never moves.
         lacking: Whether any of them, or the object's, is more than noise.
+        foretells: Whether a regression on some recordings foretells anything of the forces in
+            others; true of what could not be tried.
         about: What was chosen, in words with figures.
     """
 
@@ -74,6 +76,7 @@ class WarmStart:
     nominal_errors: Array
     object_errors: ObjectErrors | None
     lacking: bool
+    foretells: bool
     about: str
 
 
@@ -113,6 +116,7 @@ def warm_start(
     how = regression or RegressionSettings()
     if not lacking:
         how = msgspec.structs.replace(how, epochs=0)
+    tried = how.epochs > 0 and len(recordings) > 1
     best, left = _choose_inputs(problem, examples, how, seed)
     inputs = _candidates(problem)[best]
     if how.epochs:
@@ -127,6 +131,7 @@ def warm_start(
         nominal_errors=errors,
         object_errors=pushed,
         lacking=lacking,
+        foretells=not tried or _share(left, examples[1]) < 1.0,
         about=_about(chosen, best, how, left, examples[1]),
     )
 
@@ -318,8 +323,7 @@ def _about(
     action: Array32,
 ) -> str:
     on_object = action.shape[1] > len(settings.forced_joints)
-    rms = np.sqrt(np.square(action, dtype=np.float64).sum(axis=1).mean())
-    share = float(np.sqrt(np.square(left).sum()) / max(float(rms), 1e-12))
+    share = _share(left, action)
     smooth = f" (smoothed: input noise {how.input_noise:g}, weight decay {how.weight_decay:g})"
     return (
         f"forces on {_places(settings, on_object)}, every "
@@ -327,6 +331,12 @@ def _about(
         f"{smooth if how.input_noise or how.weight_decay else ''}; of the missing force "
         f"{share:.0%} remains in recordings left out"
     )
+
+
+def _share(left: Array, action: Array32) -> float:
+    """Returns which share of the missing forces is left in recordings that were left out."""
+    rms = np.sqrt(np.square(action, dtype=np.float64).sum(axis=1).mean())
+    return float(np.sqrt(np.square(left).sum()) / max(float(rms), 1e-12))
 
 
 def _places(settings: EnvironmentSettings, on_object: bool) -> str:
