@@ -1,4 +1,4 @@
-"""An arm and a leg that chirp in the air: position servos with known gains, 200 Hz.
+"""An arm and two legs that chirp in the air: position servos with known gains, 200 Hz.
 
 The models of the repository have friction, damping and armature that its authors identified from
 these recordings. Here they are taken out, and are what is known.
@@ -156,11 +156,20 @@ _GO2 = {
         )
     )
 }
+_ALIENGO = {
+    "datasets/aliengo/traj_0.pt": "fd58442b024056044d0c52a301251be30417d2a89cc61f98ef8e50783d14c772"
+}
 _Z1_MODEL = {
     "robot_model/z1/z1.xml": "d869247becae76996c3009f251cd700a1696277117d05d46b00745b7cd67200b"
 }
 _GO2_MODEL = {
     "robot_model/go2/go2.xml": "385127fe78aba3fdd06a6cece91a4daa56e9193e23e6ab5a8a226bee59990b38"
+}
+
+_ALIENGO_MODEL = {
+    "robot_model/aliengo/aliengo.xml": (
+        "33473f56beb66c9300f587bb108097da78ce039cfbb32a2aec9175b0d10ccef1"
+    )
 }
 
 
@@ -189,4 +198,12 @@ def _set(
 SETS = (
     _set("z1", "Unitree Z1, six joints, position servos", _ARM, _Z1, _Z1_MODEL, "run0_end"),
     _set("go2_front_left", "Unitree Go2, one leg, base held", _LEG, _GO2, _GO2_MODEL, "run3"),
+    _set(
+        "aliengo_front_left",
+        "Unitree Aliengo, one leg, base held",
+        _LEG,
+        _ALIENGO,
+        _ALIENGO_MODEL,
+        "run0_end",
+    ),
 )

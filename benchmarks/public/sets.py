@@ -1,5 +1,10 @@
 """All sets."""
 
-from public import double_pendulum, legs_and_arms, simple_pendulum
+from public import double_pendulum, forearm, legs_and_arms, servo_pendulum
 
-SETS = (*double_pendulum.SETS, *legs_and_arms.SETS, *simple_pendulum.SETS)
+SETS = (
+    *double_pendulum.SETS,
+    *legs_and_arms.SETS,
+    *servo_pendulum.SETS,
+    *forearm.SETS,
+)

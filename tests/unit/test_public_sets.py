@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -10,15 +11,15 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from public import SETS
+from public import SETS, forearm
 from public.double_pendulum import model as double_pendulum
 from public.double_pendulum import recording
 from public.judge import judged, table
 from public.legs_and_arms import bare, halves
-from public.simple_pendulum import model as simple_pendulum
 from public.source import Clones, Repository
 
-(DOUBLE, COMPENSATED) = SETS[:2]
+BY_NAME = {one.name: one for one in SETS}
+DOUBLE, COMPENSATED = BY_NAME["double_pendulum_c0"], BY_NAME["double_pendulum_c0_compensated"]
 ERROR = {"before": 0.3, "after": 0.1, "noise_floor": 2e-4}
 
 
@@ -60,7 +61,7 @@ def test_the_table_has_a_row_for_each_answer() -> None:
 
 
 def test_every_set_names_a_whole_commit_hashes_and_a_licence() -> None:
-    assert len({one.name for one in SETS}) == len(SETS) >= 3
+    assert len(BY_NAME) == len(SETS) >= 8
     for one in SETS:
         assert len(one.repository.commit) == 40
         assert all(len(sha) == 64 for sha in one.files.values())
@@ -105,15 +106,25 @@ def test_the_compensation_is_left_out_of_the_command() -> None:
 WHAT = ("pos_meas", "vel_meas", "tau_con", "tau_fric", "tau_meas")
 
 
-def test_models_weigh_what_their_builders_say() -> None:
-    arm = mujoco.MjModel.from_xml_string(double_pendulum(lambda _: b""))
+#: m2 r2 (kg m) and the elbow's I2 + 36 Ir (kg m^2) of each design, as their builders say.
+BUILT = {
+    "a0": (0.630 * 0.166, 0.02522 + 36 * 6.0719e-5),
+    "c0": (0.597862 * 0.275, 0.05345 + 36 * 6.2872e-5),
+    "c1": (0.625568 * 0.255693, 0.05087 + 36 * 6.2872e-5),
+}
+
+
+@pytest.mark.parametrize("design", BUILT)
+def test_models_weigh_what_their_builders_say(design: str) -> None:
+    moment, inertia = BUILT[design]
+    arm = mujoco.MjModel.from_xml_string(double_pendulum(lambda _: b"", design=design))
     data = mujoco.MjData(arm)
     data.qpos[0] = np.pi / 2
     mujoco.mj_forward(arm, data)
-    assert data.qfrc_bias[1] == pytest.approx(0.597862 * 9.81 * 0.275, rel=1e-4)
-    pendulum = mujoco.MjModel.from_xml_string(simple_pendulum(lambda _: b""))
-    assert pendulum.body_mass[1] * 0.5 == pytest.approx(0.1022)
-    assert pendulum.body_inertia[1, 1] + 0.5 * 0.1022 == pytest.approx(0.06259, rel=1e-3)
+    assert data.qfrc_bias[1] == pytest.approx(moment * 9.81, rel=1e-4)
+    mass = np.zeros((2, 2))
+    mujoco.mj_fullM(arm, data, mass)
+    assert mass[1, 1] == pytest.approx(inertia, rel=2e-3)
 
 
 ROBOT = """
@@ -151,3 +162,42 @@ def test_a_recording_is_cut_in_two_without_losing_a_row() -> None:
     begin, end = halves(run, at=0.7)
     assert (begin.name, end.name, len(begin.stamp_ns)) == ("run_begin", "run_end", 35)
     np.testing.assert_array_equal(np.concatenate([begin.position, end.position]), run.position)
+
+
+URDF = b"""
+<robot name="arm">
+  <link name="base"/><link name="upper"><inertial><mass value="2"/><origin xyz="0 0 -0.1"/>
+    <inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><mesh filename="package://arm/none.stl"/></geometry></visual></link>
+  <link name="lower"><inertial><mass value="1"/><origin xyz="0 0 -0.2"/>
+    <inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="9" velocity="9"/></joint>
+  <joint name="b" type="revolute"><parent link="upper"/><child link="lower"/><axis xyz="0 1 0"/>
+    <origin xyz="0 0 -0.3"/><limit lower="-2" upper="2" effort="9" velocity="9"/></joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize(("joint", "moment"), [("a", 2 * 0.1 + 1 * 0.5), ("b", 1 * 0.2)])
+def test_an_arm_of_which_one_joint_turns_carries_all_that_hangs_on_it(
+    joint: str, moment: float
+) -> None:
+    arm = mujoco.MjModel.from_xml_string(forearm.with_one_joint(URDF, joint, 9.0))
+    data = mujoco.MjData(arm)
+    data.qpos[0], data.ctrl[0] = np.pi / 2, 100.0
+    mujoco.mj_forward(arm, data)
+    assert (arm.njnt, arm.nu, arm.joint(0).name) == (1, 1, joint)
+    assert data.qfrc_bias[0] == pytest.approx(moment * 9.81, rel=1e-5)  # six digits in MJCF
+    assert data.qfrc_actuator[0] == 9.0
+
+
+def test_a_capture_of_seven_joints_becomes_a_recording_of_one() -> None:
+    names = ("q", "qd", "tau_measured", "tau_command")
+    of_all = {name: 10 * i + np.arange(7) + np.zeros((30, 1)) for i, name in enumerate(names)}
+    packed = io.BytesIO()
+    np.savez(packed, time=0.03 * np.arange(30), **of_all)
+    run = forearm.recording("run", packed.getvalue(), "joint", 2)
+    for found, wanted in ((run.position, 2), (run.effort, 22), (run.command, 32)):
+        np.testing.assert_array_equal(found, np.full((30, 1), wanted))
+    assert run.stamp_ns[1] == 30_000_000
