@@ -1,4 +1,4 @@
-"""Goes three ways of a new user from files to a verdict, and writes down what the commands say.
+"""Goes four ways of a new user from files to a verdict, and writes down what the commands say.
 
     python benchmarks/transcripts.py --data ../shared/data  # all
     python benchmarks/transcripts.py --data ../shared/data --only csv
@@ -95,6 +95,20 @@ this arm.""",
         recordings=2,
         commands=(
             "gfm import so101_motions --model so101.xml --unit degrees --yes --out recordings",
+            "gfm diagnose recordings/*.mcap --model so101.xml --minutes 1 --out diagnosis",
+        ),
+    ),
+    Way(
+        name="lerobot_v2",
+        title="A LeRobot dataset of version 2",
+        words="""\
+The same arm in two other measured motions, as a dataset of version 2.1: a file for each episode,
+and the names that older recorders gave the motors (`main_shoulder_pan`). Nothing has to be
+converted first.""",
+        make=lerobot_dataset.make_v2,
+        recordings=2,
+        commands=(
+            "gfm import so101_paths --model so101.xml --unit degrees --yes --out recordings",
             "gfm diagnose recordings/*.mcap --model so101.xml --minutes 1 --out diagnosis",
         ),
     ),

@@ -60,7 +60,7 @@ def reader(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_each_notebook_is_of_one_way() -> None:
     assert {path.stem for path in NOTEBOOKS.glob("*.ipynb")} == set(WAY_OF)
-    assert set(WAY_OF.values()) == {way.name for way in WAYS}
+    assert set(WAY_OF.values()) <= {way.name for way in WAYS}
 
 
 @pytest.mark.parametrize("name", WAY_OF)

@@ -24,7 +24,7 @@ def test_the_page_types_what_the_way_says(way: Way) -> None:
 
 
 def test_a_part_of_the_page_takes_the_place_of_the_old_one() -> None:
-    first, second, third = WAYS
+    first, second, third, *_ = WAYS
     page = "head\n" + "".join(f"\n## {way.title}\n\nold {way.name}\n" for way in WAYS)
     lines = "\n".join(f"line {i}" for i in range(100))
     said = [Said(command=command, text=lines, status=0, took_s=2.0) for command in ("ls", "gfm")]

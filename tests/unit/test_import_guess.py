@@ -184,6 +184,18 @@ def test_lerobot_degrees_are_told_by_their_size(tmp_path: Path) -> None:
     np.testing.assert_allclose(run.position[:, 1], opened, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    "names",
+    [["main_shoulder_pan", "main_gripper"], {"motors": ["main_shoulder_pan", "main_gripper"]}],
+)
+def test_lerobot_datasets_of_version_2_have_other_names(tmp_path: Path, names: Any) -> None:
+    path = dataset(tmp_path / "pick", "v2.1", names=names)
+    run = run_by_guess(path, SO101, unit="rad")
+    assert run.joint_names == ("shoulder_pan", "gripper")
+    np.testing.assert_array_equal(run.position, STATE[0])
+    np.testing.assert_array_equal(run.command, ACTION[0])
+
+
 def test_lerobot_normalised_positions_are_told_by_their_ends(tmp_path: Path) -> None:
     path = scaled(tmp_path, 170.0, clip=100.0)
     assert "shoulder_pan ends exactly at 100, where LeRobot clips" in guess(path, SO101)

@@ -23,10 +23,11 @@ _KINDS = {
     CommandKind.EFFORT: _words("effort efforts tau torque torques"),
     CommandKind.POSITION: _words("angle angles pos position positions q qpos"),
 }
-#: Words beside which a measurement that names no kind is a position.
+#: Words beside which a measurement that names no kind is a position ("main": the bus of an arm's
+#: motors in LeRobot's datasets of version 2).
 _PLAIN = _words(
-    "actual deg degrees feedback joint joints meas measured motor observation present rad state "
-    "states"
+    "actual deg degrees feedback joint joints main meas measured motor observation present rad "
+    "state states"
 )
 #: Words of what is neither of the three kinds, whatever else is named.
 _OTHER = _words(
