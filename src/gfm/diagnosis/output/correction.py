@@ -17,6 +17,7 @@ from gfm.effects import EffectInstance
 from gfm.effects.elements import let_friction_hold
 from gfm.sim.drive_names import name_as_found
 from gfm.sim.plant import compensations, native_spec
+from gfm.sim.read_back import check_claims, check_read_back
 from gfm.sim.step_laws import acts_at_every_step
 
 #: Comments in front of a corrected model: around what was added, and before what it had.
@@ -47,8 +48,12 @@ def corrected_model(
         named: What it lacks.
         given: What stands beside it.
         implicit: Whether its servos are too stiff for the fourth-order method.
+
+    Raises:
+        NotAppliedError: what was written, read again, is not what is claimed.
     """
     instances = [effect.instance() for effect in named]
+    check_claims(spec, instances)
     nominal, changed = spec.copy().compile(), native_spec(spec, instances)
     compensated = nominal.body_gravcomp.any()
     model = changed.copy().compile()
@@ -63,10 +68,9 @@ def corrected_model(
     foot = [FOOTLINE, DISCRETE] if implicit else [FOOTLINE]
     added = [HEADLINE, *(_line(effect, new) for effect in named), *foot] if named else []
     lines = [*added, *(f"{BEFORE} {_line(effect, before)}" for effect in before)]
-    return ModelPair(
-        xml=_corrected_xml(spec, changed, lines, implicit),
-        effects=(*before, *new),
-    )
+    xml = _corrected_xml(spec, changed, lines, implicit)
+    check_read_back(xml, changed.compile())
+    return ModelPair(xml=xml, effects=(*before, *new))
 
 
 def model_pair(spec: mujoco.MjSpec, given: Sequence[EffectInstance]) -> ModelPair:
