@@ -16,16 +16,20 @@ if TYPE_CHECKING:
     from gfm.api.models import load_nominal
     from gfm.api.rollout import RolloutError, rollout_error
     from gfm.api.sources import load
+    from gfm.experiments.fit_answer import Fit
+    from gfm.experiments.fit_call import fit
 
 __all__ = [
     "Diagnosis",
     "Examination",
     "Excitation",
+    "Fit",
     "RolloutError",
     "__version__",
     "diagnose",
     "doctor",
     "excite",
+    "fit",
     "load",
     "load_nominal",
     "rollout_error",
@@ -35,10 +39,12 @@ _LIVES_IN = {
     "Diagnosis": "gfm.api.answer",
     "Examination": "gfm.api.doctor.examine",
     "Excitation": "gfm.api.excitation",
+    "Fit": "gfm.experiments.fit_answer",
     "RolloutError": "gfm.api.rollout",
     "diagnose": "gfm.api.diagnosis",
     "doctor": "gfm.api.doctor.examine",
     "excite": "gfm.api.excitation",
+    "fit": "gfm.experiments.fit_call",
     "load": "gfm.api.sources",
     "load_nominal": "gfm.api.models",
     "rollout_error": "gfm.api.rollout",

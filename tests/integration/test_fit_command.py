@@ -12,7 +12,9 @@ from threading import Thread
 import numpy as np
 import pytest
 
+import gfm
 from gfm.cli import main
+from gfm.core import BadInputError
 from gfm.experiments.fit_curves import metric_rows
 from gfm.recording.writer import write_recording
 from gfm.service.force_files import read_forces
@@ -61,6 +63,19 @@ def test_the_warm_start_alone_needs_no_services(files, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "warm start (missing forces, regressed)" in said
     assert str(tmp_path / "fit" / "fit.json") in said
+
+
+def test_a_program_fits_what_it_has_loaded(files, tmp_path):
+    model, recordings = files
+    runs = gfm.load(recordings)
+    fitted = gfm.fit(model, runs[:-1], holdout=runs[-1], folder=tmp_path / "fit", minutes=0)
+    assert fitted.after.overall < 0.3 * fitted.before.overall
+    assert fitted.joint_names == ("j",)
+    assert fitted.before.joints == (pytest.approx(fitted.before.overall),)
+    assert (fitted.before.overall, fitted.after.overall) == errors(tmp_path / "fit")
+    assert read_forces(fitted.forces).forced_joints == ("j",)
+    with pytest.raises(BadInputError, match="exists; expected a new or an empty folder"):
+        gfm.fit(model, runs, folder=tmp_path / "fit", minutes=0)
 
 
 def test_services_learn_from_nothing_and_every_look_is_reported(files, tmp_path):

@@ -67,10 +67,14 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fits."""
+    from rich.console import Console
+
+    from gfm.api.provenance import command_line
     from gfm.experiments.fit import COLD, WARM
+    from gfm.experiments.fit_answer import print_fit
     from gfm.experiments.fit_files import FitRequest, fit_files
 
-    fit_files(
+    fitted = fit_files(
         FitRequest(
             recordings=tuple(arguments.recordings),
             holdout=tuple(arguments.holdout),
@@ -82,6 +86,9 @@ def run(arguments: argparse.Namespace) -> int:
             period_s=1e-3 * arguments.period_ms,
             actors=arguments.actors,
             seed=arguments.seed,
-        )
+            words=command_line(),
+        ),
+        Console(stderr=True),
     )
+    print_fit(fitted, Console())
     return 0

@@ -1,4 +1,4 @@
-"""What `gfm fit` does: recordings and a model in, generalized forces and their worth out."""
+"""What `gfm fit` and `gfm.fit` do: recordings and a model in, forces and their worth out."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from gfm.api.folders import check_new_folder
-from gfm.api.models import NominalModel, load_nominal, model_paths
-from gfm.api.provenance import command_line, provenance
+from gfm.api.models import Model, NominalModel, load_nominal, model_paths
+from gfm.api.provenance import provenance
 from gfm.api.recordings import check_together, read_recordings
 from gfm.api.refusals import check_usable
 from gfm.api.sources import check_different
@@ -32,6 +30,7 @@ from gfm.experiments.fit import (
     Snapshot,
     force_model,
 )
+from gfm.experiments.fit_answer import Fit
 from gfm.experiments.fit_judge import Judge, Judged, make_judge
 from gfm.experiments.progress import Phase, RunProgress
 from gfm.launch import Supervisor, own_system, replay_process, router_process
@@ -53,7 +52,7 @@ class FitRequest:
     Attributes:
         recordings: What the simulation should follow.
         holdout: What errors are measured on; empty for the last one of the recordings.
-        models: One model per kind of command.
+        models: Of the robot; one per kind of command.
         out: A new folder for everything.
         learning_s: Reinforcement learning, s; 0 for the first policy alone.
         began: What with.
@@ -61,11 +60,12 @@ class FitRequest:
         actors: Processes.
         seed: Of everything random.
         actuators: What joints without an actuator get.
+        words: What asked, for the report.
     """
 
     recordings: tuple[Path, ...]
     holdout: tuple[Path, ...]
-    models: tuple[Path, ...]
+    models: Model
     out: Path
     learning_s: float = 240.0
     began: Beginning = WARM
@@ -73,6 +73,7 @@ class FitRequest:
     actors: int = 1
     seed: int = 0
     actuators: str | None = None
+    words: Sequence[str] = ("gfm.fit",)
 
     def __post_init__(self) -> None:
         for name, (least, most) in _RANGES.items():
@@ -106,8 +107,13 @@ class Point:
     object_m: float | None = None
 
 
-def fit_files(request: FitRequest, clock: Clock | None = None) -> None:
-    """Fits, writes the forces and the report, and prints what they are worth.
+def fit_files(request: FitRequest, console: Console, clock: Clock | None = None) -> Fit:
+    """Fits, writes the forces and the report, and returns what they are worth.
+
+    Args:
+        request: What is to be fitted.
+        console: Where progress is shown.
+        clock: By which it is timed.
 
     Raises:
         BadInputError: something given cannot be used; nothing was written.
@@ -122,7 +128,7 @@ def fit_files(request: FitRequest, clock: Clock | None = None) -> None:
     phases = [Phase(name=_BEGIN, expected_s=30.0), Phase(name=_COMPARE, expected_s=10.0)]
     if request.learning_s > 0.0:
         phases.insert(1, Phase(name=_LEARN, expected_s=request.learning_s))
-    with RunProgress(phases, console=Console(stderr=True), clock=clock) as progress:
+    with RunProgress(phases, console=console, clock=clock) as progress:
         fitted = _fit(request, robot, training, progress, clock)
         with progress.phase(_COMPARE):
             points = [_point(judge, fitted, one) for one in fitted.snapshots]
@@ -139,13 +145,19 @@ def fit_files(request: FitRequest, clock: Clock | None = None) -> None:
         ],
         "curve": [asdict(point) for point in points],
         "forces": FORCES,
-        "provenance": provenance(files, request.seed, command_line()),
+        "provenance": provenance(files, request.seed, request.words),
     }
     text = json.dumps(report, indent=2, allow_nan=False) + "\n"
     (path,) = write_texts(request.out, {REPORT: text})
-    print_fit(Console(), judge, nominal, hybrid, fitted)
-    for written in (request.out / FORCES, path):
-        Console().print(Text(str(written)), soft_wrap=True)
+    return Fit(
+        joint_names=judge.joint_names,
+        noise=tuple(map(float, judge.noise)),
+        before=nominal,
+        after=hybrid,
+        detail=fitted.detail,
+        forces=request.out / FORCES,
+        report=path,
+    )
 
 
 def _judge(
@@ -247,25 +259,3 @@ def _row(judge: Judge, kind: ModelKind, errors: Judged, detail: str) -> dict[str
         return row
     place_m, yaw_rad = errors.pushed.place_m, errors.pushed.yaw_rad
     return row | {"object": {"place_m": place_m, "yaw_rad": yaw_rad}}
-
-
-def print_fit(
-    console: Console, judge: Judge, nominal: Judged, hybrid: Judged, fitted: FittedForces
-) -> None:
-    """Prints what is left without the forces and with them."""
-    title = "Held-out position error (rad, RMSE of open-loop rollouts)"
-    floor = float(np.sqrt(np.mean(judge.noise**2)))
-    rows = [("all joints", nominal.overall, hybrid.overall, floor)]
-    rows += zip(judge.joint_names, nominal.joints, hybrid.joints, judge.noise, strict=True)
-    table = Table(title=title)
-    for name in ("joint", "nominal", "with the forces", "noise"):
-        table.add_column(name, justify="left" if name == "joint" else "right")
-    for name, *figures in rows:
-        table.add_row(str(name), *(f"{float(figure):.3g}" for figure in figures))
-    if nominal.pushed and hybrid.pushed:
-        for key, unit in (("place_m", "m"), ("yaw_rad", "rad")):
-            both = (getattr(one.pushed, key) for one in (nominal, hybrid))
-            name = f"object, {key.partition('_')[0]} ({unit})"
-            table.add_row(name, *(f"{figure:.3g}" for figure in both), "")
-    console.print(table)
-    console.print(Text(fitted.detail))
