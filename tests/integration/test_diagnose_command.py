@@ -108,6 +108,33 @@ def test_a_missing_effect_is_named_and_the_model_corrected(tmp_path, capsys):
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 
 
+def table(folder: Path, run: Trajectory) -> str:
+    """Writes a recording as a table, as other people have it; returns its path."""
+    columns = {
+        "t": 1e-9 * (run.stamp_ns - run.stamp_ns[0]),
+        "a_pos": run.position[:, 0],
+        "a_cmd": run.command[:, 0],
+    }
+    path = folder / f"{run.name}.csv"
+    rows = np.stack([*columns.values()], axis=1)
+    np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.9f")
+    return str(path)
+
+
+def test_tables_are_diagnosed_by_the_mapping_that_is_guessed_and_shown(tmp_path, capsys):
+    _, model = files(tmp_path, MISSING, count=0)
+    train, held = (table(tmp_path, recording(f"run{i}", i, MISSING)) for i in range(2))
+    out = tmp_path / "out"
+    argv = ["diagnose", train, "--holdout", held, "--model", model, "--out", str(out), "--no-film"]
+    assert main([*argv, "--yes", "--minutes", "0.01"]) == 0
+    assert 'position = "a_pos"' in capsys.readouterr().out
+    report = json.loads((out / "report.json").read_text())
+    assert report["error"]["before"] > 10.0 * report["error"]["noise_floor"]
+    assert report["provenance"]["in_memory"]["held-out recording"] == ["run1"]
+    assert main(argv) == 2
+    assert "not an MCAP file" in capsys.readouterr().err
+
+
 LOAD = EffectInstance(
     effect=find_effect("load_dependent_friction"), joints=("a",), values={"coefficient": 0.25}
 )
@@ -216,6 +243,7 @@ def test_a_second_diagnosis_replaces_the_first_one(tmp_path):
         (["{0}", "--model", "{model}", "--command", "/none"], "{0}: topic /none: is missing"),
         (["{0}", "--model", "{model}", "--joint-states", "/none"], "{0}: topic /none: is missing"),
         (["{0}", "--model", "{model}", "--out", "{0}"], "{0}: is a file; expected a folder"),
+        (["{0}", "--model", "{model}", "--unit", "rad"], "--unit; expected --yes, to read files"),
     ],
 )
 def test_what_cannot_be_used_is_one_line_and_leaves_nothing(tmp_path, capsys, argv, message):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
@@ -37,6 +37,7 @@ def load(
     unit: str | None = None,
     joint_states: str = JOINT_STATES,
     command: str = COMMAND,
+    report: Callable[[str], object] = lambda _: None,
 ) -> list[Trajectory]:
     """Returns recordings: positions in rad, velocities in rad/s, efforts in N m, stamps in ns.
 
@@ -50,6 +51,7 @@ def load(
         unit: For the guess: "rad", "degrees" or "normalised", where sizes do not tell.
         joint_states: Topic of the measurements in MCAP recordings.
         command: Topic of the commands there.
+        report: Told the mapping that was guessed, with a reason for every line: `report=print`.
 
     Raises:
         BadInputError: something cannot be read; the message says what and where.
@@ -62,6 +64,7 @@ def load(
     if model is None or _is_recording(paths[0], {joint_states, command}):
         return [read_recording(path, joint_states=joint_states, command=command) for path in paths]
     text = mapping_for(paths[0], model, Asked(use=tuple(use), unit=unit))
+    report(text)
     return list(imported(paths, mapping_of(text, "the guessed mapping")))
 
 

@@ -10,9 +10,15 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators, add_topics
+from gfm.core import ConfigError
+from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators, add_guess, add_topics
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from gfm.api.models import NominalModel
+    from gfm.core import Trajectory
+
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
 _RUN = """\
@@ -143,6 +149,9 @@ def add_diagnose_parser(subparsers: Subparsers) -> None:
         metavar="RECORDING",
         help="what errors are measured on (default: the last recording, or the end of a lone one)",
     )
+    add_guess(
+        parser, "RECORDING may be any file that `gfm import` reads, by the mapping that it offers"
+    )
     add_topics(parser)
     parser.add_argument(
         "--gfm",
@@ -191,19 +200,44 @@ def run_diagnose(arguments: argparse.Namespace) -> int:
     from gfm.api.provenance import command_line
     from gfm.experiments.diagnose_command import diagnose_files
 
+    model = load_nominal(arguments.models, arguments.actuators)
     request = DiagnoseRequest(
-        model=load_nominal(arguments.models, arguments.actuators),
-        recordings=arguments.recordings,
-        holdout=arguments.holdout,
+        model=model,
+        recordings=_sources(arguments, model, arguments.recordings),
+        holdout=_sources(arguments, model, arguments.holdout),
         joint_states=arguments.joint_states,
         command=arguments.command,
         seed=arguments.seed,
         gfm=tuple(arguments.gfm),
         minutes=arguments.minutes,
         keep_suspects=arguments.keep_suspects,
-        since=arguments.since,
+        since=[_sources(arguments, model, one) for one in arguments.since],
         words=command_line(),
     )
     progress = Console(file=sys.stderr)
     diagnose_files(request, arguments.out, Console(), progress, film=arguments.film)
     return 0
+
+
+def _sources(
+    arguments: argparse.Namespace, model: NominalModel, paths: Sequence[Path]
+) -> Sequence[Path | Trajectory]:
+    """Returns what is to be diagnosed: paths of recordings; with --yes what their files hold."""
+    from gfm.api.sources import load
+
+    guessed = [
+        flag for flag, value in (("--use", arguments.use), ("--unit", arguments.unit)) if value
+    ]
+    if guessed and not arguments.yes:
+        raise ConfigError(f"{guessed[0]}; expected --yes, to read files of other tools")
+    if not arguments.yes or not paths:
+        return paths
+    return load(
+        paths,
+        model=model,
+        use=arguments.use,
+        unit=arguments.unit,
+        joint_states=arguments.joint_states,
+        command=arguments.command,
+        report=sys.stdout.write,
+    )

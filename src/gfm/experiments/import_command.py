@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gfm.core import BadInputError, ConfigError, Trajectory
-from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators
+from gfm.experiments.model_flags import GIVEN, MODEL, add_actuators, add_guess
 
 if TYPE_CHECKING:
     from gfm.importing.mapping import Mapping
@@ -39,19 +39,7 @@ def add_parser(subparsers: Subparsers) -> None:
         "--model", type=Path, metavar=MODEL, help=f"guess the mapping from its joints: {GIVEN}"
     )
     add_actuators(parser)
-    parser.add_argument("--yes", action="store_true", help="import with the guessed mapping")
-    parser.add_argument(
-        "--use",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="guess: topic, or beginning of a column's name, to take where several fit",
-    )
-    parser.add_argument(
-        "--unit",
-        choices=("rad", "degrees", "normalised"),
-        help="guess: of positions, where their size does not tell",
-    )
+    add_guess(parser, "import with the guessed mapping")
     parser.add_argument("--out", type=Path, metavar="DIR", help="where to write")
     parser.set_defaults(run=run)
 

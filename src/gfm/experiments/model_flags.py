@@ -19,6 +19,28 @@ def add_actuators(parser: argparse._ActionsContainer) -> None:
     )
 
 
+def add_guess(parser: argparse._ActionsContainer, yes: str) -> None:
+    """Adds --yes, --use and --unit: files of other tools are read by a mapping that is guessed.
+
+    Args:
+        parser: Of the command.
+        yes: What --yes does, for help.
+    """
+    parser.add_argument("--yes", action="store_true", help=yes)
+    parser.add_argument(
+        "--use",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="guess: topic, or beginning of a column's name, to take where several fit",
+    )
+    parser.add_argument(
+        "--unit",
+        choices=("rad", "degrees", "normalised"),
+        help="guess: of positions, where their size does not tell",
+    )
+
+
 def add_topics(parser: argparse._ActionsContainer) -> None:
     """Adds --joint-states and --command: where a recording has what."""
     parser.add_argument(
