@@ -33,7 +33,7 @@ def fit(
     """Returns forces that, added to a model, make its simulation follow recordings.
 
     They are learned from inverse dynamics, then by reinforcement learning, for which services are
-    started on this machine (extras `learner` and `actor`).
+    started on this machine (extra `learn`).
 
     Args:
         model: Path of MJCF or URDF, or an `MjSpec`, or what `gfm.load_nominal` or a diagnosis made

@@ -70,9 +70,12 @@ def run(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
     from gfm.api.provenance import command_line
-    from gfm.experiments.fit import COLD, WARM
-    from gfm.experiments.fit_answer import print_fit
-    from gfm.experiments.fit_files import FitRequest, fit_files
+    from gfm.core.extras import needs
+
+    with needs("learning needs", "torch", "learn"):
+        from gfm.experiments.fit import COLD, WARM
+        from gfm.experiments.fit_answer import print_fit
+        from gfm.experiments.fit_files import FitRequest, fit_files
 
     fitted = fit_files(
         FitRequest(
