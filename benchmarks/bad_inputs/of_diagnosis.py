@@ -24,6 +24,7 @@ from gfm.core import CommandKind
 _GOOD, _OTHER = recording("any", 0), recording("any", 1)
 _MILLISECONDS = EPOCH_NS + TICKS * 10_000
 _VELOCITY = MODEL.replace("<position", "<velocity").replace('kp="20" kv="1"', 'kv="1"')
+_TABLE = "\n".join(["t,a_pos,b_pos", *(f"{0.01 * k:.2f},{0.001 * k},0.5" for k in range(50))])
 _BARE = MODEL[: MODEL.index("  <actuator>")] + "</mujoco>"
 
 
@@ -60,6 +61,12 @@ DIAGNOSE = cases(
     ("a folder without recordings", lambda: diagnose(folder("empty"))),
     ("a recording that is no MCAP file", lambda: diagnose(text("r.mcap", "hello"))),
     ("an empty file", lambda: diagnose(text("r.mcap", ""))),
+    ("a table, without --yes", lambda: diagnose(text("run.csv", _TABLE))),
+    ("a table without commands, by --yes", lambda: [*diagnose(text("run.csv", _TABLE)), "--yes"]),
+    (
+        "a unit for a guess that is not asked for",
+        lambda: [*diagnose(written("r")), "--unit", "rad"],
+    ),
     ("a recording cut in half", lambda: diagnose(half(written("r")))),
     ("the same recording twice", lambda: diagnose(written("r"), "r.mcap")),
     ("a held-out recording that is learned from", lambda: diagnose(written("r"), holdout="r.mcap")),
