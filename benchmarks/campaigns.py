@@ -179,8 +179,8 @@ def page(parts: Mapping[str, Part], planned: int) -> str:
 
 Written by `python benchmarks/campaigns.py`: {len(parts)} of {planned} campaigns, at
 {commits(parts)}. Reached: of five attempts at each of ten goals, with 95 % intervals (Wilson).
-Named: with amounts and confidence. Robot minutes: what the attempts as it came took, from ten or more
-of which the diagnosis was made.
+Named: with amounts and confidence. Robot minutes: what the attempts as it came took; ten
+or more of them were given to the diagnosis.
 
 {table}
 """
