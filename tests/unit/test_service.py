@@ -88,9 +88,10 @@ def test_a_name_is_made_from_host_and_process_where_none_is_given():
 
 def test_whoever_listens_connects_to_nobody_unless_told_to():
     assert config_of().connect_endpoints == ("tcp/127.0.0.1:7447",)
-    assert config_of("--listen", "tcp/127.0.0.1:1").connect_endpoints == ()
-    assert config_of("--listen", "tcp/127.0.0.1:1").listen_endpoints == ("tcp/127.0.0.1:1",)
-    both = config_of("--listen", "tcp/127.0.0.1:1", "--connect", "tcp/127.0.0.1:2")
+    listening = ("--listen", "tcp/127.0.0.1:1", "--insecure")
+    assert config_of(*listening).connect_endpoints == ()
+    assert config_of(*listening).listen_endpoints == ("tcp/127.0.0.1:1",)
+    both = config_of(*listening, "--connect", "tcp/127.0.0.1:2")
     assert both.connect_endpoints == ("tcp/127.0.0.1:2",)
 
 
