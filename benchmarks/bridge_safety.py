@@ -33,7 +33,7 @@ from bridge_geometry import TARGETS
 from bridge_hostility import attack
 from bridge_rig import Rig, Setting
 from bridge_stops import CAUSES, stop_once
-from parts import Part, commits, done_parts
+from parts import Part, commits, done_parts, print_or_write
 
 from gfm.core import CommandKind
 from gfm_robot_bridge.simulated.hidden import GivenEffect, given
@@ -307,10 +307,7 @@ def main() -> None:
         )
     done = {work: parts[name] for name, work in works.items() if name in parts}
     text = report(done, seed, commits(parts))
-    if arguments.out is None:
-        print(text)
-    else:
-        arguments.out.write_text(text, encoding="utf-8")
+    print_or_write(text, arguments.out)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
+from parts import print_or_write
 from rosbridge_cell import CLOCK, PERIOD_S, Cell, end
 
 from gfm.core import RefusedError, Status
@@ -112,10 +113,7 @@ def main() -> None:
         if not len(taken):
             sys.exit("error: no command was answered; expected a machine that is less busy")
         text = table(since(before, status), taken, counts)
-    if arguments.out is None:
-        print(text)
-    else:
-        arguments.out.write_text(text, encoding="utf-8")
+    print_or_write(text, arguments.out)
 
 
 if __name__ == "__main__":

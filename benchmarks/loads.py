@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from parts import Part, commits, done_parts
+from parts import Part, commits, done_parts, print_or_write
 
 from gfm.core import ManualClock
 from gfm.core.checks import Array32
@@ -166,10 +166,7 @@ def main() -> None:
 
         parts = done_parts(arguments.parts or Path(place) / "parts", list(drives), do)
     text = report({drives[name]: part for name, part in parts.items()}, commits(parts))
-    if arguments.out is None:
-        print(text)
-    else:
-        arguments.out.write_text(text, encoding="utf-8")
+    print_or_write(text, arguments.out)
 
 
 if __name__ == "__main__":

@@ -78,3 +78,11 @@ def _write(path: Path, part: Part) -> None:
     aside = path.with_suffix(".new")
     aside.write_text(json.dumps(part), encoding="utf-8")
     aside.replace(path)
+
+
+def print_or_write(text: str, page: Path | None) -> None:
+    """Prints a result, or writes it to a page where one is named."""
+    if page is None:
+        print(text)
+    else:
+        page.write_text(text, encoding="utf-8")
