@@ -167,7 +167,7 @@ def _compared(
     if pair.rival is None or pair.better or not _not_told_apart(instance, pair.rival):
         return pair
     equals = [one for one in as_simple if _not_told_apart(instance, one)]
-    different = [one for one in as_simple if one not in equals]
+    different = [one for one in as_simple if not _not_told_apart(instance, one)]
     names = tuple(one.new[0] for one in equals)
     return replace(_beside_best(instance, different, count), equals=names)
 
