@@ -18,6 +18,10 @@ from gfm.sim.segment import Segment
 INERTIA, KP, KV, LAG_S = 0.05, 200.0, 5.0, 0.03
 STIFF = DISC.format(step=0.002, integrator="RK4", inertia=INERTIA, kp=KP, kv=KV)
 MOTOR = STIFF[: STIFF.index("<general")] + '<motor name="j" joint="j"/></actuator></mujoco>'
+#: A motor of gear 2 whose torque is read.
+DRIVEN = MOTOR.replace('joint="j"/>', 'joint="j" gear="2"/>').replace(
+    "</mujoco>", '<sensor><jointactuatorfrc joint="j"/></sensor></mujoco>'
+)
 #: Off the grid of time steps, and between commands.
 TIME_S = 0.0107 + 0.01 * np.arange(60)
 COMMAND_TIME_S = 0.0093 + 0.01 * np.arange(60)
@@ -111,8 +115,22 @@ def test_states_between_rows_follow_a_constant_acceleration():
     np.testing.assert_allclose(states[:, 2], 30.0 * at, atol=1e-14)
 
 
-def test_models_keep_their_integrator():
+def test_models_keep_their_options():
     model = mujoco.MjModel.from_xml_string(STIFF)
-    state = np.zeros((2, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
-    sensors_at([model, model], state, np.zeros((2, 1)), threads=1)
+    flags = model.opt.disableflags
+    state = np.zeros((1, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
+    sensors_at([model, model], [state, state], [np.zeros((1, 1))] * 2, threads=1)
     assert model.opt.integrator == int(mujoco.mjtIntegrator.mjINT_RK4)
+    assert model.opt.disableflags == flags
+
+
+def test_each_model_reads_its_own_sensors():
+    strong, weak = (mujoco.MjModel.from_xml_string(DRIVEN) for _ in range(2))
+    weak.actuator_gainprm[:] *= 0.5
+    states = np.zeros((3, mujoco.mj_stateSize(strong, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
+    commands = [np.array([[1.0], [2.0]]), np.array([[4.0]]), np.array([[-1.0], [0.0], [3.0]])]
+    parts = [states[:2], states[:1], states]
+    told = sensors_at([strong, weak, strong], parts, commands, threads=2)
+    expected = [2.0 * commands[0], 1.0 * commands[1], 2.0 * commands[2]]
+    for one, there in zip(told, expected, strict=True):
+        np.testing.assert_allclose(one, there, atol=1e-12)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from dataclasses import dataclass, replace
+from functools import cached_property
 from io import StringIO
 from pathlib import Path
 from typing import final
@@ -138,6 +139,10 @@ class Diagnosis:
         Raises:
             ConfigError: errors were measured on no recording.
         """
+        return self._motion
+
+    @cached_property
+    def _motion(self) -> Motion:
         if not self.holdout:
             raise ConfigError("no held-out recording; nothing moves")
         recording = worst_held_out(self.holdout, self.answer.recordings)

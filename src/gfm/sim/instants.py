@@ -6,6 +6,7 @@ simulations together.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
@@ -69,33 +70,50 @@ def states_before(plant: Plant, segment: Segment, initial: Array, at_s: Array) -
 
 
 def sensors_at(
-    models: Sequence[mujoco.MjModel], states: Array, controls: Array, *, threads: int
-) -> Array:
-    """Returns the sensor data in given states under given controls, shape (N, nsensordata).
+    models: Sequence[mujoco.MjModel],
+    states: Sequence[Array],
+    controls: Sequence[Array],
+    *,
+    threads: int,
+) -> list[Array]:
+    """Returns what drives' sensors read in given states, shape (T, nsensordata) of each model.
 
     Args:
-        models: Of each state, N of them, alike but for their values.
-        states: shape (N, S).
-        controls: shape (N, nu).
+        models: Alike but for their values; the same one may stand there several times.
+        states: Of each model, shape (T, S).
+        controls: There, shape (T, nu).
         threads: On how many to compute.
     """
-    data = [mujoco.MjData(models[0]) for _ in range(min(threads, len(models)))]
-    with _explicit(models):
-        _, sensors = rollout.rollout(
-            models, data, states, controls[:, None], nstep=1, persistent_pool=True
-        )
-    return np.asarray(sensors[:, 0])
+    told = [np.empty((len(own), models[0].nsensordata)) for own in states]
+    places = defaultdict[int, list[int]](list)
+    for i, model in enumerate(models):
+        places[id(model)].append(i)
+    with _actuation_only(models):
+        for own in places.values():
+            _, sensors = rollout.rollout(
+                models[own[0]],
+                [mujoco.MjData(models[own[0]]) for _ in range(threads)],
+                np.concatenate([states[i] for i in own]),
+                np.concatenate([controls[i] for i in own])[:, None],
+                nstep=1,
+                persistent_pool=True,
+            )
+            ends = np.cumsum([len(states[i]) for i in own])[:-1]
+            for i, part in zip(own, np.split(sensors[:, 0], ends), strict=True):
+                told[i][:] = part
+    return told
 
 
 @contextmanager
-def _explicit(models: Sequence[mujoco.MjModel]) -> Iterator[None]:
-    """Lets models step at the least cost: sensors are read before the step."""
+def _actuation_only(models: Sequence[mujoco.MjModel]) -> Iterator[None]:
+    """Lets models step at the least cost: what drives do is known before constraints are."""
     different = list({id(model): model for model in models}.values())
-    before = [model.opt.integrator for model in different]
+    before = [(model.opt.integrator, model.opt.disableflags) for model in different]
     try:
         for model in different:
             model.opt.integrator = int(mujoco.mjtIntegrator.mjINT_EULER)
+            model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
         yield
     finally:
-        for model, integrator in zip(different, before, strict=True):
-            model.opt.integrator = integrator
+        for model, (integrator, flags) in zip(different, before, strict=True):
+            model.opt.integrator, model.opt.disableflags = integrator, flags

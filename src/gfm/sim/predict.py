@@ -147,16 +147,17 @@ def _quiet() -> Iterator[None]:
 def _initial_states(jobs: list[_Job]) -> Array:
     """Returns the state in which each simulation begins, shape (len(jobs), S)."""
     plants = {id(job.plant): job.plant for job in jobs}
-    data = {key: mujoco.MjData(plant.model) for key, plant in plants.items()}
-    at_rest = {key: _at_rest(plant.model, data[key]) for key, plant in plants.items()}
+    data = mujoco.MjData(jobs[0].model)  # of all: models that run together are of one layout
+    at_rest = {key: _at_rest(plant.model, data) for key, plant in plants.items()}
     states = np.stack([at_rest[id(job.plant)] for job in jobs])
     nq, nv = jobs[0].model.nq, jobs[0].model.nv
     for job, state in zip(jobs, states, strict=True):
-        _set_initial(job, data[id(job.plant)], state[1 : 1 + nq], state[1 + nq : 1 + nq + nv])
+        _set_initial(job, data, state[1 : 1 + nq], state[1 + nq : 1 + nq + nv])
     return states
 
 
 def _at_rest(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    mujoco.mj_resetData(model, data)
     state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
     mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     return state
@@ -165,7 +166,7 @@ def _at_rest(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 def _set_initial(job: _Job, data: mujoco.MjData, qpos: Array, qvel: Array) -> None:
     """Writes the segment's initial state; a motor side goes with its link, under its load.
 
-    Data of the model are for its computations.
+    Data are for the computations of its model.
     """
     plant, segment = job.plant, job.segment
     qpos[plant.qpos] = segment.initial_position
@@ -295,13 +296,12 @@ def _efforts(
         for i, own in zip(asked, controls, strict=True):
             feedback.write_at(i, jobs[i].segment.time_s + jobs[i].plant.effort_apart_s, own)
     sensors = sensors_at(
-        [jobs[i].model for i in asked for _ in states[i]],
-        np.concatenate([states[i] for i in asked]),
-        np.concatenate(controls),
+        [jobs[i].model for i in asked],
+        [states[i] for i in asked],
+        controls,
         threads=settings.threads,
     )
-    ends = np.cumsum([len(states[i]) for i in asked])[:-1]
-    for i, here in zip(asked, np.split(sensors, ends), strict=True):
+    for i, here in zip(asked, sensors, strict=True):
         plant, error = jobs[i].plant, jobs[i].compensation
         beside = 0.0 if error is None else error.drive[:, plant.dof]
         efforts[i] = here @ plant.drive.T + beside

@@ -40,6 +40,8 @@ WHOLE = {**SHORT, **dict.fromkeys(SERVOED, float("inf"))}
 LEAST_MEASUREMENTS = 8
 #: First row and the one behind the last.
 Rows: TypeAlias = tuple[int, int]
+#: Of a robot that touches nothing no contacts are looked for, nor islands in what constrains it.
+_ONE_ROBOT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_ISLAND)
 #: Share of a period within which stamps are the same, and the share of commands that have another
 #: one so near unless clocks run free: by chance a fifth of them do.
 NEAR_STAMP, MOSTLY = 0.1, 0.8
@@ -129,7 +131,7 @@ def all_segments(
             touching=touching,
         )
         if contact_free:
-            spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+            spec.option.disableflags |= _ONE_ROBOT
         kept = sum(end - start for i in own for start, end in rows[i])
         in_the_air |= contact_free and kept < sum(len(run.time_s) for run in own.values())
         segments += [one for i, run in own.items() for one in cut(run, i, noise, rows[i])]
