@@ -23,7 +23,6 @@ class LevelledModels:
         self, batch: mujoco_batch.Batch, laws: StepLaws, models: Sequence[mujoco.MjModel]
     ) -> None:
         self._batch = batch
-        self._laws = laws
         self._at_work = LawsAtWork(batch, laws, models[0].opt.timestep)
         self._origin = list(models)
         self._own = [copy.copy(model) for model in models]
@@ -45,8 +44,7 @@ class LevelledModels:
         Args:
             force: What else acts, shape (N, nv).
         """
-        now = self._at_work.apply(force)
-        levels = self._laws.levels(self._constant, now)
+        levels = self._constant + self._at_work.apply(force).friction
         for model, level in zip(self._own, levels, strict=True):
             model.dof_frictionloss[:] = level
         self._batch.set_models(self._own)

@@ -336,21 +336,31 @@ def _step_by_step(jobs: list[_Job], settings: _Settings) -> list[Prediction]:
     friction, applied = sims.expand("dof_frictionloss"), sims.bind("qfrc_applied")
     at_work = None if laws is None else LawsAtWork(sims, laws, jobs[0].model.opt.timestep)
     ctrl = sims.bind("ctrl")
-    moving = [sims.bind(name) for name in ("time", "qpos", "qvel", "act")]
+    moving = _moving(sims, len(jobs))
     feedback = _feedback(jobs, initial, steps)
     with _quiet():
         for k in range(steps):
             if feedback is not None:
                 feedback.write(k, controls[k])
             ctrl[:], applied[:] = controls[k], forces[k]
-            if laws is not None and at_work is not None:
-                friction[:] = laws.levels(constant, at_work.apply(forces[k]))
+            if at_work is not None:
+                friction[:] = constant + at_work.apply(forces[k]).friction
             sims.step(nstep=1)
-            told = np.concatenate([np.reshape(m, (len(jobs), -1)) for m in moving], axis=1)
-            rows[:, k, : told.shape[1]] = told
+            for place, now in moving:
+                rows[:, k, place] = now
             if feedback is not None:
                 feedback.note(k, qpos, qvel)
         return _predictions(jobs, initial, rows, settings, feedback)
+
+
+def _moving(sims: batch.Batch, count: int) -> list[tuple[slice, Array]]:
+    """Returns what moves in simulations, each with its place in a state."""
+    moving, start = [], 0
+    for name in ("time", "qpos", "qvel", "act"):
+        now = np.reshape(sims.bind(name), (count, -1))
+        moving.append((slice(start, start + now.shape[1]), now))
+        start += now.shape[1]
+    return moving
 
 
 def _laws(plant: Plant, effects: Sequence[Sequence[EffectInstance]]) -> StepLaws | None:

@@ -54,7 +54,7 @@ def _step_forces(model: HybridModel, replay: Replay) -> list[Array]:
     command = _as_arriving(model, replay)
     compensation = model.erring_compensation()
     extra = np.zeros_like(qvel) if compensation is None else compensation.at(qpos).force
-    laws, constant = model.step_laws(1), inverse.dof_frictionloss[None].copy()
+    laws, constant = model.step_laws(1), inverse.dof_frictionloss.copy()
     data = mujoco.MjData(inverse)
     data.act[:] = initial_activation(inverse, model.layout.actuator, command[0])
     forces = []
@@ -66,8 +66,9 @@ def _step_forces(model: HybridModel, replay: Replay) -> list[Array]:
         if laws is not None:
             state = (data.qpos[None], data.qvel[None], data.sensordata[None])
             now = Moment(qpos=state[0], qvel=state[1], sensordata=state[2])
-            inverse.dof_frictionloss[:] = laws.levels(constant, now)[0]
-            known = known + laws.forces(now)[0]
+            acting = laws.acting(now)
+            inverse.dof_frictionloss[:] = constant + acting.friction[0]
+            known = known + acting.force[0]
         data.qacc[:] = a
         mujoco.mj_inverse(inverse, data)
         forces.append(data.qfrc_inverse - data.qfrc_actuator - known)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import cast, final
 
 import numpy as np
@@ -65,6 +66,19 @@ class Moment:
     sensordata: Array
 
 
+@dataclass(frozen=True, kw_only=True)
+class Acting:
+    """What laws do in a step.
+
+    Attributes:
+        force: Generalized forces to apply, N m, shape (N, nv).
+        friction: What the levels of dry friction are beside the models' own, N m, shape (N, nv).
+    """
+
+    force: Array
+    friction: Array
+
+
 @final
 class LawsAtWork:
     """Laws in the simulations of a batch, before each of their steps.
@@ -87,18 +101,19 @@ class LawsAtWork:
         """Forgets the last step of some simulations."""
         self._forces[ids] = 0.0
 
-    def apply(self, force: Array) -> Moment:
-        """Adds the laws' forces of the coming step to those that act; returns its middle.
+    def apply(self, force: Array) -> Acting:
+        """Adds the laws' forces of the coming step to those that act; returns what laws do in it.
 
         Args:
             force: What else acts, N m, shape (N, nv).
         """
-        # What diverged was put back, and has no step before.
-        self._applied[:] = force + np.nan_to_num(self._forces, posinf=0.0, neginf=0.0)
-        now = self._middle()
-        self._forces = self._laws.forces(now)
         self._applied[:] = force + self._forces
-        return now
+        acting = self._laws.acting(self._middle())
+        self._applied[:] = force + acting.force
+        self._forces = acting.force
+        if not np.isfinite(acting.force).all():  # what diverged is put back: no step was before
+            self._forces = np.nan_to_num(acting.force, posinf=0.0, neginf=0.0)
+        return acting
 
     def _middle(self) -> Moment:
         """Returns the simulations half a step on, under its commands; they stay where they are."""
@@ -131,65 +146,57 @@ class StepLaws:
     drive: Array
     drive_dof: NDArray[np.intp]
 
-    @property
+    @cached_property
     def change_drives(self) -> bool:
         """Whether a law changes what drives give."""
         changes = (law.effect.drive_change(_STILL, law.values) for law in self.laws)
         return any(change is not None for change in changes)
 
-    def levels(self, constant: Array, now: Moment) -> Array:
-        """Returns the levels of dry friction for the coming step, N m, shape (N, nv).
-
-        Args:
-            constant: What the models have, N m, shape (N, nv).
-            now: In the middle of the step.
-        """
-        level = constant.copy()
-        for law, motion in zip(self.laws, self._motions(self.laws, now), strict=True):
+    def acting(self, now: Moment) -> Acting:
+        """Returns what the laws do in the coming step, told of its middle."""
+        drive = np.asarray(now.sensordata) @ self.drive.T
+        force, friction = np.zeros_like(now.qvel), np.zeros_like(now.qvel)
+        if self.change_drives:
+            changes = self._changes(now, drive)
+            force[:, self.drive_dof] += changes
+            drive += changes
+        for law, motion in zip(self.laws, self._seen(now, drive), strict=True):
+            first = self.dof[law.joints[0]]
             extra = law.effect.extra_friction(motion, law.values)
-            level[:, self.dof[law.joints[0]]] += 0.0 if extra is None else extra
-        return level
-
-    def forces(self, now: Moment) -> Array:
-        """Returns the generalized forces to be applied in the coming step, N m, shape (N, nv)."""
-        force = np.zeros_like(now.qvel)
-        force[:, self.drive_dof] += self.drive_changes(now)
-        laws = [law for law in self.laws if law.effect.stepwise]
-        for law, motion in zip(laws, self._motions(laws, now), strict=True):
+            if extra is not None:
+                friction[:, first] += extra
             # A stepwise law takes its amounts in all simulations at once.
-            torque = law.effect.torque(motion, cast("Values", law.values))
+            stepwise = law.effect.stepwise
+            torque = law.effect.torque(motion, cast("Values", law.values)) if stepwise else None
             if torque is not None:
-                force[:, self.dof[law.joints[0]]] += torque
+                force[:, first] += torque
                 for other in law.joints[1:]:
                     force[:, self.dof[other]] -= torque
-        return force
+        return Acting(force=force, friction=friction)
 
     def drive_changes(self, now: Moment) -> Array:
         """Returns what the drives give beside their models' torques, N m, shape (N, J)."""
-        drive = np.asarray(now.sensordata) @ self.drive.T
+        return self._changes(now, np.asarray(now.sensordata) @ self.drive.T)
+
+    def _changes(self, now: Moment, drive: Array) -> Array:
         changes = np.zeros_like(drive)
-        for law, motion in zip(self.laws, self._seen(self.laws, now, drive), strict=True):
+        for law, motion in zip(self.laws, self._seen(now, drive), strict=True):
             change = law.effect.drive_change(motion, law.values)
-            changes[:, law.joints[0]] += 0.0 if change is None else change
+            if change is not None:
+                changes[:, law.joints[0]] += change
         return changes
 
-    def _motions(self, laws: Sequence[StepLaw], now: Moment) -> list[Motion]:
-        """Returns what each law sees, of the drives what they give."""
-        if not laws:
-            return []
-        drive = np.asarray(now.sensordata) @ self.drive.T
-        return self._seen(laws, now, drive + self.drive_changes(now))
-
-    def _seen(self, laws: Sequence[StepLaw], now: Moment, drive: Array) -> list[Motion]:
-        velocity = now.qvel[:, self.dof]
+    def _seen(self, now: Moment, drive: Array) -> list[Motion]:
+        """Returns what each law sees, drives giving torques of shape (N, J)."""
+        position, velocity = now.qpos[:, self.qpos], now.qvel[:, self.dof]
         return [
             Motion(
-                position=now.qpos[:, self.qpos[law.joints[0]]],
+                position=position[:, law.joints[0]],
                 velocity=velocity[:, law.joints[0]],
                 drive=drive[:, law.joints[0]],
                 other_velocity=velocity[:, law.joints[1]] if len(law.joints) == 2 else None,
             )
-            for law in laws
+            for law in self.laws
         ]
 
 
