@@ -88,11 +88,12 @@ def sensors_at(
     places = defaultdict[int, list[int]](list)
     for i, model in enumerate(models):
         places[id(model)].append(i)
+    data = [mujoco.MjData(models[0]) for _ in range(threads)]
     with _actuation_only(models):
         for own in places.values():
             _, sensors = rollout.rollout(
                 models[own[0]],
-                [mujoco.MjData(models[own[0]]) for _ in range(threads)],
+                data,
                 np.concatenate([states[i] for i in own]),
                 np.concatenate([controls[i] for i in own])[:, None],
                 nstep=1,

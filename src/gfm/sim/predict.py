@@ -384,10 +384,12 @@ def _stepping_batch(models: list[mujoco.MjModel], threads: int) -> batch.Batch:
     A batch over a list of models would not let single fields be written at every step.
     """
     sims = batch.Batch(models[0], nsim=len(models), nthread=min(threads, len(models)))
+    different = {id(model): model for model in models}  # those of one plant are the same
     for name in _array_fields(models[0]):
-        values = [getattr(model, name) for model in models]
-        if any(not np.array_equal(values[0], value) for value in values[1:]):
-            sims.expand(name)[:] = np.stack(values)
+        values = {key: getattr(model, name) for key, model in different.items()}
+        first = values[id(models[0])]
+        if any(not np.array_equal(first, value) for value in values.values()):
+            sims.expand(name)[:] = np.stack([values[id(model)] for model in models])
     return sims
 
 
