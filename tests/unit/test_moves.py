@@ -15,7 +15,14 @@ from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.clock import OutOfTimeError
 from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
 from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
-from gfm.diagnosis.search.moves.add import _beginnings, _together, add, best_of
+from gfm.diagnosis.search.moves.add import (
+    _above_their_level,
+    _beginnings,
+    _together,
+    add,
+    beside,
+    best_of,
+)
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.reduce import (
     _not_told_apart,
@@ -489,3 +496,38 @@ def test_an_excess_of_friction_begins_as_it_looks_and_larger(rubbing):
     assert looks[0].values == {"static_excess": 0.2, "stribeck_velocity": 0.1}
     assert looks[1] == dry_one
     assert _beginnings(rubbing.with_effects(), (dry_one,)) == [(dry_one,)]
+
+
+@pytest.fixture(scope="module")
+def sticking():
+    """Dry friction, and a peak of it at low speed."""
+    return Case(runs(torque=lambda q, v: dry(q, v) * (1.0 + 2.0 * np.exp(-((v / 0.1) ** 2)))))
+
+
+def peaks_beside(before, *amounts):
+    """What is tried together with the level above which it comes."""
+    peaks = [
+        instance("stribeck_friction", static_excess=one, stribeck_velocity=speed)
+        for one, speed in amounts
+    ]
+    tried = [beside(before, before.fitted((*before.effects, one))) for one in peaks]
+    screened = [Screened(one, Difference(9.0, 1.0)) for one in peaks]
+    return tried, _above_their_level(before, screened, tried)
+
+
+def test_a_peak_of_friction_that_stands_for_all_of_it_is_tried_above_its_level(sticking):
+    (alone,), ((level, peak),) = peaks_beside(sticking.with_effects(), (0.4, 4.0))
+    assert level.key == ("coulomb_friction", ("j",))
+    assert level.values["torque"] == alone.new[0].values["static_excess"]
+    assert peak.values == {"static_excess": 0.4, "stribeck_velocity": 4.0}
+    found = sticking.with_effects(
+        level, instance("stribeck_friction", static_excess=0.3, stribeck_velocity=0.2)
+    )
+    both = {one.effect.name: one.values for one in found.effects}
+    assert both["coulomb_friction"]["torque"] == pytest.approx(FRICTION, rel=0.1)
+    assert both["stribeck_friction"]["static_excess"] == pytest.approx(2.0 * FRICTION, rel=0.2)
+
+
+def test_a_peak_above_a_level_that_is_there_is_tried_alone(sticking):
+    level = instance("coulomb_friction", torque=0.3)
+    assert peaks_beside(sticking.with_effects(level), (0.3, 1.0))[1] == []

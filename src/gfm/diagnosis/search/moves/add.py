@@ -14,7 +14,7 @@ from gfm.diagnosis.search.promises import jumps, promise, promising
 from gfm.diagnosis.search.screening import Screened, is_whole, open_to
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
-from gfm.effects import Effect, EffectInstance, Scope
+from gfm.effects import Effect, EffectInstance, Scope, find_effect
 
 #: Candidates that are fitted, places of one effect among those, amounts from which the fit of one
 #: begins, and kinds that are tried on several joints.
@@ -75,7 +75,8 @@ def _add(
     for one, again in _shortlist(screened):
         if _is_worth_a_fit(before, one, tried, gained, again=again) and search.goes_on():
             tried += _in_time(before, (one.instance,), search)
-    for new in _together(before, screened, tried):
+    several = _together(before, screened, tried)
+    for new in (*several, *_above_their_level(before, screened, [*ranked, *tried])):
         if search.goes_on():
             tried += _in_time(before, new, search)
     return best_first(before, [*ranked, *_with_front_fitted_out(before, tried)])
@@ -193,6 +194,28 @@ def _together(
         whole = [one.new for one in tried if is_whole(one.new[0].effect)][:1]
         return kinds + [(*one, *kind) for one in whole for kind in kinds]
     return kinds if best is not None and is_whole(best.new[0].effect) else []
+
+
+def _above_their_level(
+    before: Hypothesis, screened: Sequence[Screened], tried: Sequence[Tried]
+) -> list[tuple[EffectInstance, ...]]:
+    """Returns what is in front, if it comes above the level of another effect, together with that.
+
+    Alone it stands for both: a peak of friction at low speed, as wide as all speeds, is dry
+    friction. From there no step leads back to both.
+    """
+    best = best_of(before, tried)
+    if best is None or not worth_more(before, best):
+        return []
+    excess = best.new[0]
+    base = excess.effect.excess_of
+    if base is None or any(one.key == (base, excess.joints) for one in before.effects):
+        return []
+    effect, peak = find_effect(base), excess.effect.parameters[0].name
+    values = {effect.parameters[0].name: excess.values[peak]}  # alone it has about that amount
+    level = EffectInstance(effect=effect, joints=excess.joints, values=values)
+    starts = [one.instance for one in screened if one.instance.key == excess.key][:STARTS]
+    return [(level, start) for start in starts]
 
 
 def _kinds(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
