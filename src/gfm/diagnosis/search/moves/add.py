@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 from gfm.diagnosis.inference.amounts import at_bound
-from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit
+from gfm.diagnosis.inference.fitting import ROUGH, Fit, along_valley, fit
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.naming import describe, first_of_each
@@ -75,6 +76,8 @@ def _add(
     for one, again in _shortlist(screened):
         if _is_worth_a_fit(before, one, tried, gained, again=again) and search.goes_on():
             tried += _in_time(before, (one.instance,), search)
+    if search.goes_on():
+        tried = search.in_its_time(partial(_along_its_valley, before, tried), tried, step=True)
     several = _together(before, screened, tried)
     for new in (*several, *_above_their_level(before, screened, [*ranked, *tried])):
         if search.goes_on():
@@ -110,6 +113,20 @@ def _is_worth_a_fit(
     best = best_of(before, tried)
     most = max(gained, 0.0 if best is None else best.gain.nats)
     return promised.nats > most and not (again and not worth_more(before, best))
+
+
+def _along_its_valley(before: Hypothesis, tried: Sequence[Tried]) -> list[Tried]:
+    """Returns what was tried, what is in front as well as it gets along its valley.
+
+    Of a peak of friction, height and width say nearly the same: where friction holds a joint, fits
+    end between the two. That shows in what it leaves.
+    """
+    best = best_of(before, tried)
+    flat = best is not None and any(one.effect.valleys for one in best.new)
+    if best is None or not (flat and worth_more(before, best)):
+        return list(tried)
+    better = beside(before, along_valley(before.problem, best.fit))
+    return [better if one is best else one for one in tried]
 
 
 def beside(before: Hypothesis, fitted: Fit) -> Tried:
