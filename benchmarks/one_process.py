@@ -15,6 +15,7 @@ from unittest.mock import patch
 
 from gfm.cli import main as gfm
 from gfm.core import Clock, ConfigError
+from gfm.core.checks import Array
 from gfm.envs.arm import CONTROL_PERIOD_S
 from gfm.experiments import drive_policy
 from gfm.experiments.drive_request import DriveRequest
@@ -29,7 +30,9 @@ from gfm_wire import RobotClock
 
 
 @contextmanager
-def robot_of(request: DriveRequest, clock: Clock) -> Iterator[tuple[Transport, Callable[[], None]]]:
+def robot_of(
+    request: DriveRequest, clock: Clock, zero: Array
+) -> Iterator[tuple[Transport, Callable[[], None]]]:
     """Yields a connection to the robot that is asked for, and what lets it go on.
 
     Raises:
@@ -42,7 +45,7 @@ def robot_of(request: DriveRequest, clock: Clock) -> Iterator[tuple[Transport, C
     def transport(name: str) -> MemoryTransport:
         return MemoryTransport(hub, name=name, clock=clock)
 
-    bridge = build_bridge(_bridge(request), transport("robot-bridge"), clock)
+    bridge = build_bridge(_bridge(request, zero), transport("robot-bridge"), clock)
     robot = build_robot(_robot(request), transport("robot"), clock)
 
     def both() -> None:
@@ -56,12 +59,13 @@ def robot_of(request: DriveRequest, clock: Clock) -> Iterator[tuple[Transport, C
         robot.close()
 
 
-def _bridge(request: DriveRequest) -> BridgeConfig:
+def _bridge(request: DriveRequest, zero: Array) -> BridgeConfig:
     settings = {
         **_both(request),
         "name": "robot-bridge",
         "recordings": str(request.out.absolute() / "recordings"),
         "control_hz": 1.0 / CONTROL_PERIOD_S,
+        "joint_zero_rad": tuple(zero.tolist()),
     }
     return read_config(BridgeConfig, None, settings)
 

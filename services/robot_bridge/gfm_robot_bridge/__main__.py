@@ -104,6 +104,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     group.add_argument(
         "--position-margin-rad", type=float, help="distance to the joint limits (default: 0.05)"
     )
+    group.add_argument(
+        "--joint-zero-rad",
+        type=float,
+        nargs=len(JOINT_NAMES),
+        metavar="RAD",
+        help="what the joints report where the published arm is at zero, as a diagnosis named it, "
+        "for the distances that are kept (default: 0)",
+    )
     return service_main(parser, BridgeConfig, _build_process, argv)
 
 

@@ -10,12 +10,15 @@ import msgspec
 from gfm import __version__
 from gfm.core import ConfigError
 from gfm.service import ServiceConfig
+from gfm.sim.sawyer import JOINT_NAMES
 from gfm_robot_bridge.limits import Bounds, Limits
 from gfm_wire import RobotClock, Role
 
 #: Speeds are commanded up to this part of what is allowed: when others change speed, a joint whose
 #: servo is soft exceeds its setpoint (by 12 % in the worst of many tries in the simulated arm).
 _HEADROOM = 0.88
+#: An encoder that counts from farther away, rad, is no offset that anybody found by a motion.
+_FARTHEST_ZERO = 0.5
 #: A joint slower than this share of its velocity limit is at rest.
 _STILL = 0.01
 
@@ -61,6 +64,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             part of the arm leaves that box. Empty for no box.
         clearance_m: Distance that the arm keeps from basket, ground and itself, and from the sides
             of the workspace.
+        joint_zero_rad: What each joint reports where the published arm is at zero, as a diagnosis
+            named it: distances are those of where the arm then is. Empty for 0.
         unnoticed_load_nm: A load that nobody told the robot of counts where a joint feels more of
             it than this: what noise and steps of setpoints make of none is less. A large number
             for a robot whose efforts are something else than its drives' torques.
@@ -99,6 +104,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
     task: Literal["none", "position", "pose"] = "none"
     workspace_m: tuple[float, ...] = (-0.6, -0.9, -0.2, 1.15, 0.9, 1.2)
     clearance_m: float = 0.01
+    joint_zero_rad: tuple[float, ...] = ()
     unnoticed_load_nm: float = 0.5
     power_w: float = 80.0
     report_age_s: float = 0.2
@@ -146,6 +152,13 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             raise ConfigError(
                 f"workspace_m is {list(box)}, expected a lower corner x, y, z and an upper one "
                 "beyond it, or nothing"
+            )
+        zero = self.joint_zero_rad
+        far = any(not abs(one) <= _FARTHEST_ZERO for one in zero)
+        if zero and (len(zero) != len(JOINT_NAMES) or far):
+            raise ConfigError(
+                f"joint_zero_rad is {list(zero)}, expected {len(JOINT_NAMES)} angles of at most "
+                f"{_FARTHEST_ZERO} rad, or nothing"
             )
         self._check_robot()
 

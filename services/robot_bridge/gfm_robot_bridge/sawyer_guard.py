@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from gfm.core import CommandKind
 from gfm.sim.cell import EndEffector
-from gfm.sim.sawyer import sawyer_spec
+from gfm.sim.sawyer import JOINT_NAMES, sawyer_spec
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.foresight import Foresight
 from gfm_robot_bridge.guard import Guard
@@ -23,7 +25,8 @@ def sawyer_guard(config: BridgeConfig, robot: Robot) -> Guard:
     The pushed object is none of it: to touch that is the task.
 
     Args:
-        config: Says which task the cell is furnished for, and the distances.
+        config: Says which task the cell is furnished for, the distances, and what the joints
+            report at zero.
         robot: A Sawyer.
     """
     tool = TOOLS[config.task]
@@ -31,6 +34,10 @@ def sawyer_guard(config: BridgeConfig, robot: Robot) -> Guard:
         kind: sawyer_spec(command=kind, end_effector=tool, basket=tool != "none")
         for kind in CommandKind
     }
+    zeros = config.joint_zero_rad or np.zeros(len(JOINT_NAMES))
+    for spec in specs.values():
+        for joint, zero in zip(JOINT_NAMES, zeros, strict=True):
+            spec.joint(joint).ref = zero
     bounds = config.bounds(robot.limits, robot.patience_s)
     foresight = Foresight(
         {kind: spec.compile() for kind, spec in specs.items()},

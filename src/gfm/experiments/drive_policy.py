@@ -15,6 +15,7 @@ from rich.console import Console
 from gfm.api.folders import check_folder
 from gfm.api.provenance import command_line, provenance
 from gfm.core import BadInputError, Clock, MonotonicClock
+from gfm.core.checks import Array
 from gfm.envs.arm import CONTROL_PERIOD_S
 from gfm.envs.matching import Matching
 from gfm.envs.matching_task import TASKS
@@ -92,7 +93,7 @@ def drive_policy(request: DriveRequest, console: Console | None = None) -> Drive
             left_s = each_s * (len(left) - number)
             console.print(_line(made, len(kept.attempts), request, left_s))
 
-    interrupted = _driven(request, clock, all_made) if left else False
+    interrupted = _driven(request, clock, arm.zero, all_made) if left else False
     report = _report(request, path, kept) if kept.attempts else None
     if report is not None:
         write_texts(request.out, evaluation_texts(report))
@@ -131,7 +132,9 @@ def _report(request: DriveRequest, policy: Path, kept: Kept) -> Evaluation:
     )
 
 
-def _driven(request: DriveRequest, clock: Clock, drives: Callable[[Driver, Person], None]) -> bool:
+def _driven(
+    request: DriveRequest, clock: Clock, zero: Array, drives: Callable[[Driver, Person], None]
+) -> bool:
     """Gets hold of a robot and has it driven; returns whether a signal ended that.
 
     A folder that was new, and in which nothing came of it, goes again.
@@ -139,7 +142,7 @@ def _driven(request: DriveRequest, clock: Clock, drives: Callable[[Driver, Perso
     fresh = not request.out.exists()
     try:
         with (
-            robot_of(request, clock) as (transport, idle),
+            robot_of(request, clock, zero) as (transport, idle),
             Keyboard() as keyboard,
             _signals() as stop,
         ):

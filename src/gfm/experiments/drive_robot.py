@@ -1,4 +1,7 @@
-"""The robot of `gfm drive`: one that is there, or a simulated one in processes of its own."""
+"""The robot of `gfm drive`: one that is there, or a simulated one in processes of its own.
+
+Shape letters: J joints.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from gfm.core import Clock
+from gfm.core.checks import Array
 from gfm.envs.arm import CONTROL_PERIOD_S
 from gfm.experiments.drive_request import DriveRequest
 from gfm.launch import (
@@ -24,11 +28,17 @@ from gfm_wire import Role
 
 @contextmanager
 def robot_of(
-    request: DriveRequest, clock: Clock
+    request: DriveRequest, clock: Clock, zero: Array
 ) -> Iterator[tuple[Transport, Callable[[], None] | None]]:
     """Yields a connection to the run of the robot that is asked for, and what to do while waiting.
 
     A simulated robot is started with its bridge, and stopped in the end.
+
+    Args:
+        request: What is asked for.
+        clock: Of this process.
+        zero: What the joints report where the published arm is at zero, rad, shape (J,): what is
+            known of it, by which a bridge that is started here keeps its distances.
 
     Raises:
         BadInputError: the robot cannot be what is asked for.
@@ -40,13 +50,13 @@ def robot_of(
         with address.open(Role.DRIVER, name="drive") as transport:
             yield transport, None
         return
-    with Supervisor(_system(request), request.out / "logs", clock=clock) as supervisor:
+    with Supervisor(_system(request, zero), request.out / "logs", clock=clock) as supervisor:
         supervisor.start()
         with supervisor.spec.address.open(Role.DRIVER, name="drive") as transport:
             yield transport, watching(supervisor, clock)
 
 
-def _system(request: DriveRequest) -> SystemSpec:
+def _system(request: DriveRequest, zero: Array) -> SystemSpec:
     folder = request.out.absolute()
     config = request.robot_config
     both = ("--clock", request.clock, "--task", request.task.removesuffix("_matching"))
@@ -59,6 +69,7 @@ def _system(request: DriveRequest) -> SystemSpec:
     bridge = (
         *("--recordings", str(folder / "recordings")),
         *("--control-hz", f"{1.0 / CONTROL_PERIOD_S:g}"),
+        *("--joint-zero-rad", *(f"{one:.9f}" for one in zero)),
         *both,
     )
     processes = (router_process(), *robot_processes(bridge, robot, request.robot))
