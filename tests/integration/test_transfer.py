@@ -32,7 +32,9 @@ FOUND = {
 }
 
 
-def attempts_in(folder: Path, policy: Path, outcomes: list[str], model: str = "") -> None:
+def attempts_in(
+    folder: Path, policy: Path, outcomes: list[str], model: str = "", recorded: bool = True
+) -> None:
     about = {
         "task": POSITION,
         "policy": sha256(policy),
@@ -54,7 +56,7 @@ def attempts_in(folder: Path, policy: Path, outcomes: list[str], model: str = ""
                 place_m=0.01,
                 turn_rad=0.1,
                 path=[[0.6, 0.0], [0.65, 0.0]],
-                recording=f"{trial}.mcap",
+                recording=f"{trial}.mcap" if recorded else "",
             )
         )
 
@@ -107,6 +109,16 @@ def test_nothing_is_trained_on_a_model_that_was_not_corrected(
     assert main(words) == 0
     assert "nothing was named" in capsys.readouterr().out
     assert json.loads((tmp_path / "report.json").read_text())["after"] == {}
+
+
+def test_attempts_of_which_nothing_is_recorded_are_refused(
+    tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    outcomes = ["out_of_time", "out_of_time"]
+    attempts_in(tmp_path / "before", shipped_policy(POSITION), outcomes, recorded=False)
+    assert main(words) == 2
+    assert "0 attempts to learn from and 0 that judge" in capsys.readouterr().err
+    assert not (tmp_path / "diagnosis").exists()
 
 
 def test_another_campaign_in_the_folder_is_refused(

@@ -9,15 +9,31 @@ from typing import final
 
 import numpy as np
 
-from gfm.core import BadInputError
+from gfm.core import BadInputError, CommandKind
 from gfm.envs import evaluation
 from gfm.envs.matching_task import TASKS
 from gfm.envs.outcomes import Outcome
 from gfm.experiments.attempts import Attempt
+from gfm.recording import read_recording
 from gfm.report.files import write_texts
 
 RESULT = "result.json"
 SCHEMA = "gfm.drive/1"
+
+
+def recorded_s(attempt: Attempt) -> float:
+    """Returns how long an attempt's recording tells what its speeds did, s; 0 for not at all.
+
+    It ends where the bridge holds the arm by positions, and is of these alone where that is so from
+    the beginning.
+
+    Raises:
+        BadInputError: the recording cannot be read.
+    """
+    if not attempt.recording:
+        return 0.0
+    recording = read_recording(Path(attempt.recording))
+    return recording.duration_s if recording.command_kind is CommandKind.VELOCITY else 0.0
 
 
 @final

@@ -18,11 +18,11 @@ from rich.text import Text
 from gfm.api.diagnosis import DiagnoseRequest
 from gfm.api.folders import check_folder, check_new_folder
 from gfm.api.provenance import command_line, provenance
-from gfm.core import Clock, ConfigError
+from gfm.core import BadInputError, Clock, ConfigError
 from gfm.envs.matching_task import TASKS
 from gfm.experiments.adapt import AdaptRequest, adapt_policy
 from gfm.experiments.attempt_choice import judged_on, learned_from
-from gfm.experiments.attempt_files import Kept
+from gfm.experiments.attempt_files import Kept, recorded_s
 from gfm.experiments.diagnose_command import diagnose_files
 from gfm.experiments.drive_policy import drive_policy
 from gfm.experiments.drive_request import DriveRequest
@@ -259,10 +259,17 @@ class _Campaign:
     def _recordings(self) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
         """Returns the recordings of before to learn from, and those that judge."""
         made = Kept(self.request.out / BEFORE, {}).attempts
+        lasts = {one.recording: recorded_s(one) for one in made}
         learned, judged = (
-            tuple(Path(one.recording) for one in choice(made))
+            tuple(Path(one.recording) for one in choice(made, lambda one: lasts[one.recording]))
             for choice in (learned_from, judged_on)
         )
+        if not learned or not judged:
+            raise BadInputError(
+                f"{self.request.out / BEFORE}: {len(learned)} attempts to learn from and "
+                f"{len(judged)} that judge have recordings of speeds, expected one of each at "
+                "least: was the arm held by its bridge all the time?"
+            )
         return learned, judged
 
     def _say(self, words: str) -> None:
