@@ -20,6 +20,7 @@ from gfm.envs.matching import failures, random_starts
 from gfm.envs.matching_task import MatchingTask
 from gfm.envs.matching_view import MatchingView
 from gfm.envs.outcomes import Outcome, Outcomes
+from gfm.experiments.attempt_bearing import Bearing
 from gfm.experiments.attempt_start import AttemptStart
 from gfm.experiments.attempt_view import RobotView
 from gfm.experiments.driver import Driver
@@ -82,7 +83,7 @@ class AttemptRunner:
     ) -> None:
         self._task, self._arm, self._policy, self._driver = task, arm, policy, driver
         self._seed, self._person = seed, person or Person()
-        self._view = RobotView(arm)
+        self._view, self._bearing = RobotView(arm), Bearing(arm)
         self._start = AttemptStart(task, self._view, driver, self._person)
 
     def begin(self) -> None:
@@ -143,6 +144,7 @@ class AttemptRunner:
             if self._person.interrupts():
                 return None
             speed = np.clip(action, -1.0, 1.0) * self._arm.velocity_limit
+            speed += self._bearing.speed(self._driver.newest.position)
             stopped = not self._moves(speed)
             scene = self._view.scene(self._driver.newest)
             seen.see(*self._view.joints(self._driver.newest), scene)
