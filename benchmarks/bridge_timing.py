@@ -25,7 +25,7 @@ from rosbridge_cell import CLOCK, PERIOD_S, Cell, end
 from gfm.core import RefusedError, Status
 from gfm.core.checks import Array
 from gfm.recording.mcap_file import read_mcap
-from gfm_robot_bridge.periods import TIMING, TIMING_TOPIC
+from gfm.recording.periods import TIMING, TIMING_TOPIC
 from gfm_wire import RecordDone, RecordStart, RecordStop
 
 _SPEED, _TURNS_S = 0.05, 2.0

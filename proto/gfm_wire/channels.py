@@ -33,7 +33,7 @@ WHO = {
     Role.ROBOT_BRIDGE: "`gfm-robot-bridge`",
     Role.TRACKER: "`gfm track run --send`",
     Role.DRIVER: "`gfm record`, `gfm excite`, `gfm drive`, `gfm robot`",
-    Role.WATCHER: "`gfm status`, `gfm top`, `gfm metrics`, `gfm robot stop`",
+    Role.WATCHER: "`gfm status`, `gfm top`, `gfm metrics`, `gfm watch`, `gfm robot stop`",
     Role.SUPERVISOR: "`gfm up`",
 }
 

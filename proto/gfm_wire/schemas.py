@@ -146,7 +146,7 @@ WEIGHTS = Schema(
 )
 COMMAND = Schema(
     Command,
-    2,
+    3,
     {
         "kind": Choice(CommandKind),
         "joint_names": ListOf(TEXT),
@@ -154,13 +154,14 @@ COMMAND = Schema(
         "stamp_ns": STAMP,
         "number": COUNT,
         "needs_object": Flag(),
+        "speed_share": Number(),
     },
 )
 #: Of a body: m and quaternion w x y z.
 POSE = Array("<f8", "7")
 OBSERVATION = Schema(
     Observation,
-    4,
+    5,
     {
         "joint_names": ListOf(TEXT),
         "position": JOINTS,
@@ -169,6 +170,7 @@ OBSERVATION = Schema(
         "stamp_ns": STAMP,
         "received_ns": STAMP,
         "applied": Optional(COMMAND),
+        "requested": Optional(COMMAND),
         "reason": COUNT,
         "heard_ns": STAMP,
         "decided_ns": STAMP,
@@ -237,7 +239,7 @@ CONTROL = (
     Schema(PowerRobot, 1, {"action": Choice(PowerAction)}),
     Schema(
         RobotExchange,
-        5,
+        6,
         {
             "commands": ListOf(COMMAND),
             "advance_ns": COUNT,
@@ -246,7 +248,7 @@ CONTROL = (
             "clock": Choice(RobotClock),
         },
     ),
-    Schema(RobotStates, 4, {"states": ListOf(OBSERVATION)}),
+    Schema(RobotStates, 5, {"states": ListOf(OBSERVATION)}),
 )
 SCHEMAS: tuple[Schema[Any], ...] = (
     SEQUENCE,

@@ -143,6 +143,12 @@ SUBCOMMANDS = (
         summary="watch a running system, live",
     ),
     Subcommand(
+        name="watch",
+        module="gfm.experiments.watch_command",
+        adder="add_parser",
+        summary="show a robot live, in Foxglove or Rerun",
+    ),
+    Subcommand(
         name="metrics",
         module="gfm.launch.metrics_command",
         adder="add_parser",

@@ -24,6 +24,7 @@ from gfm.core import (
     ConfigError,
     ManualClock,
     Observation,
+    Reason,
     RefusedError,
 )
 from gfm.core.checks import Array32
@@ -50,7 +51,6 @@ from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.__main__ import build as build_bridge
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.guard import Guard, Loss
-from gfm_robot_bridge.limits import Reason
 from gfm_robot_bridge.simulated.__main__ import build as build_robot
 from gfm_robot_bridge.simulated.cell import Cell, cell_model
 from gfm_robot_bridge.simulated.config import SimulatedConfig
@@ -184,7 +184,7 @@ def test_the_bridge_keeps_the_tool_out_of_the_basket(tmp_path: Path) -> None:
     aside, down = 0.2 * np.eye(7)[0], 0.1 * np.eye(7)[1]  # past the object, then on
     lowest, reasons = 1.0, Reason.NONE
     for speed in [aside] * 30 + [down] * 60:
-        rig.driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed)
+        rig.driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed, speed_share=1.0)
         reasons |= Reason(rig.driver.newest.reason)
         data.qpos[:7] = rig.driver.newest.position
         mujoco.mj_kinematics(model, data)

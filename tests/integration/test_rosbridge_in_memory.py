@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gfm.core import Command, CommandKind, ManualClock, Observation, RefusedError
+from gfm.core import Command, CommandKind, ManualClock, Observation, Reason, RefusedError
 from gfm.recording import read_recording
 from gfm.sim.sawyer import JOINT_NAMES
 from gfm.transport import MemoryHub, MemoryTransport, PendingReply
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.intera.sawyer import InteraSawyer, SawyerSettings
-from gfm_robot_bridge.limits import Reason
 from gfm_robot_bridge.rosbridge_sawyer.config import RosbridgeConfig
 from gfm_robot_bridge.rosbridge_sawyer.memory import MemoryDoor, MemoryLink
 from gfm_robot_bridge.rosbridge_sawyer.service import RosbridgeService

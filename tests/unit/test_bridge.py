@@ -22,13 +22,14 @@ from gfm.core import (
     ConfigError,
     ManualClock,
     Observation,
+    Reason,
     RefusedError,
 )
 from gfm.recording import RecordingWriter, read_recording
 from gfm.transport import MemoryHub, MemoryTransport, PendingReply
 from gfm_robot_bridge.background import Background, InThread, Piece
 from gfm_robot_bridge.config import BridgeConfig
-from gfm_robot_bridge.limits import Limits, Reason
+from gfm_robot_bridge.limits import Limits
 from gfm_robot_bridge.mirror import MirrorRobot
 from gfm_robot_bridge.recorder import Recorder
 from gfm_robot_bridge.service import BridgeService
@@ -93,7 +94,13 @@ class Rig:
         return answer
 
     def command(
-        self, kind: str, values: list[float], *, number: int | None = None, names: Any = JOINTS
+        self,
+        kind: str,
+        values: list[float],
+        *,
+        number: int | None = None,
+        names: Any = JOINTS,
+        share: float = 1.0,
     ) -> Observation:
         sent = Command(
             kind=CommandKind(kind),
@@ -101,6 +108,7 @@ class Rig:
             values=np.array(values),
             stamp_ns=self.clock.utc_ns(),
             number=self.number if number is None else number,
+            speed_share=share,
         )
         self.number = sent.number + 1
         answer = self.ask("robot/command", sent)
@@ -863,3 +871,80 @@ def test_what_no_arm_carries_is_refused(rig: Rig, message: Message, words: str) 
     with pytest.raises(RefusedError, match=words):
         rig.ask("robot/payload", message)
     assert rig.counter("rejected_messages") == 1
+
+
+def settled(rig: Rig, share: float, kind: str = "velocity") -> Observation:
+    """Commands as much as there is for a second; returns what came of the last command."""
+    values = 100.0 * LIMITS.velocity
+    return [rig.command(kind, values.tolist(), share=share) for _ in range(25)][-1]
+
+
+@pytest.mark.parametrize(("share", "allowed"), [(0.05, 0.05), (0.4, 0.4), (0.9, 0.44), (1.0, 0.44)])
+def test_no_joint_is_told_to_go_faster_than_the_share_of_its_task(tmp_path, share, allowed):
+    seen = settled(Rig(tmp_path), share)
+    assert seen.applied is not None
+    assert seen.applied.values == pytest.approx(allowed * LIMITS.velocity)
+    assert (Reason(seen.reason), seen.applied.speed_share) == (Reason.VELOCITY, share)
+
+
+def test_a_share_holds_for_its_command_alone(tmp_path):
+    rig = Rig(tmp_path)
+    slow, fast = settled(rig, 0.05), settled(rig, 1.0)
+    assert (slow.velocity < fast.velocity).all()
+    assert fast.velocity == pytest.approx(0.44 * LIMITS.velocity)
+
+
+def test_a_smaller_share_is_reached_by_a_ramp(tmp_path):
+    rig = Rig(tmp_path)
+    settled(rig, 1.0)
+    speeds = [rig.command("velocity", [1.0, 2.0], share=0.05).velocity for _ in range(20)]
+    steps = -np.diff(speeds, axis=0)
+    assert (steps <= 0.5 * LIMITS.acceleration * PERIOD_S + 1e-12).all()
+    assert speeds[-1] == pytest.approx(0.05 * LIMITS.velocity)
+
+
+def test_positions_go_at_the_share_of_their_task(tmp_path):
+    rig = Rig(tmp_path)
+    ways = [rig.command("position", [0.9, 1.9], share=0.05).position for _ in range(30)]
+    steps = np.diff(ways, axis=0)
+    assert steps[-1] == pytest.approx(0.05 * LIMITS.velocity * PERIOD_S)
+    assert (steps <= 0.05 * LIMITS.velocity * PERIOD_S + 1e-12).all()
+
+
+def test_torques_lead_to_no_more_than_the_share_of_their_task(tmp_path):
+    rig = Rig(tmp_path)
+    told = rig.command("effort", [5.0, 3.0], share=0.05).applied
+    assert told is not None
+    # A joint of 1 kg m^2, in force until the robot stops by itself: 0.2 s and a period.
+    assert (told.values * (0.2 + PERIOD_S) <= 0.05 * LIMITS.velocity + 1e-12).all()
+    assert (told.values > 0.0).all()
+
+
+@pytest.mark.parametrize("share", [float("nan"), float("inf"), -float("inf"), -0.05, 0.0, 1.0001])
+def test_a_share_that_is_none_is_refused(tmp_path, share):
+    rig = Rig(tmp_path)
+    with pytest.raises(RefusedError, match=r"has the speed share .*, expected above 0 to 1"):
+        rig.command("velocity", [0.1, 0.1], share=share)
+    assert not rig.robot.told
+
+
+def test_the_smallest_share_that_there_is_holds_the_arm(tmp_path):
+    rig = Rig(tmp_path)
+    seen = settled(rig, 5e-324)
+    assert np.abs(seen.velocity).max() < 1e-300
+    assert rig.bridge.status().note.startswith("commanded in velocity mode, at most 4.9e-324")
+
+
+def test_an_observation_has_what_was_asked_for_beside_what_was_applied(tmp_path):
+    rig = Rig(tmp_path, clock="wall")
+    seen = rig.command("velocity", [9.0, -9.0])
+    assert seen.requested is not None
+    assert seen.applied is not None
+    assert seen.requested.values.tolist() == [9.0, -9.0]
+    assert seen.requested.stamp_ns == seen.applied.stamp_ns
+    rig.ask("robot/stop", StopRobot(reason="enough"))
+    rig.pass_time(3 * PERIOD_S)
+    stopped = rig.observations.latest()
+    assert isinstance(stopped, Observation)
+    assert Reason.STOPPED in Reason(stopped.reason)
+    assert stopped.requested is None

@@ -18,6 +18,7 @@ from gfm.core import (
     ConfigError,
     ManualClock,
     Observation,
+    Reason,
     RefusedError,
 )
 from gfm.core.checks import Array
@@ -27,7 +28,7 @@ from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.foresight import Foresight
 from gfm_robot_bridge.guard import Guard
 from gfm_robot_bridge.limiter import Limiter
-from gfm_robot_bridge.limits import Limits, Reason
+from gfm_robot_bridge.limits import Limits
 from gfm_robot_bridge.mirror import MirrorRobot, UnitMasses
 from gfm_robot_bridge.plan import Plan
 from gfm_robot_bridge.sawyer_dynamics import SawyerDynamics

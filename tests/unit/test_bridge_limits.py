@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gfm.core import Command, CommandKind, Observation
+from gfm.core import Command, CommandKind, Observation, Reason
 from gfm.sim.sawyer import READY
 from gfm_robot_bridge.limiter import Limiter
-from gfm_robot_bridge.limits import Bounds, Reason, approach_speed, limited_speed
+from gfm_robot_bridge.limits import Bounds, approach_speed, limited_speed
 from gfm_robot_bridge.mirror import UnitMasses
 from gfm_robot_bridge.plan import Plan, positions, speeds
 from gfm_robot_bridge.sawyer_dynamics import SawyerDynamics
@@ -25,6 +25,7 @@ BOUNDS = Bounds(
     lower=np.array([-1.0, -2.0]),
     upper=np.array([1.0, 2.0]),
     velocity=np.array([0.5, 1.0]),
+    velocity_limit=np.array([1.0, 2.0]),
     acceleration=np.array([5.0, 5.0]),
     braking=np.array([7.0, 7.0]),
     effort=np.array([5.0, 5.0]),  # as much as a joint of 1 kg m^2 needs to stop

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from typing_extensions import override
 
-from gfm.core import Command, CommandKind, ManualClock, Observation, RefusedError
+from gfm.core import Command, CommandKind, ManualClock, Observation, Reason, RefusedError
 from gfm.core.checks import Array
 from gfm.sim.sawyer import JOINT_NAMES, READY
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.limiter import Limiter
-from gfm_robot_bridge.limits import Limits, Reason
+from gfm_robot_bridge.limits import Limits
 from gfm_robot_bridge.load import Balance, Loaded, LoadObserver
 from gfm_robot_bridge.mirror import UnitMasses
 from gfm_robot_bridge.plan import Plan

@@ -15,18 +15,17 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from gfm.core import Command, CommandKind, ManualClock, Observation
+from gfm.core import Command, CommandKind, ManualClock, Observation, Reason
 from gfm.recording import read_recording
 from gfm.recording.overview import overview
+from gfm.recording.periods import safety, timing
 from gfm.recording.raw import read_raw
 from gfm.sim.sawyer import JOINT_NAMES, sawyer_spec
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.background import AtOnce
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.content import content_of
-from gfm_robot_bridge.limits import Reason
 from gfm_robot_bridge.mirror import MirrorRobot
-from gfm_robot_bridge.periods import safety, timing
 from gfm_robot_bridge.recorder import Recorder
 from gfm_robot_bridge.service import BridgeService
 from gfm_wire import Message, RecordStart, RecordStop, RobotClock

@@ -11,11 +11,11 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from gfm.core import Command, CommandKind, ManualClock, Observation, RefusedError
+from gfm.core import Command, CommandKind, ManualClock, Observation, Reason, RefusedError
 from gfm.recording import schemas
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.config import BridgeConfig
-from gfm_robot_bridge.limits import Limits, Reason
+from gfm_robot_bridge.limits import Limits
 from gfm_robot_bridge.mirror import MirrorRobot
 from gfm_robot_bridge.service import BridgeService
 from gfm_wire import (

@@ -17,7 +17,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from gfm.cli import main
 from gfm.core import ConfigError, Status
 from gfm.launch import metrics_command
-from gfm.launch.metrics_command import place
+from gfm.launch.place import place_to_serve
 from gfm.launch.prometheus import RunCollector, families
 from gfm.launch.survey import Missing
 from gfm.transport import MemoryHub, MemoryTransport, Transport
@@ -163,13 +163,13 @@ def test_without_its_package_it_says_what_to_install(capsys, monkeypatch):
 
 
 def test_it_serves_this_machine_alone_unless_told():
-    assert place("127.0.0.1:0", insecure=False) == ("127.0.0.1", 0)
-    assert place("[::1]:9464", insecure=False) == ("::1", 9464)
-    assert place("0.0.0.0:9464", insecure=True) == ("0.0.0.0", 9464)
+    assert place_to_serve("--http", "127.0.0.1:0", insecure=False) == ("127.0.0.1", 0)
+    assert place_to_serve("--http", "[::1]:9464", insecure=False) == ("::1", 9464)
+    assert place_to_serve("--http", "0.0.0.0:9464", insecure=True) == ("0.0.0.0", 9464)
     with pytest.raises(
         ConfigError, match=r"--http 0\.0\.0\.0:9464 lets anybody on the network read"
     ):
-        place("0.0.0.0:9464", insecure=False)
+        place_to_serve("--http", "0.0.0.0:9464", insecure=False)
 
 
 @pytest.mark.parametrize("text", ["9464", "http://127.0.0.1:9464", "127.0.0.1:", "127.0.0.1:65536"])

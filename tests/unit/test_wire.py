@@ -87,6 +87,7 @@ COMMAND = Command(
     stamp_ns=-5,
     number=9,
     needs_object=True,
+    speed_share=0.05,
 )
 POSE = ObjectPose(
     position=np.zeros(3), quaternion=np.array([1.0, 0.0, 0.0, 0.0]), covariance=np.eye(6)
@@ -99,6 +100,7 @@ OBSERVATION = Observation(
     stamp_ns=10,
     received_ns=11,
     applied=COMMAND,
+    requested=replace(COMMAND, values=np.array([7.0, 8.0])),
     reason=3,
     heard_ns=8,
     decided_ns=9,
@@ -131,7 +133,9 @@ EXAMPLES: tuple[Message, ...] = (
     ),
     COMMAND,
     OBSERVATION,
-    replace(OBSERVATION, applied=None, object_position=None, object_quaternion=None),
+    replace(
+        OBSERVATION, applied=None, requested=None, object_position=None, object_quaternion=None
+    ),
     Status(
         role="actor",
         name="a",

@@ -53,7 +53,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             after 0.2 s, would act between two of them.
         recordings: Folder for recordings.
         position_margin_rad: How far from the ends of the joint ranges commands stay.
-        velocity_share: Share of the robot's velocity limits that is allowed.
+        velocity_share: Share of the robot's velocity limits that is allowed, whatever share a
+            command's task asks for.
         acceleration_share: Share of its acceleration limits by which setpoints change. Joints pull
             at one another: in the worst of 200 poses the simulated arm's speed servos, told to ramp
             as badly as possible, give a joint twice the acceleration of its own ramp.
@@ -183,6 +184,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             lower=limits.lower + self.position_margin_rad,
             upper=limits.upper - self.position_margin_rad,
             velocity=_HEADROOM * self.velocity_share * limits.velocity,
+            velocity_limit=limits.velocity,
             acceleration=self.acceleration_share * limits.acceleration,
             braking=self.braking_share * limits.acceleration,
             effort=limits.effort,

@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.sim.sawyer import JOINT_NAMES, sawyer_spec
+from gfm.recording.scene import Scene, sawyer_scene
+from gfm.sim.sawyer import JOINT_NAMES
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.limits import Limits
 from gfm_robot_bridge.robot import Robot
-from gfm_robot_bridge.scene import Scene
 from gfm_wire import RobotClock
 
 
@@ -40,7 +39,7 @@ def content_of(config: BridgeConfig, robot: Robot) -> Content:
     """Returns what the recordings of a robot hold."""
     spread = np.repeat([config.object_spread_m, config.object_spread_rad], 3)
     return Content(
-        scene=_scene(robot) if tuple(robot.joint_names) == JOINT_NAMES else None,
+        scene=_scene(robot) if robot.joint_names == JOINT_NAMES else None,
         covariance=np.diag(spread**2),
         timed=config.clock == RobotClock.WALL,
         limits=_words(robot.joint_names, robot.limits),
@@ -48,15 +47,8 @@ def content_of(config: BridgeConfig, robot: Robot) -> Content:
 
 
 def _scene(robot: Robot) -> Scene:
-    """Returns the nominal arm's."""
-    spec = sawyer_spec(command=CommandKind.POSITION)
-    names, limits = robot.joint_names, robot.limits
-    return Scene(
-        spec,
-        names,
-        speeds=dict(zip(names, limits.velocity.tolist(), strict=True)),
-        efforts=dict(zip(names, limits.effort.tolist(), strict=True)),
-    )
+    limits = robot.limits
+    return sawyer_scene(robot.joint_names, limits.velocity, limits.effort)
 
 
 def _words(joint_names: tuple[str, ...], limits: Limits) -> dict[str, str]:

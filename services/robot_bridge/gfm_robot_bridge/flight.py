@@ -10,9 +10,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import final
 
-from gfm.core import Command, Observation
+from gfm.core import Command, Observation, Reason
 from gfm_robot_bridge.background import Background
-from gfm_robot_bridge.limits import Reason
 
 _log = logging.getLogger(__name__)
 
@@ -95,4 +94,5 @@ def _words(command: Command) -> dict[str, object]:
         "values": command.values.tolist(),
         "stamp_ns": command.stamp_ns,
         "number": command.number,
+        "speed_share": command.speed_share,
     }

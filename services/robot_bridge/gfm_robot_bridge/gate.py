@@ -54,6 +54,8 @@ class CommandGate:
             return f"command names joints {names}, expected {expected}"
         if not np.isfinite(command.values).all():
             return f"command holds {command.values.tolist()}, expected finite numbers"
+        if not 0.0 < command.speed_share <= 1.0:
+            return f"command has the speed share {command.speed_share:g}, expected above 0 to 1"
         if problem := self.lease.refusal(sender, now_ns):
             return problem
         return "" if command.number == 0 else self._out_of_order(command.number, sender)

@@ -10,10 +10,9 @@ from typing import final
 
 import numpy as np
 
-from gfm.core import Observation
+from gfm.core import Observation, Reason
 from gfm.core.checks import Array
 from gfm_robot_bridge.foresight import Foresight
-from gfm_robot_bridge.limits import Reason
 from gfm_robot_bridge.load import Load, by_load
 from gfm_robot_bridge.plan import Plan
 from gfm_robot_bridge.surroundings import SEEN_M, Surroundings

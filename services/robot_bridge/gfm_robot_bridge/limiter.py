@@ -11,11 +11,11 @@ from typing import final
 
 import numpy as np
 
-from gfm.core import Command, CommandKind, Observation
+from gfm.core import Command, CommandKind, Observation, Reason
 from gfm.core.checks import Array
 from gfm_robot_bridge.following import LAG_S, Told
 from gfm_robot_bridge.guard import Guard
-from gfm_robot_bridge.limits import Bounds, Reason, limited_position, limited_speed
+from gfm_robot_bridge.limits import Bounds, limited_position, limited_speed
 from gfm_robot_bridge.load import Load, Loaded, LoadObserver, by_load
 from gfm_robot_bridge.plan import SPACING_S, Plan, positions, smaller, speeds
 from gfm_robot_bridge.torque import Dynamics, limited_torque
@@ -55,7 +55,7 @@ class Limiter:
         observer: LoadObserver | None = None,
     ) -> None:
         self.scale = 1.0
-        self._bounds = bounds
+        self._bounds = self._allowed = bounds
         self._dynamics = dynamics
         self._guard = guard
         self._observer = observer
@@ -110,6 +110,7 @@ class Limiter:
             command: Finite, in the order of the joints.
             seen: The newest report.
         """
+        self._allowed = self._bounds.within(command.speed_share)
         if self.scale == 0.0:
             return replace(self._at_standstill(seen), reason=Reason.SCALED)
         if command.kind is CommandKind.POSITION and not self._enters_position(seen):
@@ -219,7 +220,7 @@ class Limiter:
 
     @property
     def _scaled(self) -> Bounds:
-        return replace(self._bounds, velocity=self.scale * self._bounds.velocity)
+        return replace(self._allowed, velocity=self.scale * self._allowed.velocity)
 
     def _enters_position(self, seen: Observation) -> bool:
         """Returns whether positions may be told; the first one begins where the arm rests."""
@@ -284,7 +285,7 @@ class Limiter:
         limited = partial(
             limited_speed,
             position=seen.position,
-            bounds=self._bounds,
+            bounds=self._allowed,
             period_s=self._period_s,
             after_s=self._bounds.patience_s + _SERVO_LAG_S,
         )

@@ -1,4 +1,4 @@
-"""What a robot may do, what the bridge lets through of a wish, and why it was changed.
+"""What a robot may do, and what the bridge lets through of a wish.
 
 Every function here is pure: arrays in, arrays out.
 
@@ -7,45 +7,12 @@ Shape letters: J joints.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import IntFlag
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gfm.core import Reason
 from gfm.core.checks import Array
-
-
-class Reason(IntFlag):
-    """Why the applied command differs from the requested one."""
-
-    NONE = 0
-    """It does not."""
-    POSITION = 1
-    """It would have led out of the joint range."""
-    VELOCITY = 2
-    """It was faster than allowed."""
-    ACCELERATION = 4
-    """It changed speed more quickly than allowed."""
-    EFFORT = 8
-    """It was stronger than allowed."""
-    WATCHDOG = 16
-    """None came in time: the robot is stopped."""
-    MODE = 32
-    """It was of another kind: the arm comes to rest first."""
-    POWER = 64
-    """It would have put more power into the motion than allowed."""
-    STOPPED = 128
-    """The robot is stopped: somebody said so, its driver let go, or something failed."""
-    SCALED = 256
-    """Somebody has the robot go at a part of its speed, or not at all."""
-    WORKSPACE = 512
-    """It would have led out of the workspace."""
-    COLLISION = 1024
-    """It would have led too near to what stands around the arm, or to the arm itself."""
-    OBJECT = 2048
-    """It was made for where the object is, and that is not known, or not any more."""
-    LOAD = 4096
-    """The arm bears a load that nobody told the robot of, and would not have borne that, too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +42,7 @@ class Bounds:
         lower: rad, shape (J,).
         upper: rad, shape (J,).
         velocity: rad/s, shape (J,).
+        velocity_limit: Of the robot itself, rad/s, shape (J,).
         acceleration: Of what is driven, rad/s^2, shape (J,).
         braking: Of a stop, rad/s^2, shape (J,).
         effort: N m, shape (J,).
@@ -86,12 +54,18 @@ class Bounds:
     lower: Array
     upper: Array
     velocity: Array
+    velocity_limit: Array
     acceleration: Array
     braking: Array
     effort: Array
     still: Array
     power_w: float
     patience_s: float
+
+    def within(self, share: float) -> Bounds:
+        """Returns bounds whose speeds are no more than a share of the robot's limits, either."""
+        slower = np.minimum(self.velocity, share * self.velocity_limit)
+        return replace(self, velocity=slower)
 
 
 def approach_speed(distance: Array, acceleration: Array, after_s: float) -> Array:

@@ -24,9 +24,9 @@ from typing import final
 import numpy as np
 from typing_extensions import override
 
-from gfm.core import Observation
+from gfm.core import Observation, Reason
 from gfm.core.checks import Array
-from gfm_robot_bridge.limits import Bounds, Reason
+from gfm_robot_bridge.limits import Bounds
 from gfm_robot_bridge.torque import Dynamics
 from gfm_wire import SetPayload
 

@@ -10,7 +10,7 @@ from typing import final
 
 from typing_extensions import override
 
-from gfm.core import Clock, Observation
+from gfm.core import Clock, Observation, Reason
 from gfm.transport import Request, Transport
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.desk import Controls
@@ -19,7 +19,6 @@ from gfm_robot_bridge.guard import Guard
 from gfm_robot_bridge.inbox import Heard, Inbox, in_order
 from gfm_robot_bridge.lease import Lease
 from gfm_robot_bridge.limiter import Limiter
-from gfm_robot_bridge.limits import Reason
 from gfm_robot_bridge.load import LoadObserver
 from gfm_robot_bridge.object_port import ObjectPort
 from gfm_robot_bridge.robot import Robot
@@ -259,7 +258,9 @@ class Pilot(Controls):
     def _note(self, heard: Heard, reason: Reason) -> None:
         """Says how it goes; of a load that changes commands, in the log once in a session."""
         self._says_load &= not heard.begins
-        self.note = f"commanded in {heard.command.kind} mode"
+        command = heard.command
+        share = min(command.speed_share, self._config.velocity_share)
+        self.note = f"commanded in {command.kind} mode, at most {share:.2g} of the speed limits"
         if Reason.LOAD not in reason:
             return
         self.note = f"limited by a load: {self._limiter.load_words()}"

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gfm.core import CommandKind
+from gfm.core import CommandKind, Reason
 from gfm.core.checks import Array
-from gfm_robot_bridge.limits import Reason
 
 #: Setpoints follow one another no faster than this, s. The speed servo of the arm answers a step
 #: with a time constant of 20 ms at least: in steps of 4 ms it feels a ramp.

@@ -11,23 +11,25 @@ from pathlib import Path
 from typing import final
 
 from gfm.core import Command, CommandKind, Observation, RefusedError
-from gfm.core.checks import Array
 from gfm.recording import RecordingWriter, schemas
-from gfm.recording.messages import Frame
-from gfm.recording.writer import BASE_FRAME
-from gfm_robot_bridge import periods
+from gfm.recording.topics import (
+    SEEN_NS,
+    write_lasting,
+    write_moving,
+    write_object,
+    write_period,
+    write_report,
+    write_told,
+)
 from gfm_robot_bridge.background import Background, Piece
 from gfm_robot_bridge.content import Content
 from gfm_robot_bridge.object_port import Seen
 from gfm_robot_bridge.recording_file import RecordingFile
-from gfm_robot_bridge.scene import Scene
 from gfm_wire import Ack, RecordDone, RecordStart
 
 _log = logging.getLogger(__name__)
 #: Asked for an answer; None while it is not known.
 Pending = Callable[[], Ack | RecordDone | None]
-#: Between two pictures of the arm.
-_SEEN_NS = 50_000_000
 About = Callable[[], Mapping[str, str]]
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
@@ -41,7 +43,7 @@ class _Recording:
     reports: int = 0
     ended: bool = False
     tracked_ns: int = -1
-    seen_ns: int = -_SEEN_NS
+    seen_ns: int = -SEEN_NS
 
 
 @final
@@ -159,9 +161,9 @@ class Recorder:
         if recording.kind is None:
             recording.kind = applied.kind
             if before is not None and before[1].kind is applied.kind:
-                self._write(recording.file, partial(_told, *before))
+                self._write(recording.file, partial(write_told, *before))
         if recording.kind is applied.kind:
-            self._write(recording.file, partial(_told, requested, applied, reason))
+            self._write(recording.file, partial(write_told, requested, applied, reason))
         else:
             recording.ended = True
             _log.warning("%s ends: %s commands follow", self.name, applied.kind)
@@ -170,7 +172,7 @@ class Recorder:
         """Takes one sensor report."""
         recording = self._recording
         if recording is not None and not recording.ended:
-            self._write(recording.file, partial(_state, report))
+            self._write(recording.file, partial(write_report, report))
             recording.reports += 1
             self._frames(recording, report)
             self._object_pose(recording, report)
@@ -185,17 +187,17 @@ class Recorder:
         """Takes the newest report of a period with what is in force."""
         recording = self._recording
         if recording is not None and not recording.ended:
-            self._write(recording.file, partial(_period, newest, self._content.timed))
+            self._write(recording.file, partial(write_period, newest, self._content.timed))
 
     def _frames(self, recording: _Recording, report: Observation) -> None:
         """Writes where the arm's links are, not more often than an eye needs it."""
         scene = self._content.scene
-        if scene is None or report.stamp_ns < recording.seen_ns + _SEEN_NS:
+        if scene is None or report.stamp_ns < recording.seen_ns + SEEN_NS:
             return
         if recording.reports == 1:
-            self._write(recording.file, partial(_lasting, scene, report.stamp_ns))
+            self._write(recording.file, partial(write_lasting, scene, report.stamp_ns))
         recording.seen_ns = report.stamp_ns
-        self._write(recording.file, partial(_moving, scene, report))
+        self._write(recording.file, partial(write_moving, scene, report))
 
     def _object_pose(self, recording: _Recording, report: Observation) -> None:
         """Writes where the object was, once for each time that it was tracked."""
@@ -207,19 +209,9 @@ class Recorder:
         if place is None or turn is None or seen_ns <= recording.tracked_ns:
             return
         recording.tracked_ns = seen_ns
-        self._write(recording.file, partial(_seen, seen_ns, place, turn, self._content))
-
-
-def _told(requested: Command, applied: Command, reason: int, writer: RecordingWriter) -> None:
-    writer.write_command(applied)
-    writer.write_requested(requested)
-    writer.write_reason(applied.stamp_ns, reason)
-
-
-def _state(report: Observation, writer: RecordingWriter) -> None:
-    writer.write_state(
-        report.stamp_ns, report.joint_names, report.position, report.velocity, report.effort
-    )
+        self._write(
+            recording.file, partial(write_object, seen_ns, place, turn, self._content.covariance)
+        )
 
 
 def _first(content: Content, writer: RecordingWriter) -> None:
@@ -229,36 +221,8 @@ def _first(content: Content, writer: RecordingWriter) -> None:
         writer.attach("model.xml", "application/xml", content.scene.model_xml.encode())
 
 
-def _lasting(scene: Scene, stamp_ns: int, writer: RecordingWriter) -> None:
-    writer.write_description(stamp_ns, scene.description)
-    writer.write_frames(schemas.FIXED_FRAMES, stamp_ns, scene.fixed)
-
-
-def _moving(scene: Scene, report: Observation, writer: RecordingWriter) -> None:
-    writer.write_frames(schemas.FRAMES, report.stamp_ns, scene.moving(report.position))
-
-
-def _seen(
-    seen_ns: int, place: Array, turn: Array, content: Content, writer: RecordingWriter
-) -> None:
-    writer.write_object_pose(seen_ns, place, turn, content.covariance)
-    frame = Frame(parent=BASE_FRAME, child="object", position=place, quaternion=turn)
-    writer.write_frames(schemas.FRAMES, seen_ns, [frame])
-
-
 def _tracked(seen: Seen, writer: RecordingWriter) -> None:
     poses = {**seen.told.views, "": seen.pose}
     for camera, pose in poses.items():
         place, turn, spread = pose.position, pose.quaternion, pose.covariance
-        writer.write_object_pose(seen.stamp_ns, place, turn, spread, camera)
-        child = f"object_by_{camera}" if camera else "object"
-        frame = Frame(parent=BASE_FRAME, child=child, position=place, quaternion=turn)
-        writer.write_frames(schemas.FRAMES, seen.stamp_ns, [frame])
-
-
-def _period(newest: Observation, timed: bool, writer: RecordingWriter) -> None:
-    stamp_ns = newest.stamp_ns
-    writer.write_message(periods.SAFETY_TOPIC, periods.SAFETY, periods.safety(newest), stamp_ns)
-    if timed:
-        timing = periods.timing(newest)
-        writer.write_message(periods.TIMING_TOPIC, periods.TIMING, timing, stamp_ns)
+        write_object(seen.stamp_ns, place, turn, spread, writer, camera)

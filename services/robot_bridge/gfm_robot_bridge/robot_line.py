@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
-from gfm.core import Clock, Command, Observation
+from gfm.core import Clock, Command, Observation, Reason
 from gfm_robot_bridge.flight import FlightRecord
-from gfm_robot_bridge.limits import Reason
 from gfm_robot_bridge.object_port import ObjectPort
 from gfm_robot_bridge.plan import Plan
 from gfm_robot_bridge.recorder import Recorder
@@ -37,6 +36,7 @@ class _InForce:
     """What the robot was told last, as the recording has it; None before the first."""
 
     applied: Command | None = None
+    requested: Command | None = None
     reason: Reason = Reason.NONE
     heard_ns: int = 0
     decided_ns: int = 0
@@ -94,6 +94,7 @@ class RobotLine:
             self._recorder.command(requested, applied, int(decision.plan.reason))
             self._in_force = _InForce(
                 applied=applied,
+                requested=None if decision.requested is None else requested,
                 reason=decision.plan.reason,
                 heard_ns=decision.heard_ns,
                 decided_ns=decision.decided_ns,
@@ -145,6 +146,7 @@ class RobotLine:
                 values=values,
                 stamp_ns=now_ns + round(k * plan.spacing_s * 1e9),
                 number=0 if requested is None else requested.number,
+                speed_share=1.0 if requested is None else requested.speed_share,
             )
             for k, values in enumerate(plan.values)
         ]

@@ -16,8 +16,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from gfm.core import Reason
 from gfm.core.checks import Array
-from gfm_robot_bridge.limits import Reason
 
 #: Distances beyond this are not measured, m.
 SEEN_M = 0.1

@@ -9,8 +9,9 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
+from gfm.core import Reason
 from gfm.core.checks import Array
-from gfm_robot_bridge.limits import Bounds, Reason, approach_speed, clipped
+from gfm_robot_bridge.limits import Bounds, approach_speed, clipped
 
 
 class Dynamics(ABC):

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import final
 
-from gfm.core import Observation
+from gfm.core import Observation, Reason
 from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.following import Following
 from gfm_robot_bridge.guard import Guard
 from gfm_robot_bridge.limiter import Limiter
-from gfm_robot_bridge.limits import Bounds, Reason
+from gfm_robot_bridge.limits import Bounds
 from gfm_wire import PROTECTIVE_STOP, RobotClock
 
 

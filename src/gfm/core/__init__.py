@@ -16,7 +16,7 @@ from gfm.core.errors import (
     WireError,
 )
 from gfm.core.plausible import ACTION_LIMIT, LOG_PROB_LIMIT, PRIORITY_LIMIT, implausible
-from gfm.core.robot import Command, CommandKind, Observation
+from gfm.core.robot import Command, CommandKind, Observation, Reason
 from gfm.core.sequence import (
     SEQUENCE_ARRAYS,
     SEQUENCE_LENGTH,
@@ -49,6 +49,7 @@ __all__ = [
     "ObjectTrack",
     "Observation",
     "ProcessDiedError",
+    "Reason",
     "RecordingError",
     "RefusedError",
     "Sequence",

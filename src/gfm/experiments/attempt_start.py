@@ -14,7 +14,7 @@ from gfm.core.checks import Array
 from gfm.envs.arm import CONTROL_PERIOD_S
 from gfm.envs.matching_task import MatchingTask
 from gfm.experiments.attempt_view import RobotView
-from gfm.experiments.driver import Driver
+from gfm.experiments.driver import WAY_SHARE, Driver
 from gfm.experiments.person import Person
 from gfm.sim.kinematics import body_axes, yaw_of
 from gfm.sim.sawyer import JOINT_NAMES
@@ -96,7 +96,8 @@ class AttemptStart:
                 driver.hold(JOINT_NAMES)
                 continue
             speed = _LIFT_M_S * self._view.upwards(joints)
-            driver.command(CommandKind.POSITION, JOINT_NAMES, told + CONTROL_PERIOD_S * speed)
+            higher = told + CONTROL_PERIOD_S * speed
+            driver.command(CommandKind.POSITION, JOINT_NAMES, higher, speed_share=WAY_SHARE)
         return True
 
     def stand(self, seconds: float) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from gfm.core import BadInputError, CommandKind, GfmError, RefusedError
 from gfm.core.checks import Array
-from gfm.envs.arm import CONTROL_PERIOD_S, ArmProblem
+from gfm.envs.arm import CONTROL_PERIOD_S, VELOCITY_SHARE, ArmProblem
 from gfm.envs.evaluation import ControlPolicy, finite
 from gfm.envs.matching import failures, random_starts
 from gfm.envs.matching_task import MatchingTask
@@ -167,7 +167,13 @@ class AttemptRunner:
     def _moves(self, speed: Array) -> bool:
         """Lets the arm move for a period, rad/s, (J,); False where the bridge had to stop it."""
         try:
-            self._driver.command(CommandKind.VELOCITY, JOINT_NAMES, speed, needs_object=True)
+            self._driver.command(
+                CommandKind.VELOCITY,
+                JOINT_NAMES,
+                speed,
+                speed_share=VELOCITY_SHARE,
+                needs_object=True,
+            )
         except RefusedError as error:
             if str(error).startswith(PROTECTIVE_STOP):
                 return False

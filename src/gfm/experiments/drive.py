@@ -13,11 +13,15 @@ from gfm.core.checks import Array
 from gfm.excitation.motion import JointRanges, Motion, Purpose
 from gfm.experiments.driver import Driver
 from gfm.sim.sawyer import JOINT_NAMES, READY
+from gfm.sim.sawyer_numbers import JOINTS
 from gfm.transport import Transport
 
 #: Velocity commands follow the reference with this gain on the position error, 1/s: enough to stay
 #: on it, too little to hide what the drives do.
 _FEEDBACK = 2.0
+#: A motion asks for so much more than its own speeds, and at least for that share of the limits:
+#: what fell behind has to catch up.
+_ROOM, _LEAST_SHARE = 2.0, 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,16 +92,16 @@ def _approach(driver: Driver, motion: Motion) -> None:
     """Goes to where a motion begins and comes to rest there, in the motion's mode."""
     driver.go_to(motion.joint_names, motion.position[0], motion.period_s)
     if motion.kind is not CommandKind.POSITION:
-        _follow(driver, motion, 0, np.zeros(len(motion.joint_names)))
+        _follow(driver, motion, 0, np.zeros(len(motion.joint_names)), speed_share(motion))
 
 
 def _record(driver: Driver, motion: Motion) -> Driven:
     """Drives one motion while the bridge records it."""
     about = {"purpose": str(motion.purpose), "motion": motion.name}
-    began_ns = driver.newest.stamp_ns
+    began_ns, share = driver.newest.stamp_ns, speed_share(motion)
     with driver.recording(motion.name, about) as told:
         for step, speed in enumerate(motion.velocity):
-            _follow(driver, motion, step, speed)
+            _follow(driver, motion, step, speed, share)
     driver.check_period(motion.name, motion.period_s, len(motion.position), began_ns)
     if not told:
         raise RefusedError(f"the bridge says nothing of the recording of {motion.name}")
@@ -110,7 +114,15 @@ def _record(driver: Driver, motion: Motion) -> Driven:
     )
 
 
-def _follow(driver: Driver, motion: Motion, step: int, speed: Array) -> None:
+def speed_share(motion: Motion) -> float:
+    """Returns the share of the robot's speed limits that a motion asks for."""
+    limits = {joint.name: joint.velocity for joint in JOINTS}
+    allowed = np.array([limits.get(name, np.inf) for name in motion.joint_names])
+    needed = float((np.abs(motion.velocity) / allowed).max())
+    return min(max(_ROOM * needed, _LEAST_SHARE), 1.0)
+
+
+def _follow(driver: Driver, motion: Motion, step: int, speed: Array, share: float) -> None:
     """Commands one period of a motion."""
     behind = motion.position[step] - driver.newest.position
     values = motion.position[step]
@@ -120,4 +132,4 @@ def _follow(driver: Driver, motion: Motion, step: int, speed: Array) -> None:
         values = tracking.torque[step] + tracking.stiffness * behind + tracking.damping * slow
     elif motion.kind is CommandKind.VELOCITY:
         values = speed + _FEEDBACK * behind
-    driver.command(motion.kind, motion.joint_names, values)
+    driver.command(motion.kind, motion.joint_names, values, speed_share=share)

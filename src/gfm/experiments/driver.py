@@ -37,6 +37,11 @@ from gfm_wire import (
 
 #: A way is gone at this speed, rad/s, in at least this time, s, and ends at rest.
 _APPROACH_SPEED = 0.4
+#: Share of the speed limits that a way asks for: its speed is 0.30 of the slowest joint's of a
+#: Sawyer (right_j1), and what fell behind has to catch up.
+WAY_SHARE = 0.35
+#: The same for holding: the arm stands, or slows down.
+_HOLD_SHARE = 0.05
 _SHORTEST_APPROACH_S = 0.5
 _SETTLE_S = 0.6
 _POLL_NS = 100_000
@@ -91,7 +96,8 @@ class Driver:
             self._number = 0
             try:
                 if self._newest is None:  # nobody knows yet where it is
-                    self.command(CommandKind.VELOCITY, joint_names, np.zeros(len(joint_names)))
+                    still = np.zeros(len(joint_names))
+                    self.command(CommandKind.VELOCITY, joint_names, still, speed_share=_HOLD_SHARE)
                 self.hold(joint_names)
             except (UnreachableError, RefusedError):
                 if self._clock.now_ns() > deadline_ns:
@@ -107,7 +113,7 @@ class Driver:
         position servo gives way once; told anew to hold what is reported, it would do so each time.
         """
         at = self.newest.position if self.held is None else self.held
-        self.command(CommandKind.POSITION, joint_names, at)
+        self.command(CommandKind.POSITION, joint_names, at, speed_share=_HOLD_SHARE)
 
     def command(
         self,
@@ -115,9 +121,18 @@ class Driver:
         joint_names: tuple[str, ...],
         values: Array,
         *,
+        speed_share: float,
         needs_object: bool = False,
     ) -> Observation:
-        """Sends one command; returns what the robot reported a control period later."""
+        """Sends one command; returns what the robot reported a control period later.
+
+        Args:
+            kind: What the values are.
+            joint_names: J of them.
+            values: rad, rad/s or N m, shape (J,).
+            speed_share: Of the robot's speed limits: no joint shall be told to go faster.
+            needs_object: Whether it was made for where the object is.
+        """
         command = Command(
             kind=kind,
             joint_names=joint_names,
@@ -125,6 +140,7 @@ class Driver:
             stamp_ns=self._clock.utc_ns(),
             number=self._number,
             needs_object=needs_object,
+            speed_share=speed_share,
         )
         self._number += 1
         answer = self._ask("robot/command", command)
@@ -168,7 +184,7 @@ class Driver:
             if interrupts():
                 return False
             target = start + minimum_jerk(np.array((time_s + period_s) / duration_s)) * way
-            self.command(CommandKind.POSITION, joint_names, target)
+            self.command(CommandKind.POSITION, joint_names, target, speed_share=WAY_SHARE)
         return True
 
     def check_rate(self, joint_names: tuple[str, ...], period_s: float) -> None:

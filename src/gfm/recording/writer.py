@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self, final
@@ -13,23 +13,23 @@ import mcap_ros2.writer
 import numpy as np
 from mcap.records import Schema
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from gfm.core import Command, Trajectory
 from gfm.core.checks import Array
-from gfm.recording import messages, schemas
+from gfm.recording import schemas
 from gfm.recording.new_file import give_name
+from gfm.recording.topics import TopicWriter
 
 _log = logging.getLogger(__name__)
 
 #: A chunk reaches the disk when it is full: 8 KiB are some 0.1 s of an arm at 100 Hz, and 2 s of
 #: one joint at 20 Hz. What a killed writer loses is the chunk it had not filled.
 _CHUNK_BYTES = 8 * 1024
-#: Of the robot; poses of objects are given in it.
-BASE_FRAME = "base"
 
 
 @final
-class RecordingWriter:
+class RecordingWriter(TopicWriter):
     """Writes one recording to `PATH.part` and gives it its name when it is complete.
 
     A context that ends with an error leaves the `.part`: whatever was recorded is in it. A part
@@ -69,71 +69,10 @@ class RecordingWriter:
         """Puts a file into the recording."""
         self._writer.add_attachment(0, 0, name, media_type, data)
 
-    def write_state(
-        self,
-        stamp_ns: int,
-        joint_names: Sequence[str],
-        position: Array,
-        velocity: Array | None = None,
-        effort: Array | None = None,
-    ) -> None:
-        """Writes one measurement: rad, rad/s, N m, each of shape (J,)."""
-        fields = {"position": position, "velocity": velocity, "effort": effort}
-        state = messages.joint_state(stamp_ns, joint_names, fields)
-        self.write_message(schemas.JOINT_STATES, schemas.JOINT_STATE, state, stamp_ns)
-
-    def write_command(self, applied: Command) -> None:
-        """Writes the command that the robot was told; its stamp is when it took effect."""
-        self._write_setpoint(schemas.COMMAND, applied)
-
-    def write_requested(self, requested: Command) -> None:
-        """Writes what was asked for before any limit, under the stamp of what was applied."""
-        self._write_setpoint(schemas.REQUESTED, requested)
-
-    def write_reason(self, stamp_ns: int, mask: int) -> None:
-        """Writes why what was applied under that stamp is not what was requested: a bit mask."""
-        self.write_message(schemas.REASON, schemas.REASON_MASK, {"data": mask}, stamp_ns)
-
-    def write_object_pose(
-        self,
-        stamp_ns: int,
-        position: Array,
-        quaternion: Array,
-        covariance: Array | None = None,
-        camera: str = "",
-    ) -> None:
-        """Writes one pose in the base frame, with its covariance on a topic of its own.
-
-        Args:
-            stamp_ns: When the object was there.
-            position: m, shape (3,).
-            quaternion: w x y z, shape (4,).
-            covariance: Of x, y, z and the turns about them, m and rad, shape (6, 6); or None.
-            camera: That alone sees it there, whose topics these are; none: all together.
-        """
-        place = schemas.CAMERA.format(camera) if camera else ""
-        head, pose = messages.header(stamp_ns, BASE_FRAME), messages.pose(position, quaternion)
-        message: messages.Message = {"header": head, "pose": pose}
-        self.write_message(place + schemas.OBJECT_POSE, schemas.POSE, message, stamp_ns)
-        if covariance is not None:
-            spread = {"pose": pose, "covariance": covariance.ravel().tolist()}
-            message = {"header": head, "pose": spread}
-            topic, kind = place + schemas.OBJECT_POSE_SPREAD, schemas.POSE_SPREAD
-            self.write_message(topic, kind, message, stamp_ns)
-
-    def write_frames(self, topic: str, stamp_ns: int, frames: Sequence[messages.Frame]) -> None:
-        """Writes where frames are, on `/tf`, or on `/tf_static` where they stay there."""
-        message = messages.transforms(stamp_ns, frames)
-        self.write_message(topic, schemas.TRANSFORMS, message, stamp_ns)
-
-    def write_description(self, stamp_ns: int, urdf: str) -> None:
-        """Writes the robot's description in URDF."""
-        self.write_message(schemas.DESCRIPTION, schemas.TEXT, {"data": urdf}, stamp_ns)
-
+    @override
     def write_message(
         self, topic: str, kind: schemas.MessageType, message: Mapping[str, object], stamp_ns: int
     ) -> None:
-        """Writes a message of any type."""
         schema = self._schemas.get(kind.name)
         if schema is None:
             schema = self._schemas[kind.name] = self._writer.register_msgdef(*kind)
@@ -181,11 +120,6 @@ class RecordingWriter:
         self._file.flush()
         os.fsync(self._file.fileno())
         self._file.close()
-
-    def _write_setpoint(self, topic: str, command: Command) -> None:
-        fields = {str(command.kind): command.values}
-        state = messages.joint_state(command.stamp_ns, command.joint_names, fields)
-        self.write_message(topic, schemas.JOINT_STATE, state, command.stamp_ns)
 
 
 def _keep_aside(path: Path, part: Path) -> None:

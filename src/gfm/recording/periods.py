@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 
-from gfm.core import Observation
+from gfm.core import Observation, Reason
 from gfm.recording.messages import Message, header
 from gfm.recording.schemas import HEADER, MessageType
-from gfm_robot_bridge.limits import Reason
 
 SAFETY_TOPIC, TIMING_TOPIC = "/bridge/safety", "/bridge/timing"
 

@@ -1,4 +1,4 @@
-"""Where the links of an arm are, for viewers of its recordings."""
+"""Where the links of an arm are, for whoever looks on or opens a recording."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from typing import final
 import mujoco
 import numpy as np
 
+from gfm.core import CommandKind
 from gfm.core.checks import Array
 from gfm.recording.messages import Frame
-from gfm.recording.writer import BASE_FRAME
+from gfm.recording.topics import BASE_FRAME
+from gfm.sim.sawyer import sawyer_spec
 from gfm.sim.urdf import urdf
 
 
@@ -73,3 +75,19 @@ class Scene:
             position=position.copy(),
             quaternion=quaternion.copy(),
         )
+
+
+def sawyer_scene(joint_names: Sequence[str], speeds: Array, efforts: Array) -> Scene:
+    """Returns the nominal arm's.
+
+    Args:
+        joint_names: J of them.
+        speeds: Limits, rad/s, shape (J,).
+        efforts: The same, N m.
+    """
+    return Scene(
+        sawyer_spec(command=CommandKind.POSITION),
+        joint_names,
+        speeds=dict(zip(joint_names, speeds.tolist(), strict=True)),
+        efforts=dict(zip(joint_names, efforts.tolist(), strict=True)),
+    )
