@@ -52,6 +52,12 @@ ACCESS = (
         ("open to the network", lambda: ["--http", "0.0.0.0:9464"]),
         ("an address that is none", lambda: ["--http", "here"]),
     )
+    + cases(
+        "gfm watch",
+        ("no viewer", list),
+        ("open to the network", lambda: ["--foxglove", "0.0.0.0:8765"]),
+        ("an address that is none", lambda: ["--rerun", "here"]),
+    )
 )
 SERVICES = (
     *cases(

@@ -20,6 +20,7 @@ import pytest
 from gfm.cli import main
 from gfm.core import (
     BadInputError,
+    Command,
     CommandKind,
     ConfigError,
     ManualClock,
@@ -46,7 +47,7 @@ from gfm.policies import shipped_policy
 from gfm.recording import read_recording
 from gfm.recording.weights_file import read_weights
 from gfm.sim.sawyer import JOINT_NAMES, READY
-from gfm.sim.sawyer_numbers import BASKET_XYZ
+from gfm.sim.sawyer_numbers import BASKET_XYZ, JOINTS
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.__main__ import build as build_bridge
 from gfm_robot_bridge.config import BridgeConfig
@@ -57,7 +58,7 @@ from gfm_robot_bridge.simulated.config import SimulatedConfig
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
 from gfm_robot_bridge.simulated.tracker import Tracker
 from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
-from gfm_wire import RobotClock, SetPayload, StopRobot
+from gfm_wire import RobotClock, SetPayload, StopRobot, decode
 
 POSITION = POSITION_MATCHING.name
 VIEW = RobotView(load_arm(EvaluationRequest(task=POSITION)))
@@ -116,6 +117,19 @@ class Rig:
             self._robot.step()
 
 
+def told(rig: Rig) -> list[Command]:
+    """Returns the list in which the commands are that the driver sends from now on."""
+    commands: list[Command] = []
+
+    def note(key: str, body: bytes) -> bytes:
+        if key == "robot/command" and isinstance(message := decode(body), Command):
+            commands.append(message)
+        return body
+
+    rig.hub.tamper = note
+    return commands
+
+
 class Typing:
     """Somebody at the keyboard, who types a key the n-th time that one is asked for."""
 
@@ -156,9 +170,13 @@ def start(driver: Driver, person: Person | None = None) -> AttemptStart:
 
 
 def test_the_shipped_policy_pushes_the_object_to_its_goal_on_the_robot(tmp_path: Path) -> None:
-    made = attempts(connected(tmp_path)).make(0, 0, "first")
+    rig = Rig(tmp_path)
+    commands = told(rig)
+    made = attempts(rig.driver).make(0, 0, "first")
     assert made is not None
     assert made.outcome == "reached"
+    assert {one.speed_share for one in commands if one.needs_object} == {0.05}
+    assert {one.speed_share for one in commands if not one.needs_object} == {0.05, 0.35}
     assert made.place_m < POSITION_MATCHING.tolerance_m
     recording = read_recording(Path(made.recording))
     assert recording.object_track is not None
@@ -168,6 +186,8 @@ def test_the_shipped_policy_pushes_the_object_to_its_goal_on_the_robot(tmp_path:
     assert np.linalg.norm(ended - goal) < POSITION_MATCHING.tolerance_m + 0.005
     track = np.diff(recording.object_track.stamp_ns)
     assert np.median(track) == pytest.approx(33_333_333, abs=2)
+    limits = np.array([joint.velocity for joint in JOINTS])
+    assert np.abs(recording.command / limits).max() == pytest.approx(0.05)
 
 
 def test_the_policy_does_so_where_another_engine_moves_the_robot(tmp_path: Path) -> None:

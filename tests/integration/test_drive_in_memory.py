@@ -19,7 +19,7 @@ from gfm.core import (
 )
 from gfm.excitation.motion import Motion, Purpose
 from gfm.excitation.waypoints import motions
-from gfm.experiments.drive import Driven, drive, sawyer_ranges
+from gfm.experiments.drive import Driven, drive, sawyer_ranges, speed_share
 from gfm.experiments.record import chosen_motions
 from gfm.recording import read_recording
 from gfm.sim.sawyer import JOINT_NAMES
@@ -105,6 +105,27 @@ def test_the_lockstep_robot_acts_when_the_recording_says(tmp_path: Path) -> None
     assert after_ns.min() >= 4_000_000
     assert (after_ns % 20_000_000 == 4_000_000).sum() >= 199
     assert recording.command_kind is CommandKind.POSITION
+
+
+@pytest.mark.parametrize(
+    ("speed", "share"),
+    [
+        (0.0, 0.05),  # of right_j1, 1.328 rad/s, whose share is the largest
+        (0.01 * 1.328, 0.05),
+        (0.2 * 1.328, 0.4),
+        (2.0 * 1.328, 1.0),
+    ],
+)
+def test_a_motion_asks_for_twice_the_share_that_it_needs(speed: float, share: float) -> None:
+    motion = Motion(
+        name="even",
+        purpose=Purpose.TRAINING,
+        kind=CommandKind.POSITION,
+        joint_names=JOINT_NAMES,
+        period_s=0.02,
+        position=np.outer(0.02 * np.arange(5), np.full(7, speed)),
+    )
+    assert speed_share(motion) == pytest.approx(share)
 
 
 def test_another_control_rate_is_noticed(tmp_path: Path) -> None:

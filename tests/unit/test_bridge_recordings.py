@@ -19,6 +19,7 @@ from gfm.core import Command, CommandKind, ManualClock, Observation, Reason
 from gfm.recording import read_recording
 from gfm.recording.overview import overview
 from gfm.recording.periods import safety, timing
+from gfm.recording.punctuality import delays
 from gfm.recording.raw import read_raw
 from gfm.sim.sawyer import JOINT_NAMES, sawyer_spec
 from gfm.transport import MemoryHub, MemoryTransport
@@ -274,3 +275,23 @@ def test_plotjuggler_s_layout_names_series_that_are_recorded(tmp_path: Path) -> 
             assert has_field(known[topic], ".".join(fields[:-1]))
         else:
             assert has_field(known[topic], ".".join(fields)), curve
+
+
+def test_an_overview_has_histograms_of_the_bridge_s_delays(tmp_path: Path) -> None:
+    seen = overview(recorded(tmp_path, "wall")).punctuality
+    assert set(seen) == {"heard_to_sent", "uneven"}
+    assert all(sum(one.bins.values()) == one.count > 30 for one in seen.values())
+    assert seen["uneven"].most_ms < 1e-6  # by a clock that is moved by hand
+    assert overview(recorded(tmp_path / "lockstep")).punctuality == {}
+
+
+def test_delays_are_counted_up_to_the_end_of_each_bin() -> None:
+    told = delays(np.array([0.1, 0.10001, 5.0, 5.1, 80.0]))
+    assert {end: count for end, count in told.bins.items() if count} == {
+        "0.1": 1,
+        "0.2": 1,
+        "5": 1,
+        "10": 1,
+        "over": 1,
+    }
+    assert (told.count, told.median_ms, told.most_ms) == (5, 5.0, 80.0)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from typing import final
 
-#: Upper ends of the bins, ms; what took longer is in a last one.
-_ENDS_MS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
+from gfm.recording.periods import ENDS_MS
 
 
 @final
@@ -19,18 +18,18 @@ class Histogram:
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._counts = [0] * (len(_ENDS_MS) + 1)
+        self._counts = [0] * (len(ENDS_MS) + 1)
         self._most_ns = 0
 
     def add(self, duration_ns: int) -> None:
         """Counts one; a negative one counts as nothing."""
-        self._counts[bisect_left(_ENDS_MS, duration_ns * 1e-6)] += 1
+        self._counts[bisect_left(ENDS_MS, duration_ns * 1e-6)] += 1
         self._most_ns = max(self._most_ns, duration_ns)
 
     def counters(self) -> dict[str, int]:
         """Returns how many were in each bin, by the name of its upper end."""
-        names = [f"{self._name}_to_{end:g}_ms" for end in _ENDS_MS]
-        names.append(f"{self._name}_over_{_ENDS_MS[-1]:g}_ms")
+        names = [f"{self._name}_to_{end:g}_ms" for end in ENDS_MS]
+        names.append(f"{self._name}_over_{ENDS_MS[-1]:g}_ms")
         return dict(zip(names, self._counts, strict=True))
 
     def gauges(self) -> dict[str, float]:
@@ -43,7 +42,7 @@ class Histogram:
 
     def _p99_ms(self) -> float:
         left = 0.99 * sum(self._counts)
-        for end, count in zip(_ENDS_MS, self._counts, strict=False):
+        for end, count in zip(ENDS_MS, self._counts, strict=False):
             left -= count
             if left <= 0.0:
                 return min(end, self._most_ms)

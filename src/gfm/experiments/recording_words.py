@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from gfm.recording.overview import Overview, TopicOverview
+from gfm.recording.punctuality import Delays
 
 
 def overview_lines(seen: Overview) -> Iterator[str]:
@@ -22,11 +23,31 @@ def overview_lines(seen: Overview) -> Iterator[str]:
         if one.joints:
             filled = ", ".join(one.filled) or "nothing"
             yield f"  {one.topic}: {filled} of {', '.join(one.joints)}"
+    for name, delays in seen.punctuality.items():
+        yield f"  {_PUNCTUAL[name]}: {_delays(delays)}"
     for record, entries in seen.metadata.items():
         for key, value in entries.items():
             yield f"  {record}: {key} = {value}"
     for name, size in seen.attachments.items():
         yield f"  attached: {name} ({size} bytes)"
+
+
+_PUNCTUAL = {
+    "heard_to_sent": "bridge, from a command heard to sent",
+    "uneven": "bridge, reports off their median period",
+}
+
+
+def _delays(delays: Delays) -> str:
+    bins = ", ".join(
+        f"{'over 50' if end == 'over' else f'to {end}'} ms {count}"
+        for end, count in delays.bins.items()
+        if count
+    )
+    return (
+        f"{delays.median_ms:.2f} ms (median), {delays.p99_ms:.2f} ms (99 %), "
+        f"{delays.most_ms:.2f} ms (most); {bins}"
+    )
 
 
 def _rhythm(one: TopicOverview) -> str:

@@ -15,6 +15,7 @@ from gfm.core import CommandKind
 from gfm.core.checks import Array
 from gfm.recording import schemas
 from gfm.recording.mcap_file import DAMAGE
+from gfm.recording.punctuality import Delays, punctuality
 from gfm.recording.raw import RawRecording, read_raw
 
 #: A period so many times the median is a gap, and says nothing of the jitter.
@@ -87,6 +88,7 @@ class Overview:
         topics: By name.
         metadata: By record.
         attachments: Names and sizes in bytes.
+        punctuality: Of the bridge, by what was measured; empty where it says nothing of that.
     """
 
     path: str
@@ -102,6 +104,7 @@ class Overview:
     topics: tuple[TopicOverview, ...]
     metadata: dict[str, dict[str, str]]
     attachments: dict[str, int]
+    punctuality: dict[str, Delays]
 
     @property
     def damage(self) -> str:
@@ -153,6 +156,7 @@ def overview(
         topics=topics,
         metadata=raw.entries(),
         attachments={one.name: len(one.data) for one in raw.attachments},
+        punctuality=punctuality(raw),
     )
 
 

@@ -8,6 +8,8 @@ from gfm.core import Observation, Reason
 from gfm.recording.messages import Message, header
 from gfm.recording.schemas import HEADER, MessageType
 
+#: Upper ends of the bins in which delays are counted, ms; what took longer is in a last one.
+ENDS_MS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 SAFETY_TOPIC, TIMING_TOPIC = "/bridge/safety", "/bridge/timing"
 
 _FLAGS = {str(one.name).lower(): one for one in Reason if one}
