@@ -95,11 +95,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--busy", type=int, default=2, help="processes that compute beside it")
+    parser.add_argument("--realtime", action="store_true", help="as the bridge's flag")
     parser.add_argument("--out", type=Path, help="Markdown to write (default: print)")
     arguments = parser.parse_args()
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        cell = Cell(folder, stack)
+        cell = Cell(folder, stack, bridge=("--realtime",) if arguments.realtime else ())
         cell.make_ready()
         before = cell.status()
         busy(arguments.busy, stack)

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import gc
+import os
+import sys
+import threading
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
+from gfm.core import ConfigError
+from gfm_robot_bridge import punctual
+from gfm_robot_bridge.config import BridgeConfig
 from gfm_robot_bridge.following import Told, behind
 from gfm_robot_bridge.timing import Histogram
+from gfm_wire import RobotClock
 
 MS = 1_000_000
 STILL = np.full(2, 0.01)
@@ -64,3 +74,51 @@ def test_a_speed_is_behind_by_the_way_that_was_not_gone(
     moved = np.array([velocity, 0.0])
     late = behind(np.array([before, 0.0]), speed, np.zeros(2), moved, STILL, 0.02)
     np.testing.assert_allclose(late, [expected, 0.0], atol=1e-12)
+
+
+@pytest.fixture
+def _as_before() -> Iterator[None]:
+    """Takes back what is changed of this process."""
+    before = sys.getswitchinterval()
+    yield
+    sys.setswitchinterval(before)
+    gc.unfreeze()
+
+
+@pytest.mark.usefixtures("_as_before")
+def test_a_settled_process_collects_nothing_of_what_it_began_with() -> None:
+    punctual.settle()
+    assert gc.get_freeze_count() > 10_000
+    assert sys.getswitchinterval() < 1e-3
+
+
+def test_all_threads_but_those_that_may_wait_go_before_others(monkeypatch) -> None:
+    asked: dict[int, int] = {}
+    monkeypatch.setattr(
+        os, "sched_setscheduler", lambda task, policy, _priority: asked.update({task: policy})
+    )
+    over = threading.Event()
+    threads = [threading.Thread(target=over.wait, name=name) for name in ("recorder", "reader")]
+    for thread in threads:
+        thread.start()
+    punctual.go_before_others(frozenset({"recorder"}))
+    over.set()
+    for thread in threads:
+        thread.join()
+    recorder, reader = (thread.native_id for thread in threads)
+    assert recorder not in asked
+    assert {asked[reader], asked[threading.get_native_id()]} == {os.SCHED_FIFO}
+
+
+def test_whoever_may_not_go_before_others_is_told_what_is_missing(monkeypatch) -> None:
+    def denied(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", denied)
+    with pytest.raises(ConfigError, match=r"may not ask for SCHED_FIFO; expected the right to"):
+        punctual.go_before_others(frozenset())
+
+
+def test_a_robot_that_waits_for_commands_needs_no_priority() -> None:
+    with pytest.raises(ConfigError, match="clock is lockstep and realtime true, expected wall"):
+        BridgeConfig(clock=RobotClock.LOCKSTEP, realtime=True)

@@ -14,6 +14,7 @@ from gfm_robot_bridge.background import AtOnce, Background, InThread
 from gfm_robot_bridge.config import BridgeConfig, address
 from gfm_robot_bridge.intera.sawyer import InteraSawyer, SawyerSettings
 from gfm_robot_bridge.mirror import MirrorRobot
+from gfm_robot_bridge.punctual import go_before_others, settle
 from gfm_robot_bridge.robot import Robot
 from gfm_robot_bridge.sawyer_guard import sawyer_guard
 from gfm_robot_bridge.sawyer_load import sawyer_load
@@ -97,6 +98,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="for which task it has a tool and a basket, as the robot's own (default: none)",
     )
     group.add_argument("--control-hz", type=float, help="commands per second (default: 50)")
+    group.add_argument(
+        "--realtime",
+        action="store_true",
+        help="run before whatever is not real-time (Linux; takes the right to)",
+    )
     group.add_argument("--recordings", metavar="DIR", help="where to write recordings")
     group.add_argument(
         "--velocity-share", type=float, help="share of the velocity limits to allow (default: 0.5)"
@@ -117,8 +123,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _build_process(config: BridgeConfig, transport: Transport, clock: Clock) -> Service:
     """Returns the service as it runs in a process: on the wall clock no file delays the robot."""
-    waits = config.clock == RobotClock.LOCKSTEP
-    return build(config, transport, clock, AtOnce() if waits else InThread())
+    if config.clock == RobotClock.LOCKSTEP:
+        return build(config, transport, clock, AtOnce())
+    service = build(config, transport, clock, InThread())
+    settle()
+    if config.realtime:
+        go_before_others(but=frozenset({InThread.NAME}))
+    return service
 
 
 if __name__ == "__main__":

@@ -51,6 +51,8 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
             every command, as fast as the machine can. As the robot's own setting.
         control_hz: Commands per second of robot time; at less than 10 the robot's own watchdog,
             after 0.2 s, would act between two of them.
+        realtime: Whether its process runs before whatever is not real-time; on a busy machine
+            that is what makes it punctual. It takes a right that not every user has.
         recordings: Folder for recordings.
         position_margin_rad: How far from the ends of the joint ranges commands stay.
         velocity_share: Share of the robot's velocity limits that is allowed, whatever share a
@@ -97,6 +99,7 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
     robot_software: tuple[str, ...] = ("5.3.0", "5.3.1", "5.3.2")
     clock: RobotClock = RobotClock.WALL
     control_hz: float = 50.0
+    realtime: bool = False
     recordings: str = "recordings"
     position_margin_rad: float = 0.05
     velocity_share: float = 0.5
@@ -164,7 +167,9 @@ class BridgeConfig(ServiceConfig, frozen=True, kw_only=True):
         self._check_robot()
 
     def _check_robot(self) -> None:
-        """Refuses settings of a real robot that contradict one another, or are another's."""
+        """Refuses settings of a robot that contradict one another, or are another's."""
+        if self.realtime and self.clock == RobotClock.LOCKSTEP:
+            raise ConfigError("clock is lockstep and realtime true, expected wall: nothing is late")
         if self.robot != "sawyer":
             if self.ros:
                 raise ConfigError(f"ros is {self.ros} and robot {self.robot}, expected sawyer")
