@@ -24,6 +24,7 @@ class Hostility:
         number: What is added to the next number.
         age_s: How old the stamps are.
         burst: Commands per period.
+        share: Which share of the speed limits the next command asks for.
     """
 
     kind: CommandKind | None
@@ -31,6 +32,18 @@ class Hostility:
     number: int = 0
     age_s: float = 0.0
     burst: int = 1
+    share: Callable[[], float] = lambda: 1.0
+
+
+#: Of the speed limits, in the steps in which a driver may change its mind; and what is no share.
+_SHARES, _NO_SHARES = (1.0, 0.5, 0.05, 1e-3, 1e-9), (np.nan, np.inf, -1.0, 0.0, 2.0)
+
+
+def shares(rng: np.random.Generator) -> Callable[[], float]:
+    """Returns what a driver asks for: all there is, or another share each time."""
+    if rng.random() < 0.5:
+        return lambda: 1.0
+    return lambda: float(rng.choice(_NO_SHARES if rng.random() < 0.05 else _SHARES))
 
 
 def scale_of(kind: CommandKind, position: Array) -> tuple[Array, Array]:
@@ -79,7 +92,8 @@ def hostility(
         shape = shapes.get(way, shapes["random"])()
         return np.asarray(middle + unit * shape if way not in ("huge", "nan") else shape)
 
-    found = Hostility(kind=kind, values=values, burst=int(rng.choice([1, 1, 1, 5])))
+    burst = int(rng.choice([1, 1, 1, 5]))
+    found = Hostility(kind=kind, values=values, burst=burst, share=shares(rng))
     if way == "stale":
         found.age_s = float(rng.choice([0.0, 0.1, 0.3, 100.0, -5.0]))
     if way == "reordered":
@@ -103,7 +117,8 @@ def aimed(
         }
         return np.asarray(sizes[chosen])
 
-    return Hostility(kind=kind, values=values, burst=int(rng.choice([1, 1, 1, 5])))
+    burst = int(rng.choice([1, 1, 1, 5]))
+    return Hostility(kind=kind, values=values, burst=burst, share=shares(rng))
 
 
 def attack(rig: Rig, commands: int, rng: np.random.Generator) -> Counter[str]:
@@ -124,7 +139,8 @@ def attack(rig: Rig, commands: int, rng: np.random.Generator) -> Counter[str]:
                 kind = one.kind or list(CommandKind)[int(rng.integers(3))]
                 number = max(rig.number + one.number, 1) if one.number and step % 2 else None
                 values = one.values(step * period_s, rig.arm.position)
-                rig.send(kind, values, number=number, age_s=one.age_s if step % 3 else 0.0)
+                age_s = one.age_s if step % 3 else 0.0
+                rig.send(kind, values, number=number, age_s=age_s, share=one.share())
                 sent[way] += 1
             rig.pass_time(period_s)
     return sent

@@ -264,6 +264,7 @@ class Rig:
         number: int | None = None,
         age_s: float = 0.0,
         needs_object: bool = False,
+        share: float = 1.0,
     ) -> PendingReply:
         """Sends one command."""
         command = Command(
@@ -273,6 +274,7 @@ class Rig:
             stamp_ns=self.clock.utc_ns() - round(age_s * 1e9),
             number=self.number if number is None else number,
             needs_object=needs_object,
+            speed_share=share,
         )
         self.number += number is None
         return self._driver.request("robot/command", command, timeout_s=1.0)
