@@ -218,9 +218,8 @@ class Limiter:
     def _load(self) -> Load | None:
         return None if self._observer is None else self._observer.load
 
-    @property
-    def _scaled(self) -> Bounds:
-        return replace(self._allowed, velocity=self.scale * self._allowed.velocity)
+    def _scaled(self, bounds: Bounds) -> Bounds:
+        return replace(bounds, velocity=self.scale * bounds.velocity)
 
     def _enters_position(self, seen: Observation) -> bool:
         """Returns whether positions may be told; the first one begins where the arm rests."""
@@ -275,7 +274,11 @@ class Limiter:
 
     def _to_position(self, wanted: Array) -> Plan:
         after, reason = limited_position(
-            wanted, self._last, self._speed, self._scaled, period_s=self._period_s
+            wanted,
+            self._last,
+            self._speed,
+            self._scaled(self._allowed),
+            period_s=self._period_s,
         )
         values, spacing_s = positions(self._last, after, self._period_s)
         return Plan(kind=CommandKind.POSITION, values=values, spacing_s=spacing_s, reason=reason)
@@ -285,14 +288,14 @@ class Limiter:
         limited = partial(
             limited_speed,
             position=seen.position,
-            bounds=self._allowed,
             period_s=self._period_s,
             after_s=self._bounds.patience_s + _SERVO_LAG_S,
         )
-        after, reason = limited(wanted, last)
+        after, reason = limited(wanted, last, bounds=self._allowed)
         for sinks in [] if self._load is None else self._load.lately:
-            # The arm goes by so much more than it is told.
-            loaded, why = limited(after + sinks, last + sinks)
+            # The arm goes by so much more than it is told. That is kept to what the bridge allows,
+            # not to the task's share: speeds against it, which may be friction, would exceed that.
+            loaded, why = limited(after + sinks, last + sinks, bounds=self._bounds)
             after, reason = loaded - sinks, reason | by_load(why)
         values = speeds(last, after, self._bounds.acceleration, self._period_s)
         return self._plan(CommandKind.VELOCITY, values, reason)
@@ -304,10 +307,10 @@ class Limiter:
         return seen.velocity if self._load is None else seen.velocity - self._load.sinking
 
     def _to_torque(self, wanted: Array, seen: Observation) -> Plan:
-        at, scaled = (seen.position, seen.velocity), self._scaled
-        torque, reason = limited_torque(wanted, *at, self._known, scaled)
+        at = seen.position, seen.velocity
+        torque, reason = limited_torque(wanted, *at, self._known, self._scaled(self._allowed))
         if self._load is not None:
-            torque, why = limited_torque(torque, *at, self._moved, scaled)
+            torque, why = limited_torque(torque, *at, self._moved, self._scaled(self._bounds))
             reason |= by_load(why)
         return self._plan(CommandKind.EFFORT, torque[None], reason)
 
