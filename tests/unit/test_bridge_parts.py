@@ -92,22 +92,21 @@ def test_a_settled_process_collects_nothing_of_what_it_began_with() -> None:
     assert sys.getswitchinterval() < 1e-3
 
 
-def test_all_threads_but_those_that_may_wait_go_before_others(monkeypatch) -> None:
-    asked: dict[int, int] = {}
-    monkeypatch.setattr(
-        os, "sched_setscheduler", lambda task, policy, _priority: asked.update({task: policy})
-    )
+def test_all_threads_go_before_others_and_the_one_that_asks_first(monkeypatch) -> None:
+    asked: dict[int, tuple[int, int]] = {}
+
+    def note(task: int, policy: int, param: os.sched_param) -> None:
+        asked[task] = (policy, param.sched_priority)
+
+    monkeypatch.setattr(os, "sched_setscheduler", note)
     over = threading.Event()
-    threads = [threading.Thread(target=over.wait, name=name) for name in ("recorder", "reader")]
-    for thread in threads:
-        thread.start()
-    punctual.go_before_others(frozenset({"recorder"}))
+    thread = threading.Thread(target=over.wait)
+    thread.start()
+    punctual.go_before_others()
     over.set()
-    for thread in threads:
-        thread.join()
-    recorder, reader = (thread.native_id for thread in threads)
-    assert recorder not in asked
-    assert {asked[reader], asked[threading.get_native_id()]} == {os.SCHED_FIFO}
+    thread.join()
+    assert asked[thread.native_id or 0] == (os.SCHED_FIFO, 10)
+    assert asked[threading.get_native_id()] == (os.SCHED_FIFO, 11)
 
 
 def test_whoever_may_not_go_before_others_is_told_what_is_missing(monkeypatch) -> None:
@@ -116,7 +115,7 @@ def test_whoever_may_not_go_before_others_is_told_what_is_missing(monkeypatch) -
 
     monkeypatch.setattr(os, "sched_setscheduler", denied)
     with pytest.raises(ConfigError, match=r"may not ask for SCHED_FIFO; expected the right to"):
-        punctual.go_before_others(frozenset())
+        punctual.go_before_others()
 
 
 def test_a_robot_that_waits_for_commands_needs_no_priority() -> None:

@@ -128,7 +128,7 @@ def _build_process(config: BridgeConfig, transport: Transport, clock: Clock) -> 
     service = build(config, transport, clock, InThread())
     settle()
     if config.realtime:
-        go_before_others(but=frozenset({InThread.NAME}))
+        go_before_others()
     return service
 
 

@@ -7,7 +7,7 @@ import queue
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import ClassVar, final
+from typing import final
 
 from typing_extensions import override
 
@@ -46,17 +46,11 @@ class AtOnce(Background):
 
 @final
 class InThread(Background):
-    """A thread of its own, which a slow disk may stop for a while.
-
-    Attributes:
-        NAME: Of the thread.
-    """
-
-    NAME: ClassVar[str] = "recorder"
+    """A thread of its own, which a slow disk may stop for a while."""
 
     def __init__(self, waiting: int = _WAITING) -> None:
         self._pieces: queue.Queue[Piece | None] = queue.Queue(waiting)
-        self._thread = threading.Thread(target=self._work, name=self.NAME, daemon=True)
+        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._thread.start()
 
     @override

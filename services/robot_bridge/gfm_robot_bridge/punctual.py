@@ -28,26 +28,25 @@ def settle() -> None:
     sys.setswitchinterval(_SWITCH_S)
 
 
-def go_before_others(but: frozenset[str]) -> None:
+def go_before_others() -> None:
     """Lets all threads of this process run before whatever is not real-time (SCHED_FIFO).
 
-    Threads that they start later do, too. No process starves: the system leaves 5 % to the others.
-
-    Args:
-        but: Names of threads that stay as they are: what they do may wait.
+    Threads that they start later do, too; the one that calls goes before the others. None may be
+    left out, not even the one that writes files: where it is kept waiting while it holds Python's
+    lock, all are. No other process starves: the system leaves them 5 %.
 
     Raises:
         ConfigError: this process has no right to that, or the system knows no such thing.
     """
-    waiting = {thread.native_id for thread in threading.enumerate() if thread.name in but}
     if not hasattr(os, "sched_setscheduler"):
         raise ConfigError("realtime is true, expected Linux: this system has no SCHED_FIFO")
+    own = threading.get_native_id()
     try:
-        for task in _TASKS.iterdir():
-            if int(task.name) not in waiting:
-                os.sched_setscheduler(int(task.name), os.SCHED_FIFO, os.sched_param(_PRIORITY))
+        for task in (int(path.name) for path in _TASKS.iterdir()):
+            priority = os.sched_param(_PRIORITY + (task == own))
+            os.sched_setscheduler(task, os.SCHED_FIFO, priority)
     except PermissionError as exc:
         raise ConfigError(
             f"realtime is true and this process may not ask for SCHED_FIFO; expected the right to "
-            f"priority {_PRIORITY} (`ulimit -r`, rtprio in limits.conf, or CAP_SYS_NICE)"
+            f"priority {_PRIORITY + 1} (`ulimit -r`, rtprio in limits.conf, or CAP_SYS_NICE)"
         ) from exc
