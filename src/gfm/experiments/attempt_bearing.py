@@ -49,4 +49,4 @@ class Bearing:
         """Returns the torques of the model's compensation, N m, (J,), where encoders read that."""
         self._data.qpos[self._layout.qpos] = position
         mujoco.mj_forward(self._model, self._data)
-        return self._data.qfrc_gravcomp[self._layout.dof].copy()
+        return np.array(self._data.qfrc_gravcomp[self._layout.dof])
