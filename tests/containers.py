@@ -43,15 +43,17 @@ class Project:
         return self._run([*words, *arguments], check=check).stdout
 
     def _run(self, words: list[str], *, check: bool) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
+        done = subprocess.run(
             words,
-            check=check,
+            check=False,
             capture_output=True,
             text=True,
             timeout=PATIENCE_S,
             cwd=ROOT,
             env=os.environ | self.settings,
         )
+        assert not (check and done.returncode), f"{shlex.join(words)}:\n{done.stdout}{done.stderr}"
+        return done
 
     def containers(self, service: str) -> list[str]:
         """Returns the names of a service's running containers."""
