@@ -75,8 +75,8 @@ class Rig:
         self.resumes = Resumes(folder / "checkpoints" / "policy.npz")
         self._newest = (0, 0)
         system = own_system("faults", folder, (router_process(),))
-        port = int(system.endpoint.rpartition(":")[2])
-        self._lines = {name: Relay(port) for name in LINES}
+        self._port = int(system.endpoint.rpartition(":")[2])
+        self._lines = {name: Relay(self._port) for name in LINES}
         system = replace(system, processes=(*system.processes, *self._processes()))
         self.supervisor = Supervisor(system, folder / "logs", start_timeout_s=START_S)
         self.supervisor.start()
