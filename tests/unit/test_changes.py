@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.changes import random_effects
+from gfm.diagnosis.changes import _found_last, random_effects
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.search.sets import Course
+from gfm.effects import EffectInstance, find_effect
 from pendulum import LENGTH, MODEL, PERIOD_S, swung
 
 NOISE = 3e-4
@@ -50,6 +51,20 @@ def test_nothing_is_said_to_have_changed_where_nothing_did():
     assert told.sentence == "Nothing changed."
     assert [(a.effect, a.course) for a in told.amounts] == [("coulomb_friction", Course.REPEATS)]
     assert told.sets == (("run 0", "run 1"), ("run 10", "run 11"))
+
+
+def test_of_two_ways_to_take_a_motor_off_its_link_the_later_one_is_asked_of_all_sets():
+    def effect(name, joint, **values):
+        return EffectInstance(effect=find_effect(name), joints=(joint,), values=values)
+
+    first = [
+        effect("joint_elasticity", "a", stiffness=9.0),
+        effect("coulomb_friction", "a", torque=1.0),
+    ]
+    last = [effect("backlash", "a", gap=0.1), effect("backlash", "b", gap=0.2)]
+    assert list(_found_last([*first, *last]).values()) == [first[1], *last]
+    again = effect("backlash", "a", gap=0.3)
+    assert list(_found_last([*last, again]).values()) == [last[1], again]
 
 
 def test_nothing_changed_where_the_model_is_right_both_times():

@@ -489,6 +489,17 @@ def test_a_motor_apart_from_its_link_rivals_an_effect_beside_what_its_step_weigh
     assert names == ["viscous_friction", "joint_elasticity"]
 
 
+def test_a_motor_that_is_apart_already_is_no_rival(rubbing):
+    names = ("coulomb_friction", "joint_elasticity", "backlash")
+    search, friction = rubbing.search(*names), instance("coulomb_friction", torque=0.1)
+    spring = instance("joint_elasticity", stiffness=100.0)
+    tried = [beside(rubbing.with_effects(), measured(rubbing.problem, [friction]))]
+    play = Tried(new=(instance("backlash", gap=0.01),), fit=tried[0].fit, gain=tried[0].gain)
+    search.steps.append(Step(move=Move.ADD, before=9.0, ranked=(tried[0], play), chosen=tried[0]))
+    rest = replace(rubbing.with_effects(), fit=measured(rubbing.problem, [spring]))
+    assert rivals_of(friction, rest, search) == []
+
+
 def test_an_excess_of_friction_begins_as_it_looks_and_larger(rubbing):
     excess = instance("stribeck_friction", static_excess=0.5, stribeck_velocity=0.1)
     dry_one = instance("coulomb_friction", torque=0.3)

@@ -20,7 +20,7 @@ from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.diagnosis.search.naming import twin_of
 from gfm.diagnosis.search.nominal_parameters import said_already
 from gfm.diagnosis.search.sets import OverSets, Sets
-from gfm.effects import EffectInstance
+from gfm.effects import EffectInstance, Key
 
 #: Standard errors of an interval that covers 95 %.
 COVERS = 1.96
@@ -37,8 +37,7 @@ def what_changed(found: Sequence[Found], report: Callable[[str], None]) -> Chang
     """
     report("comparing the sets")
     results = [one.result for one in found if one.result is not None]
-    # Each effect as it was found last.
-    effects = {e.key: e for one in results for e in map(_usual, one.fit.effects)}
+    effects = _found_last([_usual(e) for one in results for e in one.fit.effects])
     sure = {_usual(e).key for one in results for e in credible(one)}
     told: list[SetAmount] = []
     if effects:
@@ -51,6 +50,26 @@ def what_changed(found: Sequence[Found], report: Callable[[str], None]) -> Chang
         sets=tuple(tuple(run.name for run in one.recordings) for one in found),
         amounts=tuple(told),
     )
+
+
+def _found_last(every: Sequence[EffectInstance]) -> dict[Key, EffectInstance]:
+    """Returns each effect as it was found last; of two ways to take a motor off its link that one.
+
+    Args:
+        every: Of all sets, oldest first.
+    """
+    told = dict[Key, EffectInstance]()
+    for one in every:
+        if one.effect.separates_motor:
+            before = [key for key, e in told.items() if _parts_motor(e, one.joints)]
+            for key in before:
+                del told[key]
+        told[one.key] = one
+    return told
+
+
+def _parts_motor(instance: EffectInstance, joints: tuple[str, ...]) -> bool:
+    return instance.effect.separates_motor and instance.joints == joints
 
 
 def _usual(instance: EffectInstance) -> EffectInstance:

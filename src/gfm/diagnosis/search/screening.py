@@ -44,15 +44,20 @@ def open_to(
     problem, joints = before.problem, set(open_joints)
     given = [e for e in problem.given if not e.joints]  # a tilt is no amount to add to another
     taken = {instance.key for instance in (*given, *before.effects)}
-    separated = {e.joints for e in before.effects if e.effect.separates_motor} | problem.separated
     return [
         place
         for place in candidates
         if place.key not in taken
-        and not (place.effect.separates_motor and place.joints in separated)
+        and goes_beside(before, place)
         and (place.effect.scope is not Scope.JOINT or place.joints[0] in joints)
         and (place.effect.scope is not Scope.PAIR or set(place.joints) <= joints)
     ]
+
+
+def goes_beside(before: Hypothesis, one: Place | EffectInstance) -> bool:
+    """Returns whether an effect can be added: a motor is taken apart from its link only once."""
+    apart = {e.joints for e in before.effects if e.effect.separates_motor}
+    return not (one.effect.separates_motor and one.joints in apart | before.problem.separated)
 
 
 def screen(

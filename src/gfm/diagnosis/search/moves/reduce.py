@@ -19,7 +19,7 @@ from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, parameters_of
 from gfm.diagnosis.search.moves.add import takes_long
 from gfm.diagnosis.search.naming import describe, first_of_each
-from gfm.diagnosis.search.screening import is_whole, screen
+from gfm.diagnosis.search.screening import goes_beside, is_whole, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Key
@@ -94,8 +94,12 @@ def rivals_of(instance: EffectInstance, rest: Hypothesis[P], search: Search[P]) 
         for tried in step.ranked
         if len(tried.new) == 1
     ]
-    found = [one for one in known if one.key not in taken]
-    alike = [p for p in search.candidates if p.key not in taken and _near(p, instance)]
+    found = [one for one in known if one.key not in taken and goes_beside(rest, one)]
+    alike = [
+        place
+        for place in search.candidates
+        if place.key not in taken and _near(place, instance) and goes_beside(rest, place)
+    ]
     motors = [p for p in alike if p.effect.separates_motor]
     if rest.effects:  # rivals of then stood beside other effects
         quick = [p for p in alike if p not in motors]
