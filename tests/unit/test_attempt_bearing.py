@@ -7,7 +7,7 @@ import pytest
 
 from gfm.core import Command, CommandKind
 from gfm.core.checks import Array
-from gfm.envs.arm import ArmProblem
+from gfm.envs.arm import VELOCITY_SHARE, ArmProblem
 from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings, arm_problem, nominal_cell
 from gfm.experiments.attempt_bearing import Bearing
 from gfm.sim.sawyer import JOINT_NAMES, READY
@@ -46,6 +46,19 @@ def test_an_arm_stands_that_is_told_what_its_compensation_gets_wrong() -> None:
     assert told.max() < 0.2 * alone[1]
 
 
+def test_a_policy_that_goes_as_fast_as_it_may_is_not_slowed_down_by_what_is_added() -> None:
+    arm = pose_cell(OFFSET)
+    bearing = Bearing(arm)
+    added = bearing.speed(READY + ZERO)
+    fastest = arm.velocity_limit + np.abs(added)
+    of_robot = arm.velocity_limit / VELOCITY_SHARE
+    share = bearing.share(added)
+    assert (fastest <= share * of_robot + 1e-12).all()
+    assert VELOCITY_SHARE < share < 1.5 * VELOCITY_SHARE
+
+
 def test_where_encoders_count_from_zero_nothing_is_added() -> None:
-    added = Bearing(pose_cell(0.0)).speed(READY)
+    bearing = Bearing(pose_cell(0.0))
+    added = bearing.speed(READY)
     assert added == pytest.approx(np.zeros(7), abs=0.0)
+    assert bearing.share(added) == VELOCITY_SHARE

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.envs.arm import ArmProblem
+from gfm.envs.arm import VELOCITY_SHARE, ArmProblem
 
 
 @final
@@ -32,6 +32,7 @@ class Bearing:
         self._model = copy.copy(arm.nominal)
         self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
         self._data = mujoco.MjData(self._model)
+        self._limit = arm.velocity_limit
         self._gain = arm.nominal.actuator_gainprm[self._layout.actuator, 0]
 
     def speed(self, reported: Array) -> Array:
@@ -44,6 +45,14 @@ class Bearing:
             return np.zeros_like(reported)
         given, right = (self._compensation(at) for at in (reported + self._zero, reported))
         return np.asarray((right - given) / self._gain)
+
+    def share(self, added: Array) -> float:
+        """Returns the share of the speed limits that a policy with such speeds added has.
+
+        Args:
+            added: What `speed` returned, rad/s, shape (J,).
+        """
+        return VELOCITY_SHARE * (1.0 + float((np.abs(added) / self._limit).max()))
 
     def _compensation(self, position: Array) -> Array:
         """Returns the torques of the model's compensation, N m, (J,), where encoders read that."""

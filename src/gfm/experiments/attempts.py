@@ -14,7 +14,7 @@ import numpy as np
 
 from gfm.core import BadInputError, CommandKind, GfmError, RefusedError
 from gfm.core.checks import Array
-from gfm.envs.arm import CONTROL_PERIOD_S, VELOCITY_SHARE, ArmProblem
+from gfm.envs.arm import CONTROL_PERIOD_S, ArmProblem
 from gfm.envs.evaluation import ControlPolicy, finite
 from gfm.envs.matching import failures, random_starts
 from gfm.envs.matching_task import MatchingTask
@@ -144,8 +144,8 @@ class AttemptRunner:
             if self._person.interrupts():
                 return None
             speed = np.clip(action, -1.0, 1.0) * self._arm.velocity_limit
-            speed += self._bearing.speed(self._driver.newest.position)
-            stopped = not self._moves(speed)
+            added = self._bearing.speed(self._driver.newest.position)
+            stopped = not self._moves(speed + added, self._bearing.share(added))
             scene = self._view.scene(self._driver.newest)
             seen.see(*self._view.joints(self._driver.newest), scene)
             path.append(scene.position[0, :2])
@@ -164,14 +164,14 @@ class AttemptRunner:
             path=np.round(path, 5).tolist(),
         )
 
-    def _moves(self, speed: Array) -> bool:
+    def _moves(self, speed: Array, share: float) -> bool:
         """Lets the arm move for a period, rad/s, (J,); False where the bridge had to stop it."""
         try:
             self._driver.command(
                 CommandKind.VELOCITY,
                 JOINT_NAMES,
                 speed,
-                speed_share=VELOCITY_SHARE,
+                speed_share=share,
                 needs_object=True,
             )
         except RefusedError as error:
