@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from typing import NoReturn, final
+import re
+from typing import Any, NoReturn, final
 
 from typing_extensions import override
 
@@ -11,6 +12,11 @@ from typing_extensions import override
 @final
 class OneLineParser(argparse.ArgumentParser):
     """A parser whose errors are one line and exit status 2, as those of all bad input."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        # Python's own takes -4.9e-07 for an option; no option here begins with a digit.
+        self._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
 
     @override
     def error(self, message: str) -> NoReturn:

@@ -13,6 +13,7 @@ import gfm
 from gfm.cli import SUBCOMMANDS, main, make_parser
 from gfm.core import BadInputError, ConfigError
 from gfm.experiments.run_settings import RunSettings
+from gfm.parser import OneLineParser
 
 MODELS = Path(__file__).parents[2] / "models"
 NAMES = [one.name for one in SUBCOMMANDS]
@@ -70,6 +71,13 @@ def test_nothing_heavy_is_loaded_before_it_is_needed(name):
 def test_a_command_line_that_makes_no_sense_ends_with_2(argv, capsys):
     assert exit_of(*argv) == 2
     assert "gfm" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", ["-4.9e-07", "-1E3", "-.5", "-2."])
+def test_negative_numbers_are_no_options(number):
+    parser = OneLineParser()
+    parser.add_argument("--payload", type=float, nargs=2)
+    assert parser.parse_args(["--payload", number, "1"]).payload == [float(number), 1.0]
 
 
 def test_a_recording_that_is_not_there_is_one_line_and_leaves_nothing(tmp_path, capsys):
