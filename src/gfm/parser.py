@@ -13,7 +13,7 @@ from typing_extensions import override
 class OneLineParser(argparse.ArgumentParser):
     """A parser whose errors are one line and exit status 2, as those of all bad input."""
 
-    def __init__(self, *arguments: Any, **named: Any) -> None:
+    def __init__(self, *arguments: Any, **named: Any) -> None:  # noqa: ANN401 (as argparse has)
         super().__init__(*arguments, **named)
         # Python's own takes -4.9e-07 for an option; no option here begins with a digit.
         self._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
