@@ -12,10 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial, reduce
 
-import numpy as np
-
 from gfm.core import Trajectory
-from gfm.diagnosis.inference.constants import LEAST_DISCREPANCY
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import joint_scales, places, torque_views
 from gfm.diagnosis.search.hypothesis import (
@@ -37,8 +34,7 @@ from gfm.signals.torques import joined
 
 #: Share of the time that is kept for rivals of what was found.
 FOR_RIVALS = 0.4
-#: What long segments leave on a joint, in units of what short ones do, from which on they are
-#: searched, too.
+#: What long segments leave, in units of what short ones do, from which on they are searched, too.
 MORE_IN_LONG = 2.0
 
 
@@ -76,24 +72,14 @@ def search(
         long = reduce(Problem.joined, parts, replace(long, clock=problem.clock))
         settle = partial(settled_hypothesis, long, here.effects, here.nominal)
         settled = under_way.in_its_time(settle, here)
-        slowly = _is_off_slowly(here, settled)
+        # What keeps a rollout off slowly, initial states of short segments make up for.
+        slowly = settled.fit.cost - 1.0 > MORE_IN_LONG * max(here.fit.cost - 1.0, 1.0)
         here = run(settled, under_way, (add, add_costly)) if slowly else settled
     # Motors apart from their links take longest: alone they are tried where nothing else gains.
     last = run(here, under_way, (add_motors,))
     if last is not here:
         last = run(last, under_way, (add, add_costly, add_motors))
     return _fitly_told(end(last, under_way))
-
-
-def _is_off_slowly(short: Hypothesis, long: Hypothesis) -> bool:
-    """Returns whether a joint is kept off slowly: initial states of short segments make up for it.
-
-    Args:
-        short: What was found in short segments.
-        long: The same in long ones.
-    """
-    before, after = (one.problem.joint_costs(one.fit.residual) - 1.0 for one in (short, long))
-    return bool((after > MORE_IN_LONG * np.maximum(before, LEAST_DISCREPANCY**2)).any())
 
 
 def _motors_beside(before: Hypothesis[P], search: Search[P], best: Step) -> Step | None:
