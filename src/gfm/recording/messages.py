@@ -8,6 +8,8 @@ from typing import NamedTuple
 from gfm.core import CommandKind
 from gfm.core.checks import Array
 
+#: Of the robot; poses of objects are given in it.
+BASE_FRAME = "base"
 _SECOND_NS = 1_000_000_000
 Message = dict[str, object]
 

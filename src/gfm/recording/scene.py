@@ -10,8 +10,7 @@ import numpy as np
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.recording.messages import Frame
-from gfm.recording.topics import BASE_FRAME
+from gfm.recording.messages import BASE_FRAME, Frame
 from gfm.sim.sawyer import sawyer_spec
 from gfm.sim.urdf import urdf
 

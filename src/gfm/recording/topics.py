@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING
 from gfm.core import Command, Observation
 from gfm.core.checks import Array
 from gfm.recording import messages, periods, schemas
+from gfm.recording.messages import BASE_FRAME
 
 if TYPE_CHECKING:
     from gfm.recording.scene import Scene
 
-#: Of the robot; poses of objects are given in it.
-BASE_FRAME = "base"
 #: Between two pictures of the arm: an eye needs no more.
 SEEN_NS = 50_000_000
 
