@@ -10,14 +10,15 @@ import pytest
 
 import gfm
 from gfm.api.films.drawing import MOST_BYTES
-from gfm.api.films.motion import Motion, motion_along, worst_held_out
 from gfm.api.films.overlay import film_of
 from gfm.api.films.renderer import NoFilmError
 from gfm.api.films.rerun_file import sticks, write_rrd
 from gfm.api.films.shapes import drawable
 from gfm.api.films.view import OPENING, RATIO, camera_axes, make_view, moving_points
 from gfm.core import CommandKind, ConfigError
-from gfm.diagnosis.output.result import RecordingSummary
+from gfm.diagnosis.data.segmentation import WHOLE, make_problem
+from gfm.diagnosis.output.errors import rollout_errors
+from gfm.diagnosis.output.motion import Motion
 from gfm.effects import EffectInstance, find_effect
 from pendulum import MODEL, swung
 
@@ -46,10 +47,15 @@ def drag():
     )
 
 
+def motion_along(runs, effects):
+    problem = make_problem({CommandKind.POSITION: spec()}, runs, windows_s=WHOLE)
+    return rollout_errors(problem, effects).worst(runs)
+
+
 @pytest.fixture(scope="module")
 def motion():
     run = swung(TOLD, seed=0, noise=1e-5, torque=lambda _q, v: -DRAG * v)
-    return motion_along({CommandKind.POSITION: spec()}, run, [drag()])
+    return motion_along([run], [drag()])
 
 
 def made_up(nominal, kind=CommandKind.POSITION, anew_s=float("inf")):
@@ -78,7 +84,7 @@ def test_the_corrected_model_moves_as_the_robot_and_the_nominal_one_does_not(mot
 
 def test_without_effects_both_models_are_one():
     run = swung(TOLD, seed=0, noise=1e-5)
-    told = motion_along({CommandKind.POSITION: spec()}, run, [])
+    told = motion_along([run], [])
     assert np.array_equal(told.nominal, told.corrected)
 
 
@@ -94,25 +100,13 @@ def test_a_short_recording_is_shown_whole():
     assert len(made_up(np.ones((50, 1))).stretch(8.0).time_s) == 50
 
 
-def test_the_held_out_recording_with_the_largest_error_is_shown():
-    runs = [replace(swung(TOLD[:30], seed=0, noise=0.0), name=name) for name in ("a", "b")]
-    rows = [
-        RecordingSummary(
-            name=name,
-            role=role,
-            command="position",
-            duration_s=1.0,
-            rate_hz=100.0,
-            before=before,
-            after=0.0,
-        )
-        for name, role, before in (
-            ("a", "held-out", 0.1),
-            ("b", "held-out", 0.2),
-            ("a", "training", 0.9),
-        )
+def test_the_recording_with_the_largest_error_is_shown():
+    drags = {"a": 0.1, "b": DRAG, "c": 0.4}
+    runs = [
+        replace(swung(TOLD, seed=0, noise=1e-5, torque=lambda _q, v, c=c: -c * v), name=name)
+        for name, c in drags.items()
     ]
-    assert worst_held_out(runs, rows).name == "b"
+    assert motion_along(runs, [drag()]).recording == "b"
 
 
 def test_a_difference_is_seen_from_the_side_and_small_ones_are_enlarged():
@@ -179,9 +173,8 @@ def test_without_an_encoder_the_report_says_what_to_install(diagnosis, monkeypat
 
 
 def test_a_film_costs_no_answer(diagnosis):
-    assert replace(diagnosis, holdout=()).film().missing == (
-        "no film: no held-out recording; nothing moves"
-    )
+    still = replace(diagnosis, answer=replace(diagnosis.answer, motion=None))
+    assert still.film().missing == "no film: no held-out recording; nothing moves"
 
 
 def test_without_rerun_its_file_says_what_to_install(motion, tmp_path, monkeypatch):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import tempfile
 from dataclasses import dataclass, replace
-from functools import cached_property
 from io import StringIO
 from pathlib import Path
 from typing import final
@@ -14,14 +13,14 @@ import mujoco
 import plotly.graph_objects as go
 from rich.console import Console
 
-from gfm.api.films.motion import Motion, motion_along, worst_held_out
 from gfm.api.films.overlay import film_of
 from gfm.api.films.renderer import NoFilmError
 from gfm.api.films.rerun_file import write_rrd
 from gfm.api.folders import check_folder
 from gfm.api.models import NominalModel, load_nominal, made_texts
-from gfm.core import ConfigError, GfmError, Trajectory, UnknownNameError
+from gfm.core import ConfigError, GfmError, UnknownNameError
 from gfm.diagnosis.output import result
+from gfm.diagnosis.output.motion import Motion
 from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, Suspect, Verdict
 from gfm.effects import EffectInstance
 from gfm.report import diagnosis_snippet, print_diagnosis, words, write_diagnosis
@@ -42,12 +41,10 @@ class Diagnosis:
     Attributes:
         answer: All of it, as `report.json` has it.
         nominal: The model that was diagnosed.
-        holdout: The recordings on which errors were measured.
     """
 
     answer: result.Diagnosis
     nominal: NominalModel
-    holdout: tuple[Trajectory, ...] = ()
 
     @property
     def verdict(self) -> Verdict:
@@ -139,15 +136,9 @@ class Diagnosis:
         Raises:
             ConfigError: errors were measured on no recording.
         """
-        return self._motion
-
-    @cached_property
-    def _motion(self) -> Motion:
-        if not self.holdout:
+        if self.answer.motion is None:
             raise ConfigError("no held-out recording; nothing moves")
-        recording = worst_held_out(self.holdout, self.answer.recordings)
-        effects = [one.instance() for one in self.effects]
-        return motion_along(self.nominal.specs, recording, effects, self.nominal.effects)
+        return self.answer.motion
 
     def film(self) -> Film:
         """Returns a film of `motion`; or why there is none. Takes up to half a minute.

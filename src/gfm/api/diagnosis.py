@@ -155,7 +155,7 @@ def diagnosed(request: DiagnoseRequest, report: Say) -> Diagnosis:
         keep_suspects=request.keep_suspects,
         since=[[run for _, run in one] for one in since],
     )
-    return Diagnosis(answer=answer, nominal=nominal, holdout=tuple(holdout))
+    return Diagnosis(answer=answer, nominal=nominal)
 
 
 def _read(

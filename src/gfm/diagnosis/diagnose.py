@@ -170,6 +170,7 @@ def _judged(
         twins=corrected if len(corrected) > 1 else {},
         chain=evidence_chain(held, holdout, result, effects, (errors.before, errors.after)),
         plots=_plots(found, effects, errors),
+        motion=errors.worst(holdout),
         notes=(
             *((OUT_OF_TIME,) if result and result.out_of_time else ()),
             *doubts(findings),

@@ -9,11 +9,11 @@ import mujoco
 import numpy as np
 
 from gfm.api.films.drawing import RATE_HZ
-from gfm.api.films.motion import Motion
 from gfm.api.films.renderer import draw
 from gfm.api.films.shapes import drawable
 from gfm.api.films.view import make_view
 from gfm.core import CommandKind
+from gfm.diagnosis.output.motion import Motion
 from gfm.report.film import Film
 from gfm.sim.layout import make_layout
 

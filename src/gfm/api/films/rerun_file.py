@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from gfm.api.films.motion import Motion
 from gfm.core.checks import Array
 from gfm.core.extras import needs
+from gfm.diagnosis.output.motion import Motion
 from gfm.sim.layout import make_layout
 
 if TYPE_CHECKING:

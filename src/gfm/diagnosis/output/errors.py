@@ -8,8 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from gfm.core import Trajectory
 from gfm.core.checks import Array
+from gfm.diagnosis.data.segmentation import WHOLE
+from gfm.diagnosis.output.motion import Motion
 from gfm.diagnosis.output.result import ErrorSummary, RecordingSummary
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
@@ -55,6 +59,28 @@ class RolloutErrors:
             for i, recording in enumerate(recordings)
         ]
 
+    def worst(self, recordings: Sequence[Trajectory]) -> Motion:
+        """Returns the recording on which the nominal model errs most, beside both models.
+
+        Its segments stand one behind the other: what lies between them (the robot touched
+        something) is left out.
+        """
+        told = [one.before for one in self.of_each(recordings, "")]
+        segments = self.problem.segments
+        worst = max((s.recording for s in segments), key=lambda i: np.nan_to_num(told[i]))
+        own = [i for i, segment in enumerate(segments) if segment.recording == worst]
+        measured = np.concatenate([segments[i].position for i in own])
+        return Motion(
+            recording=recordings[worst].name,
+            kind=recordings[worst].command_kind,
+            joints=self.problem.joints,
+            time_s=_one_behind_the_other([segments[i].time_s for i in own]),
+            measured=measured,
+            nominal=measured - np.concatenate([self.before[i] for i in own]),
+            corrected=measured - np.concatenate([self.after[i] for i in own]),
+            anew_s=WHOLE[recordings[worst].command_kind],
+        )
+
 
 def error_summary(
     before: Sequence[Array], after: Sequence[Array], noise: Array, unit: str
@@ -86,3 +112,10 @@ def rollout_errors(
     if effects:
         after = errors_of(with_suitable_steps(problem, effects), effects)
     return RolloutErrors(problem=problem, before=before, after=after)
+
+
+def _one_behind_the_other(times_s: Sequence[Array]) -> Array:
+    """Returns times that each begin at 0 as one clock that goes on."""
+    period_s = float(np.median(np.concatenate([np.diff(one) for one in times_s])))
+    starts = np.cumsum([0.0, *(one[-1] + period_s for one in times_s[:-1])])
+    return np.concatenate([start + one for start, one in zip(starts, times_s, strict=True)])

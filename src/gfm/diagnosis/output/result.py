@@ -14,6 +14,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis.evidence.links import EvidenceChain
 from gfm.diagnosis.learned import LearnedReport
 from gfm.diagnosis.output.changes import Changes
+from gfm.diagnosis.output.motion import Motion
 from gfm.diagnosis.search.naming import Placed
 from gfm.effects import EffectInstance, find_effect
 from gfm.excitation.blind_spots import BlindSpot
@@ -203,6 +204,7 @@ class Diagnosis:
         gfm: What learned forces say, where there are any.
         changes: Since earlier recordings, where there were any.
         plots: Evidence, in the order in which it should be read.
+        motion: The held-out recording that shows the gap best; None where that is not known.
         notes: What a reader should know: assumptions, doubts, what to record next.
         provenance: Files, hashes, versions, seed.
     """
@@ -225,5 +227,6 @@ class Diagnosis:
     gfm: LearnedReport | None = None
     changes: Changes | None = None
     plots: tuple[EvidencePlot, ...] = ()
+    motion: Motion | None = None
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, object] = field(default_factory=dict)

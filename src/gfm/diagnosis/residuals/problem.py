@@ -30,6 +30,9 @@ from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
 from gfm.diagnosis.residuals.rollouts import Rollouts
 from gfm.effects import EffectInstance
 
+#: Recorded time on which it is told whether efforts came before or after commands, s.
+TIMED_S = 4.0
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem(Rollouts):
@@ -145,7 +148,10 @@ def timed(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
 
     As they fit better under `effects`.
     """
-    if problem.noise.effort is None:
+    if not any(s.same_stamp_s > 0.0 and s.effort is not None for s in problem.segments):
         return problem
-    both = [replace(problem, after_command=after) for after in (False, True)]
-    return min(both, key=lambda one: one.effort_misfit(effects))
+    few = problem.subset(problem.sample(TIMED_S))
+    problem.predictions([effects])  # asked for next, and the few are among them
+    both = [replace(few, after_command=after) for after in (False, True)]
+    best = min(both, key=lambda one: one.effort_misfit(effects))
+    return replace(problem, after_command=best.after_command)
