@@ -5,10 +5,13 @@
 Router, replay, learner and actors as `gfm up` starts them learn `point_mass`, nobody held back by
 a rate; the ring of replay is small, so that it is soon full. The folder must be new: it gets what
 they write, and a look at every process each ten seconds (`soak.jsonl`). The first third of the
-time is for caches and the ring to fill; the rest is cut into eighths. What a process holds for good
-lifts the least that it has in each of them; what waits in a queue for a while does not. A line
-through these leasts has a slope with a standard error. Exit status 1: a process is not shown to
-grow by less than the bound (its slope and two errors are not below it), or one died.
+time is for caches and the ring to fill; the rest is cut into eighths, of which the least counts:
+what waits in a queue for a while is not held. What malloc has handed out is what a process holds. A
+line through its leasts has a slope with a standard error. Resident memory is that and what malloc
+keeps of what was given back. It goes up and down by steps, without noise around them: a line says
+nothing of it, and its growth is what the last eighth has more than the first. Exit status 1: what a
+process holds is not shown to grow by less than the bound (slope and two errors), its resident
+memory or its handles grew by more, or one died.
 """
 
 from __future__ import annotations
@@ -63,26 +66,27 @@ class Course:
 
     Attributes:
         name: The process.
-        memory_mib: Least of the first and of the last eighth of the time.
-        slope_mib_h: Of a line through the leasts of all eighths, MiB per hour.
+        memory_mib: Resident, least of the first and of the last eighth of the time.
+        resident_mib_h: By how much that grew, MiB per hour.
+        held_mib_h: Slope of a line through the leasts of what malloc has handed out, MiB per hour.
         error_mib_h: Its standard error.
-        heap_mib_h: Slope of the same line of what malloc has handed out.
         open_files: Medians over the first and the last eighth.
     """
 
     name: str
     memory_mib: tuple[float, float]
-    slope_mib_h: float
+    resident_mib_h: float
+    held_mib_h: float
     error_mib_h: float
-    heap_mib_h: float
     open_files: tuple[float, float]
 
     @property
     def is_flat(self) -> bool:
-        """Whether it is shown not to grow: by more than the bound in an hour, within two errors."""
+        """Whether it grew by less than the bound in an hour; what it holds, within two errors."""
         few, many = self.open_files
         most = max(_MOST_MIB_H, _MOST_SHARE_H * self.memory_mib[0])
-        return self.slope_mib_h + 2.0 * self.error_mib_h <= most and many - few <= _MOST_FILES
+        held = self.held_mib_h + 2.0 * self.error_mib_h
+        return max(held, self.resident_mib_h) <= most and many - few <= _MOST_FILES
 
 
 def make_system(folder: Path) -> SystemSpec:
@@ -153,13 +157,13 @@ def _course(name: str, rows: Sequence[dict[str, Any]]) -> Course:
         for gauge in ("memory_mib", "heap_mib")
     )
     files = [statistics.median(row["open_files"][name] for row in part) for part in parts]
-    slope, error = line(hours, memory)
+    slope, error = line(hours, heap)
     return Course(
         name=name,
         memory_mib=(memory[0], memory[-1]),
-        slope_mib_h=slope,
+        resident_mib_h=(memory[-1] - memory[0]) / max(hours[-1] - hours[0], 1e-9),
+        held_mib_h=slope,
         error_mib_h=error,
-        heap_mib_h=line(hours, heap)[0],
         open_files=(files[0], files[-1]),
     )
 
@@ -186,12 +190,12 @@ def table(rows: Sequence[dict[str, Any]]) -> list[str]:
     rates = [f"{(last[one] - first[one]) / passed_s:.0f} {one}/s" for one in PROGRESS]
     cores = (last["cpu_s"] - first["cpu_s"]) / passed_s
     return [
-        "| process | least MiB, first eighth | last | MiB an hour | of that handed out by malloc | "
-        "handles, first and last |",
+        "| process | resident MiB, first eighth | last | MiB an hour | handed out by malloc, "
+        "MiB an hour | handles, first and last |",
         "|---|---|---|---|---|---|",
         *(
             f"| {c.name} | {c.memory_mib[0]:.1f} | {c.memory_mib[1]:.1f} | "
-            f"{_signed(c.slope_mib_h)} ± {c.error_mib_h:.2f} | {_signed(c.heap_mib_h)} | "
+            f"{_signed(c.resident_mib_h)} | {_signed(c.held_mib_h)} ± {c.error_mib_h:.2f} | "
             f"{c.open_files[0]:.0f} and {c.open_files[1]:.0f} |"
             for c in courses(rows)
         ),

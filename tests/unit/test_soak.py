@@ -12,13 +12,14 @@ import soak
 from gfm.service import exit_status
 
 
-def rows(memory, files=lambda _: 20.0, missing=(), minutes=60):
+def rows(memory, files=lambda _: 20.0, missing=(), minutes=60, held=None):
+    held = held or (lambda t: 0.5 * memory(t))
     return [
         {
             "at_s": 10.0 * i,
             "missing": list(missing) if i == 7 else [],
             "memory_mib": {"replay": memory(i / (6 * minutes))},
-            "heap_mib": {"replay": 0.5 * memory(i / (6 * minutes))},
+            "heap_mib": {"replay": held(i / (6 * minutes))},
             "open_files": {"replay": files(i / (6 * minutes))},
             "cpu_s": 15.0 * i,
             "env_steps": 8000 * i,
@@ -37,15 +38,15 @@ def verdict(found):
 def test_what_fills_at_first_and_breathes_after_that_is_flat():
     course = verdict(rows(lambda t: min(50.0 + 300.0 * t, 90.0) + (t * 1e4) % 1.0))
     assert course.is_flat
-    assert abs(course.slope_mib_h) < 0.1
+    assert max(abs(course.held_mib_h), abs(course.resident_mib_h)) < 0.1
 
 
 @pytest.mark.parametrize("growth_mib_h", [2.5, 20.0])
 def test_what_goes_on_growing_is_not(growth_mib_h):
     course = verdict(rows(lambda t: 60.0 + growth_mib_h * t))
     assert not course.is_flat
-    assert course.slope_mib_h == pytest.approx(growth_mib_h, rel=0.02)
-    assert course.heap_mib_h == pytest.approx(0.5 * growth_mib_h, rel=0.02)
+    assert course.resident_mib_h == pytest.approx(growth_mib_h, rel=0.02)
+    assert course.held_mib_h == pytest.approx(0.5 * growth_mib_h, rel=0.02)
     # The beginnings of the first and the last eighth are seven twelfths of the time apart.
     first, last = course.memory_mib
     assert last - first == pytest.approx(7 / 12 * growth_mib_h, rel=0.03)
@@ -59,9 +60,18 @@ def test_what_fills_and_empties_again_is_no_growth():
 
 def test_what_cannot_be_told_from_growth_is_not_flat():
     steps = [0.0, 0.0, 3.0, 3.0, 0.0, 0.0, 3.0, 3.0, 3.0, 0.0, 3.0, 3.0, 0.0]
-    course = verdict(rows(lambda t: 60.0 + steps[int(12 * t)]))
+    course = verdict(rows(lambda _: 60.0, held=lambda t: 40.0 + steps[int(12 * t)]))
     assert not course.is_flat
-    assert course.slope_mib_h < 2.0 < course.slope_mib_h + 2.0 * course.error_mib_h
+    assert course.held_mib_h < 2.0 < course.held_mib_h + 2.0 * course.error_mib_h
+
+
+def test_a_step_of_what_malloc_keeps_is_no_growth_unless_it_is_large():
+    assert verdict(rows(lambda t: 60.0 + 1.0 * (t > 0.8), held=lambda _: 40.0)).is_flat
+    assert not verdict(rows(lambda t: 60.0 + 1.5 * (t > 0.8), held=lambda _: 40.0)).is_flat
+
+
+def test_what_a_process_holds_grows_also_where_it_was_larger_before():
+    assert not verdict(rows(lambda _: 60.0, held=lambda t: 40.0 + 3.0 * t)).is_flat
 
 
 def test_of_a_large_process_a_fiftieth_an_hour_is_no_growth():
@@ -84,7 +94,7 @@ def test_handles_that_leak_are_found():
 
 def test_the_table_tells_how_much_was_done_and_used():
     said = "\n".join(soak.table(rows(lambda _: 50.0, missing=["replay: down"])))
-    assert "| replay | 50.0 | 50.0 | +0.00 ± 0.00 | +0.00 | 20 and 20 |" in said
+    assert "| replay | 50.0 | 50.0 | +0.00 | +0.00 ± 0.00 | 20 and 20 |" in said
     assert "60 minutes, looked at after 20; 800 env_steps/s, 80 replay_sequences/s" in said
     assert "1.50 of " in said
     assert said.endswith(
