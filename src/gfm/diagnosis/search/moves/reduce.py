@@ -196,7 +196,8 @@ def _beside_best(instance: EffectInstance, rivals: Sequence[Tried], count: int) 
 def _simplest(here: Hypothesis, rival: Fit) -> Fit:
     """Returns a rival without those of its numbers without which it predicts as well.
 
-    They are nought and stay there: their derivatives are nought, too.
+    As well: to within one standard error, as where effects are removed. They are nought and stay
+    there: their derivatives are nought, too.
     """
     own = np.flatnonzero(rival.owners == len(rival.effects) - 1)
     for column in own if len(own) > 1 else ():
@@ -207,7 +208,7 @@ def _simplest(here: Hypothesis, rival: Fit) -> Fit:
             continue
         residual = here.problem.residuals([effects])[0]
         without = Fit(effects=effects, jacobian=jacobian, residual=residual)
-        if here.over(without).nats <= here.over(rival).nats:
+        if not replace(here, fit=rival).over(without).notable:
             rival = without
     return rival
 
