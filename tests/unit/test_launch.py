@@ -17,7 +17,6 @@ from gfm.launch import (
     router_process,
     summary,
 )
-from gfm.launch.process import ChildProcess
 from gfm.launch.spec import START_ORDER, STOP_ORDER, in_order, settings_of
 
 
@@ -71,18 +70,6 @@ def test_a_robot_is_told_its_engine_and_the_bridge_is_not(name, engine):
     robot, bridge = robot_processes(("--clock", "wall"), ("--seed", "1"), name)
     assert robot.arguments == ("--seed", "1", "--engine", engine)
     assert bridge.arguments == ("--robot", "sim", "--clock", "wall")
-
-
-@pytest.mark.parametrize(("own", "told"), [(None, "2"), ("7", "7")])
-def test_services_share_few_arenas_of_memory(own, told, tmp_path, monkeypatch):
-    (tmp_path / "tell.py").write_text("import os; print(os.environ['MALLOC_ARENA_MAX'])")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    monkeypatch.delenv("MALLOC_ARENA_MAX", raising=False)
-    if own is not None:
-        monkeypatch.setenv("MALLOC_ARENA_MAX", own)
-    child = ChildProcess(ProcessSpec(role="actor", name="a", module="tell"), (), tmp_path)
-    child.finish(timeout_s=60.0)
-    assert child.last_lines() == [told]
 
 
 def test_only_services_with_a_settings_file_are_told_to_read_one(tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import re
 import subprocess
 import sys
@@ -23,10 +22,6 @@ LOGS_KEPT = 20
 """Logs of earlier processes of one name: the first deaths say why, and a disk is not filled."""
 
 _LAST_LINES = 12
-
-#: What glibc reads at a start: by default the threads of the transport get an arena each, and keep
-#: there what they free; the more arenas, the longer until memory has grown all it will.
-_FEW_ARENAS = {"MALLOC_ARENA_MAX": "2"}
 
 
 @final
@@ -52,7 +47,6 @@ class ChildProcess:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                env=_FEW_ARENAS | os.environ,
             )
         _log.info("%s: started, pid %d", spec.name, self.pid)
 
