@@ -57,6 +57,13 @@ def test_stamps_that_jitter_are_those_of_one_command(late, jitter_s):
     assert cost == pytest.approx(1.0, rel=0.35)
 
 
+@pytest.mark.parametrize("late", [0, 1])
+def test_recordings_without_efforts_say_nothing_of_when_they_were_measured(late):
+    silent = [replace(recording(seed, 0.05), effort=None) for seed in (1, 2)]
+    runs = [*silent, recording(0, 0.05, late=late)]
+    assert timed(make_problem(SPECS, runs, windows_s=WHOLE), ()).after_command == (late == 0)
+
+
 @pytest.mark.parametrize(("apart_s", "near_s"), [(0.0, 0.001), (0.0005, 0.001), (0.005, 0.0)])
 def test_stamps_are_the_same_where_they_are_near(apart_s, near_s):
     run = recording(0, 0.05, apart_s=apart_s)

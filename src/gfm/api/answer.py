@@ -39,7 +39,7 @@ class Diagnosis:
     """What a model lacks to explain recordings of its robot; shown as a table where it ends a cell.
 
     Attributes:
-        answer: All of it, as `report.json` has it.
+        answer: All of it, as `report.json` has it, and the motion that is shown.
         nominal: The model that was diagnosed.
     """
 

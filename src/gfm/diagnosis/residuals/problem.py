@@ -148,10 +148,13 @@ def timed(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
 
     As they fit better under `effects`.
     """
-    if not any(s.same_stamp_s > 0.0 and s.effort is not None for s in problem.segments):
+    telling = [
+        i for i, s in enumerate(problem.segments) if s.same_stamp_s > 0.0 and s.effort is not None
+    ]
+    if not telling:
         return problem
-    few = problem.subset(problem.sample(TIMED_S))
-    problem.predictions([effects])  # asked for next, and the few are among them
+    few = problem.subset(telling)
+    few = few.subset(few.sample(TIMED_S))
     both = [replace(few, after_command=after) for after in (False, True)]
     best = min(both, key=lambda one: one.effort_misfit(effects))
     return replace(problem, after_command=best.after_command)
