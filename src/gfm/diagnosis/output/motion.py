@@ -5,7 +5,7 @@ Shape letters: T measurements, J joints.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -44,13 +44,10 @@ class Motion:
         running = np.concatenate([[0.0], np.cumsum(squares)])
         start = int(np.argmax(running[steps:] - running[:-steps])) if len(squares) > steps else 0
         here = slice(start, start + steps)
-        return Motion(
-            recording=self.recording,
-            kind=self.kind,
-            joints=self.joints,
+        return replace(
+            self,
             time_s=self.time_s[here] - self.time_s[start],
             measured=self.measured[here],
             nominal=self.nominal[here],
             corrected=self.corrected[here],
-            anew_s=self.anew_s,
         )
