@@ -3,8 +3,18 @@
 import numpy as np
 import pytest
 
-from gfm.diagnosis.inference.bent import BEYOND, SLIGHTLY, BentLaw, bent, can_bend
 from gfm.effects import EffectInstance, find_effect
+from gfm.effects.bent import (
+    BENT_BY,
+    BEYOND,
+    SLIGHTLY,
+    BentByPosition,
+    BentBySpeed,
+    BentLaw,
+    bent,
+    can_bend,
+    slightly,
+)
 from gfm.effects.effect import Motion
 
 #: From -1 to 3, and 0 to 2 as fast as it goes; most of both is a little less.
@@ -16,38 +26,40 @@ def instance(name, joint="hinge", **values):
     return EffectInstance(effect=find_effect(name), joints=(joint,), values=values)
 
 
-def torque(law, q, v, **amounts):
-    values = {p.name: 0.0 for p in BentLaw.parameters} | amounts
+def torque(how, law, q, v, **amounts):
+    values = {p.name: 0.0 for p in how.parameters} | amounts
     motion = Motion(position=np.array(q), velocity=np.array(v), drive=np.zeros(len(q)))
-    return BentLaw(law, PLACES, SPEEDS).torque(motion, values)
+    return how(law, how.state(PLACES, SPEEDS)).torque(motion, values)
 
 
-def test_a_law_that_does_not_bend_adds_nothing():
-    assert torque([instance("viscous_friction", coefficient=3.0)], [0.0, 1.0], [1.0, -2.0]) == (
-        pytest.approx([0.0, 0.0])
-    )
+@pytest.mark.parametrize("how", BENT_BY.values())
+def test_a_law_that_does_not_bend_adds_nothing(how):
+    rubbing = [instance("viscous_friction", coefficient=3.0)]
+    assert torque(how, rubbing, [0.0, 1.0], [1.0, -2.0]) == pytest.approx([0.0, 0.0])
 
 
 def test_the_first_way_is_the_law_times_the_place_between_the_ends():
     spring = instance("joint_spring", stiffness=2.0, rest_angle=1.0)
     at = [*MOST_PLACES, 1.0, 1.98]
     expected = np.array([-1.0, 1.0, 0.0, 0.98 / 1.92]) * -2.0 * (np.array(at) - 1.0)
-    assert torque([spring], at, np.zeros(4), position_1=1.0) == pytest.approx(expected)
+    there = torque(BentByPosition, [spring], at, np.zeros(4), degree_1=1.0)
+    assert there == pytest.approx(expected)
 
 
 def test_speed_counts_whichever_way():
     rubbing = instance("viscous_friction", coefficient=1.0)
     v = np.array([1.96, -1.96, 1.0])
-    second = torque([rubbing], np.zeros(3), v, speed_2=1.0)
+    second = torque(BentBySpeed, [rubbing], np.zeros(3), v, degree_2=1.0)
     assert second == pytest.approx([-1.96, 1.96, 0.5])  # P2 is 1 at the ends, -1/2 in the middle
 
 
 def test_effects_of_one_law_bend_together_and_far_out_no_further():
     law = [instance("torque_offset", torque=2.0), instance("cogging_torque", **COGGING)]
-    here = torque(law, [2.92], [0.0], position_3=1.0)
+    here = torque(BentByPosition, law, [2.92], [0.0], degree_3=1.0)
     assert here == pytest.approx([2.0 + 0.5 * np.sin(4.0 * 2.92 + 0.3)])
     offset = [instance("torque_offset", torque=2.0)]
-    assert torque(offset, [50.0], [0.0], position_1=1.0) == pytest.approx([2.0 * BEYOND])
+    far = torque(BentByPosition, offset, [50.0], [0.0], degree_1=1.0)
+    assert far == pytest.approx([2.0 * BEYOND])
 
 
 COGGING = {"amplitude": 0.5, "per_revolution": 4.0, "phase": 0.3}
@@ -55,17 +67,19 @@ COGGING = {"amplitude": 0.5, "per_revolution": 4.0, "phase": 0.3}
 
 def test_many_simulations_have_amounts_of_their_own():
     law, names = [instance("torque_offset", torque=1.0)], [p.name for p in BentLaw.parameters]
-    values = {name: np.array([0.0, 1.0, 2.0]) if name == "speed_1" else 0.0 for name in names}
+    values = {name: np.array([0.0, 1.0, 2.0]) if name == "degree_1" else 0.0 for name in names}
     values = {name: np.broadcast_to(value, 3) for name, value in values.items()}
     motion = Motion(position=np.zeros(3), velocity=np.full(3, 1.96), drive=np.zeros(3))
-    assert BentLaw(law, PLACES, SPEEDS).torque(motion, values) == pytest.approx([0.0, 1.0, 2.0])
+    bend = BentBySpeed(law, BentBySpeed.state(PLACES, SPEEDS))
+    assert bend.torque(motion, values) == pytest.approx([0.0, 1.0, 2.0])
 
 
-def test_a_law_is_bent_in_one_way_at_a_time():
-    straight, *ways = bent([instance("torque_offset", torque=1.0)], PLACES, SPEEDS)
+@pytest.mark.parametrize("how", BENT_BY.values())
+def test_a_law_is_bent_in_one_way_at_a_time(how):
+    straight = bent(how, [instance("torque_offset", torque=1.0)], PLACES, SPEEDS)
     assert not any(straight.values.values())
-    amounts = np.array([list(way.values.values()) for way in ways])
-    assert amounts == pytest.approx(SLIGHTLY * np.eye(6))
+    amounts = np.array([list(way.values.values()) for way in slightly(straight)])
+    assert amounts == pytest.approx(SLIGHTLY * np.eye(3))
 
 
 def test_only_torques_of_the_state_of_one_joint_bend():

@@ -62,6 +62,15 @@ def found(evidence, *effects, cost=1.0, steps=(), equals=None):
     )
 
 
+def test_laws_that_stand_for_one_without_a_name_are_suspects_and_it_is_said():
+    told = replace(STRONG, bent=Difference(-46.0, 9.9))
+    assert told.over_rival == told.bent
+    assert confidence(told) < LEAST_CONFIDENCE < confidence(STRONG)
+    (doubtful,) = (s for s in suspects_of(found((told,), FRICTION), ()) if s.confidence is not None)
+    assert "bent, predicts better than several by 46 ± 10 nats" in doubtful.reason
+    assert doubtful.evidence["z_rival"] == pytest.approx(-46.0 / 9.9)
+
+
 @pytest.mark.parametrize(
     ("figure", "better"),
     [

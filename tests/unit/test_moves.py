@@ -478,6 +478,33 @@ def test_laws_that_only_come_near_leave_what_they_would_do_bent():
     assert min(bent(hard, instance("joint_spring", stiffness=1.0, rest_angle=0.0))) > 0.5
 
 
+def over_bent(case, *effects):
+    """What speaks for each of several effects against one of them that changes with the state."""
+    told = support(case.with_effects(*effects), case.search(), ())
+    return [told[one.key].bent for one in effects]
+
+
+def test_a_law_without_a_name_speaks_against_the_two_that_stand_for_it():
+    """A spring that hardens is a spring and a cogging torque of four per turn, nearly."""
+    hard = Case(runs(torque=lambda q, _v: -12.0 * q**3))
+    wave = instance("cogging_torque", amplitude=0.1, per_revolution=4.0, phase=0.0)
+    spring = instance("joint_spring", stiffness=1.0, rest_angle=0.0)
+    friction = instance("coulomb_friction", torque=0.01)
+    first, second, other = over_bent(hard, spring, wave, friction)
+    assert first is second
+    assert first.errors < -2.0
+    assert other is None
+    told = support(hard.with_effects(spring, wave), hard.search(), ())[spring.key]
+    assert told.over_rival is told.bent
+
+
+def test_two_laws_that_hold_are_told_although_one_of_them_bent_may_be_both(rubbing):
+    both = Case(runs(torque=lambda _q, v: dry(_q, v) - 0.2 * v))
+    laws = instance("coulomb_friction", torque=0.1), instance("viscous_friction", coefficient=0.1)
+    assert over_bent(both, *laws) == [None, None]
+    assert over_bent(rubbing, laws[0]) == [None]
+
+
 def test_an_effect_without_a_torque_of_its_own_does_not_bend(right):
     assert bent(right, instance("armature", inertia=0.01)) == [0.0]
 

@@ -331,6 +331,13 @@ class EffectInstance:
         """Whether less than nothing is added: the model has more of it than its robot."""
         return any(p.takes_off and self.values[p.name] < 0.0 for p in self.effect.parameters)
 
+    @property
+    def has_law(self) -> bool:
+        """Whether it is a force of position, velocity and drive, which `Effect.torque` tells."""
+        nothing = np.zeros(1)
+        motion = Motion(position=nothing, velocity=nothing, drive=nothing, other_velocity=nothing)
+        return bool(self.joints) and self.effect.torque(motion, self.values) is not None
+
 
 def angle(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, value: float) -> float:
     """Returns a joint angle in the unit in which `spec` is written (degrees by default in MJCF)."""

@@ -46,7 +46,7 @@ class TorqueView:
     def law(self, instance: EffectInstance) -> Array:
         """Returns the torque of an effect's law, N m, shape (T, J); zero where it has none."""
         torque = np.zeros_like(self.missing)
-        if has_law(instance):
+        if instance.has_law:
             first, *second = (self.joints.index(name) for name in instance.joints)
             motion = Motion(
                 position=self.position[:, first],
@@ -111,10 +111,3 @@ def _mean_commands(plant: Plant, recording: Trajectory) -> Array:
     """
     half_s = 0.5 * float(np.median(np.diff(recording.time_s)))
     return commands_between(plant, recording, recording.time_s - half_s, recording.time_s + half_s)
-
-
-def has_law(instance: EffectInstance) -> bool:
-    """Returns whether an effect is a force of position, velocity and drive."""
-    nothing = np.zeros(1)
-    motion = Motion(position=nothing, velocity=nothing, drive=nothing, other_velocity=nothing)
-    return bool(instance.joints) and instance.effect.torque(motion, instance.values) is not None

@@ -23,7 +23,6 @@ from gfm.diagnosis.search.nominal_parameters import covers
 from gfm.effects import EffectInstance
 from gfm.effects.effect import sign
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
-from gfm.signals.torques import has_law
 from gfm.sim.kinematics import along
 from gfm.sim.plant import Plant
 
@@ -97,7 +96,7 @@ def energy_balance(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> E
             only_takes=e.effect.name in DISSIPATIVE and not covers(spec, e),
         )
         for e in effects
-        if has_law(e)
+        if e.has_law
     )
     before, _, gained, lost = _powers(domain, ())
     drive, through, stored, dissipated = _powers(domain, without_law(effects))

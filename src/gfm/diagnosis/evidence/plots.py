@@ -18,7 +18,7 @@ from gfm.diagnosis.output.result import EvidencePlot, Series
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import torque_views
 from gfm.effects import EffectInstance
-from gfm.signals.torques import TorqueView, has_law, joined
+from gfm.signals.torques import TorqueView, joined
 
 #: Points of a cloud at most.
 MOST_POINTS = 1500
@@ -44,7 +44,7 @@ def law_plots(
     It shows the torque that the model lacks with all effects in it but this one (a partial
     residual), against what the law depends on, with the fitted law over it.
     """
-    lawful = [one for one in instances if has_law(one)]
+    lawful = [one for one in instances if one.has_law]
     if not lawful:
         return []
     view, left = torque_left(instances, problem, recordings)
@@ -111,7 +111,7 @@ def profile_plots(
     """
     plots = []
     for place, instance in enumerate(instances):
-        if has_law(instance) or instance.takes_off:
+        if instance.has_law or instance.takes_off:
             continue
         first = instance.effect.parameters[0]
         low = 0.0 if first.lower <= 0.0 else 0.5

@@ -24,7 +24,7 @@ from gfm.diagnosis.search.candidates import torque_views
 from gfm.effects import EffectInstance
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
 from gfm.signals.smoothing import smooth_states
-from gfm.signals.torques import TorqueView, has_law, joined
+from gfm.signals.torques import TorqueView, joined
 
 #: Length of a block, s: short beside a motion, long beside the noise of accelerations.
 BLOCK_S = 0.1
@@ -75,7 +75,7 @@ class TorqueDomain:
 
         Zero for a motor apart from its link: no inverse dynamics of the measured joints has it.
         """
-        if has_law(instance) or instance.effect.separates_motor:
+        if instance.has_law or instance.effect.separates_motor:
             return self.blocks(self.view.law(instance))
         return self.blocks(self.view.missing - self.view_with([instance]).missing)
 
@@ -114,7 +114,7 @@ class TorqueDomain:
 
 def without_law(effects: Sequence[EffectInstance]) -> list[EffectInstance]:
     """Returns those of `effects` that inverse dynamics have to be told of: without a law."""
-    return [e for e in effects if not has_law(e) and not e.effect.separates_motor]
+    return [e for e in effects if not e.has_law and not e.effect.separates_motor]
 
 
 def torque_domain(problem: Problem, recordings: Sequence[Trajectory]) -> TorqueDomain:

@@ -145,7 +145,9 @@ def _figures(evidence: Evidence) -> dict[str, float]:
         "apart": evidence.apart,
         "bends": evidence.bends,
     }
-    return told if evidence.rival is None else {**told, "z_rival": evidence.rival.errors}
+    if evidence.over_rival is not evidence.without:
+        told["z_rival"] = evidence.over_rival.errors
+    return told
 
 
 def _estimate(value: float, unit: str, width: float, *, holds: bool) -> ParameterEstimate:
@@ -194,6 +196,12 @@ def _doubtful(instance: EffectInstance, found: SearchResult) -> Suspect:
 def _speaks_for(evidence: Evidence) -> str:
     """Returns the figures that a confidence is made of, in words."""
     other = "without it" if evidence.rival is None else "with its best rival"
+    if evidence.bent is not None:
+        nats, error = -evidence.bent.nats, evidence.bent.error
+        return (
+            f"one law of the same state, bent, predicts better than several by {nats:.0f} ± "
+            f"{error:.0f} nats: a law without a name here"
+        )
     return (
         f"predicts better than {other} by {evidence.over_rival.errors:.1f} standard errors; its "
         f"amount differs by {evidence.apart:.0%} between parts of the data; {evidence.bends:.0%} "

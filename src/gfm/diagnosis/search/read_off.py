@@ -19,7 +19,7 @@ from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
 from gfm.effects import EffectInstance
-from gfm.signals.torques import TorqueView, has_law
+from gfm.signals.torques import TorqueView
 
 
 def read_off(
@@ -34,7 +34,7 @@ def read_off(
         places: Where effects may act.
         effects: What is known to be missing: its amounts may be others beside a candidate.
     """
-    laws = [view.law(one) for one in effects if has_law(one)]
+    laws = [view.law(one) for one in effects if one.has_law]
     return [one for place in places for one in _of_place(view, place, laws)]
 
 
@@ -47,7 +47,7 @@ def _of_place(view: TorqueView, place: Place, laws: Sequence[Array]) -> Iterator
     basis = orthonormal(np.stack([nothing, *known], axis=1))
     missing = without(missing, basis)
     for group in place.probes:
-        if not all(map(has_law, group)):
+        if not all(one.has_law for one in group):
             continue
         columns = np.stack([view.law(one)[:, own].ravel() for one in group], axis=1)
         amounts = np.linalg.lstsq(without(columns, basis), missing, rcond=1e-6)[0]

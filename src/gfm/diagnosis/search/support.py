@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.bent import SLIGHTLY, bent, can_bend
 from gfm.diagnosis.inference.constants import UNWEIGHED
 from gfm.diagnosis.inference.fitting import always
 from gfm.diagnosis.inference.score import Difference
@@ -19,6 +19,14 @@ from gfm.diagnosis.search.moves.reduce import Compared, gains_of_each
 from gfm.diagnosis.search.trace import Evidence
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Key
+from gfm.effects.bent import (
+    BENT_BY,
+    SLIGHTLY,
+    BentLaw,
+    bent,
+    can_bend,
+    slightly,
+)
 
 
 def support(
@@ -29,9 +37,12 @@ def support(
     For those that a few segments judge, what spoke for them there: all others know nothing of it.
     """
     rivals = {one.instance.key: one for one in compared}
-    steady = _steadiness(here)
+    steady, gains = _steadiness(here), gains_of_each(here)
+    nats = {instance.key: gain.nats for gain, instance in gains}
+    nothing = dict[Key, Difference]()
+    over_bent = search.in_its_time(partial(_over_bent, here, nats), nothing)
     told = {}
-    for without, instance in gains_of_each(here):
+    for without, instance in gains:
         beside = rivals.get(instance.key, Compared(instance=instance))
         rival = -beside.rival.gain if beside.rival else None
         unweighed = Difference(UNWEIGHED * without.nats, without.error)
@@ -42,6 +53,7 @@ def support(
             by=beside.rival.new[0] if beside.rival else None,
             apart=parts,
             bends=bend,
+            bent=over_bent.get(instance.key),
         )
     return told
 
@@ -81,8 +93,39 @@ def _laws(effects: Sequence[EffectInstance]) -> list[list[EffectInstance]]:
 
 def _ways(here: Hypothesis, law: Sequence[EffectInstance]) -> Array:
     """Returns what a law changes in the residual, bent in K ways, by its size, shape (N, K)."""
+    straight = [_bent(how, here, law) for how in BENT_BY.values()]
+    sets = [(*here.effects, way) for one in straight for way in slightly(one)]
+    still, *rows = here.problem.coarse().residuals([(*here.effects, straight[0]), *sets])
+    return np.stack([(row - still) / SLIGHTLY for row in rows], axis=1)
+
+
+def _bent(how: type[BentLaw], here: Hypothesis, law: Sequence[EffectInstance]) -> EffectInstance:
+    """Returns what bends a law over the states in which its joint was."""
     joint = here.problem.joints.index(law[0].joints[0])
-    position, speed = (state[:, joint] for state in here.problem.states())
-    candidates = [(*here.effects, one) for one in bent(law, position, speed)]
-    straight, *rows = here.problem.coarse().residuals(candidates)
-    return np.stack([(row - straight) / SLIGHTLY for row in rows], axis=1)
+    position, velocity = (state[:, joint] for state in here.problem.states())
+    return bent(how, law, position, velocity)
+
+
+def _over_bent(here: Hypothesis, nats: Mapping[Key, float]) -> dict[Key, Difference]:
+    """Returns what speaks for laws of one state against the strongest of them, bent.
+
+    Of a law that has no name, two that have one make up the first terms. Known ones are told where
+    they predict as well, to within one standard error.
+
+    Args:
+        here: The hypothesis.
+        nats: By how much it predicts better than without each effect.
+    """
+    told = dict[Key, Difference]()
+    for law in _laws(here.effects):
+        torques = [one for one in law if can_bend(one)]
+        how = BENT_BY.get(law[0].effect.law_of)
+        if len(law) < 2 or not torques or how is None:
+            continue
+        strongest = max(torques, key=lambda one: nats[one.key])
+        alone = here.fitted([*(one for one in here.effects if one not in law), strongest])
+        bend = _bent(how, here, alone.effects[-1:])
+        over = here.over(here.fitted((*alone.effects, bend)))
+        if (-over).notable:
+            told |= {one.key: over for one in law}
+    return told

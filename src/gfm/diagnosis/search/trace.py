@@ -94,6 +94,8 @@ class Evidence:
         by: That rival.
         apart: By what share of itself it differs between parts of the data, beyond chance.
         bends: How much of what is left on its joint it leaves by not changing with the state.
+        bent: By how much it predicts better, with others of the same state, than one of those whose
+            amount changes with it; None where they predict as well, and where it is the only one.
     """
 
     without: Difference
@@ -101,11 +103,13 @@ class Evidence:
     by: EffectInstance | None
     apart: float
     bends: float
+    bent: Difference | None = None
 
     @property
     def over_rival(self) -> Difference:
         """By how much it predicts better than with its best rival; without it, if there is none."""
-        return self.without if self.rival is None else self.rival
+        rivals = [one for one in (self.rival, self.bent) if one is not None]
+        return min(rivals, key=lambda one: one.errors, default=self.without)
 
 
 @dataclass(frozen=True, kw_only=True)
