@@ -67,7 +67,8 @@ def test_laws_that_stand_for_one_without_a_name_are_suspects_and_it_is_said():
     assert told.over_rival == told.bent
     assert confidence(told) < LEAST_CONFIDENCE < confidence(STRONG)
     (doubtful,) = (s for s in suspects_of(found((told,), FRICTION), ()) if s.confidence is not None)
-    assert "bent, predicts better than several by 46 ± 10 nats" in doubtful.reason
+    assert "one law, bent, predicts better than all by 46 ± 10 nats" in doubtful.reason
+    assert doubtful.law_of == FRICTION.effect.law_of
     assert doubtful.evidence["z_rival"] == pytest.approx(-46.0 / 9.9)
 
 

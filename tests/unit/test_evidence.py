@@ -132,6 +132,18 @@ def test_a_sentence_without_a_name_tells_the_doubtful_ones():
     assert "no known effect explains" in sentence_on(Verdict.UNEXPLAINED, (), error, "", [lost])
 
 
+def test_a_sentence_tells_of_what_state_a_law_without_a_name_is():
+    error = ErrorSummary(before=0.3, after=0.1, noise_floor=0.001)
+    spring = Suspect(effect="joint_spring", joints=("elbow",), reason="", law_of="position")
+    both = [replace(spring, confidence=0.1), replace(spring, effect="cogging_torque")]
+    told = sentence_on(Verdict.UNEXPLAINED, (), error, "", both)
+    law = "misses a law of the position of elbow that no known effect explains"
+    assert told.startswith(f"The model {law} (held-out")
+    friction = [named("coulomb_friction", "a", torque=0.2)]
+    beside = sentence_on(Verdict.PARTLY_EXPLAINED, friction, error, "", both)
+    assert f"coulomb friction on a (torque 0.2 N m); it also {law} (held-out" in beside
+
+
 def test_of_many_amounts_a_sentence_tells_the_first():
     place = {"height": 0.1, "x": 0.2, "y": 0.3, "z": 0.4, "friction": 0.5}
     (words,) = effects_in_words([named("surface_contact", "b", **place)])

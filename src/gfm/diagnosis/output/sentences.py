@@ -42,11 +42,20 @@ def sentence_on(
     )
     if verdict is Verdict.NO_GAP:
         return f"The model explains the recordings to within the sensor noise ({figures})."
+    laws = _laws_without_name(suspects)
     if verdict is Verdict.UNEXPLAINED:
-        why = _named_in_vain(named) if named else _without_name(suspects)
-        return f"The model misses something{why} ({figures})."
+        why = _named_in_vain(named) if named else "" if laws else _without_name(suspects)
+        return f"The model misses {laws or 'something'}{why} ({figures})."
     among = "" if verdict is Verdict.EXPLAINED else ", among what stays unexplained,"
-    return f"The model {_wrong(named, among)} ({figures})."
+    beside = f"; it also misses {laws}" if laws else ""
+    return f"The model {_wrong(named, among)}{beside} ({figures})."
+
+
+def _laws_without_name(suspects: Sequence[Suspect]) -> str:
+    """Returns of which states of which joints laws are missing that have no name; empty if none."""
+    told = dict.fromkeys((one.law_of, one.joints) for one in suspects if one.law_of)
+    laws = [f"a law of the {state} of {', '.join(joints)}" for state, joints in told]
+    return f"{' and '.join(laws)} that no known effect explains" if laws else ""
 
 
 def _named_in_vain(named: Sequence[NamedEffect]) -> str:

@@ -19,14 +19,7 @@ from gfm.diagnosis.search.moves.reduce import Compared, gains_of_each
 from gfm.diagnosis.search.trace import Evidence
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Key
-from gfm.effects.bent import (
-    BENT_BY,
-    SLIGHTLY,
-    BentLaw,
-    bent,
-    can_bend,
-    slightly,
-)
+from gfm.effects.bent import BENT_BY, SLIGHTLY, BentLaw, bent, can_bend, slightly
 
 
 def support(
