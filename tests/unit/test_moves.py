@@ -25,6 +25,7 @@ from gfm.diagnosis.search.moves.add import (
     best_of,
 )
 from gfm.diagnosis.search.moves.common_errors import common_errors
+from gfm.diagnosis.search.moves.missing_torque import missing_torque
 from gfm.diagnosis.search.moves.reduce import (
     _not_told_apart,
     exchange,
@@ -38,6 +39,7 @@ from gfm.diagnosis.search.support import support
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, find_effect
+from gfm.signals.torques import joined
 from pendulum import LENGTH, MASS, MODEL, PERIOD_S, swung
 
 SPECS = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
@@ -68,7 +70,9 @@ class Case:
 
     def __init__(self, recordings):
         self.problem = make_problem(SPECS, recordings).robust(())
-        (self.scales,) = joint_scales(self.problem, torque_views(self.problem, recordings))
+        views = torque_views(self.problem, recordings)
+        self.view = joined(views)
+        (self.scales,) = joint_scales(self.problem, views)
         self.nominal = self.problem.joint_costs(measured(self.problem, ()).residual)
 
     def with_effects(self, *effects):
@@ -503,6 +507,34 @@ def test_two_laws_that_hold_are_told_although_one_of_them_bent_may_be_both(rubbi
     laws = instance("coulomb_friction", torque=0.1), instance("viscous_friction", coefficient=0.1)
     assert over_bent(both, *laws) == [None, None]
     assert over_bent(rubbing, laws[0]) == [None]
+
+
+NOTHING = Step(move=Move.ADD, before=0.0)
+
+
+def shown(case, *before, best=NOTHING):
+    """The step of the laws that the missing torque of a case shows."""
+    names = (*LAWS, "joint_spring", "torque_offset", "stribeck_friction")
+    return missing_torque(case.with_effects(*before), case.search(*names, view=case.view), best)
+
+
+def test_far_from_the_truth_laws_are_taken_together_as_the_missing_torque_shows_them():
+    both = Case(runs(torque=lambda q, v: OFFSET + dry(q, v)))
+    step = shown(both)
+    assert step.move is Move.MISSING_TORQUE
+    told = {one.effect.name: one.values["torque"] for one in step.chosen.new}
+    assert told == {
+        "torque_offset": pytest.approx(OFFSET, rel=0.02),
+        "coulomb_friction": pytest.approx(FRICTION, rel=0.02),
+    }
+    assert step.chosen.fit.cost < 2.0
+    again = shown(both, best=replace(step, move=Move.ADD))
+    assert again.chosen is None  # no better than what is known
+    assert shown(both, *step.chosen.new) is None  # near the truth
+
+
+def test_one_law_alone_is_none_that_are_taken_together(rubbing):
+    assert shown(rubbing) is None
 
 
 def test_an_effect_without_a_torque_of_its_own_does_not_bend(right):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -39,10 +40,12 @@ def diagnose_files(
     paths = diagnosis.save(out)
     print_diagnosis(answer, diagnosis.answer)
     _tell(answer, paths)
-    if film and diagnosis.effects:  # last: nothing about a film may cost an answer, or time
+    if film and diagnosis.effects:  # last: nothing about a film may cost an answer
         say("drawing robot and models")
-        diagnosis.save(out, film=diagnosis.film())
-        _tell(answer, _rerun_file(diagnosis, out))
+        with ThreadPoolExecutor(1) as beside:  # drawn by a process of its own
+            drawn = beside.submit(diagnosis.film)
+            _tell(answer, _rerun_file(diagnosis, out))
+            diagnosis.save(out, film=drawn.result())
 
 
 def _tell(answer: Console, paths: Sequence[Path]) -> None:

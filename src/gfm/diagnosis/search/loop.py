@@ -1,9 +1,10 @@
 """The search: from the nominal model to the hypothesis that predicts best.
 
-One step after another adds what predicts clearly better (`moves.add`), or common errors where no
-single effect gains much, or what acts now and then only; removes what became superfluous, and
-exchanges what something else says better. It ends where what can still be gained is not visible
-beside the discrepancy of a right model, where nothing gains anything, or where its time is over.
+One step after another adds what predicts clearly better (`moves.add`); far from the truth, the laws
+that the missing torque shows together; common errors, where no single effect gains much; or what
+acts now and then only. What became superfluous is removed, and what something else says better is
+exchanged. It ends where what can still be gained is not visible beside the discrepancy of a right
+model, where nothing gains anything, or where its time is over.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from gfm.diagnosis.search.hypothesis import (
 from gfm.diagnosis.search.moves.add import add, add_costly, add_motors
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.intermittent import Intermittent, gain_in
+from gfm.diagnosis.search.moves.missing_torque import missing_torque
 from gfm.diagnosis.search.naming import equals_of, fitly_named, looked_for, recorded, twins
 from gfm.diagnosis.search.nominal_parameters import least_amounts
 from gfm.diagnosis.search.steps import end, run
@@ -65,7 +67,8 @@ def search(
     everything = replace(everything, stepping=problem.stepping, clock=problem.clock)
     rarely = Intermittent(everything=everything, candidates=under_way.candidates)
     under_way.candidates = [p for p in rarely.candidates if not p.effect.intermittent]
-    here = run(here, under_way, (add, common_errors, rarely, add_costly, _motors_beside))
+    moves = (add, missing_torque, common_errors, rarely, add_costly, _motors_beside)
+    here = run(here, under_way, moves)
     if long is not problem:
         report("settling amounts")
         parts = parts_of(under_way.steps).values()

@@ -19,6 +19,7 @@ class Move(StrEnum):
 
     ADD = "add"
     COMMON_ERRORS = "common errors"
+    MISSING_TORQUE = "missing torque"
     INTERMITTENT = "intermittent"
     EXCHANGE = "exchange"
     REMOVE = "remove"

@@ -48,13 +48,14 @@ BEGUN_WITHOUT = ("", "coulomb_friction")
 def common_errors(before: Hypothesis[P], search: Search[P], best: Step) -> Step | None:
     """Returns the step that adds common errors on all joints that something is missing on.
 
-    None where that was tried, or a single effect gains as much as single ones do. Where rollouts
-    stay near what was measured, several gain nothing where none does.
+    None where that was tried, or a single effect gains as much as single ones do, or laws that the
+    missing torque shows do. Where rollouts stay near what was measured, several gain nothing where
+    none does.
     """
     tried_before = any(step.move is Move.COMMON_ERRORS for step in search.steps)
     much = before.fit.cost > MUCH * float(np.mean(before.nominal))
     alone = best.chosen is not None and len(best.chosen.new) == 1
-    enough = alone and best.gain >= ENOUGH * before.room.nats
+    enough = (alone or best.move is Move.MISSING_TORQUE) and best.gain >= ENOUGH * before.room.nats
     hopeless = best.chosen is None and before.fit.cost < FAR_OFF
     if tried_before or enough or hopeless or not much or not search.goes_on():
         return None
