@@ -8,12 +8,12 @@ import pytest
 
 from gfm.core import CommandKind, ObjectTrack, Trajectory
 from gfm.diagnosis.data.segmentation import WHOLE, all_segments, make_problem
-from gfm.diagnosis.data.touching import CLEARANCE_M, Touch, resting_pose
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.output.result import Verdict
 from gfm.diagnosis.search.candidates import places
 from gfm.effects import EffectInstance, find_effect
 from gfm.effects.plugins import USUAL_SCALES
+from gfm.signals.touching import CLEARANCE_M, Touch, resting_pose
 
 SLIDER_KG, BLOCK_KG, GAIN, FRICTION = 2.0, 0.5, 40.0, 0.4
 HALF_M, FINGER_M, REST_Z, FIRST_M = 0.04, 0.01, 0.04, 0.12

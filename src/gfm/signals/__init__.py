@@ -1,4 +1,4 @@
-"""What recordings show by themselves: smooth states, torques by inverse dynamics, lateness, doubts.
+"""What recordings show by themselves: smooth states, torques, lateness, touches, doubts.
 
 Nothing is searched here: whoever reads recordings, a diagnosis or an import, asks these first.
 """

@@ -15,7 +15,6 @@ import numpy as np
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
 from gfm.core.noise import noise_std, steady_noise, typical_noise
-from gfm.diagnosis.data.touching import ENOUGH_AIR_S, Touch, at_ease, in_the_air, resting_pose
 from gfm.diagnosis.residuals.initial_states import with_state_basis
 from gfm.diagnosis.residuals.problem import Problem, timed
 from gfm.diagnosis.residuals.rollouts import Noise
@@ -23,6 +22,7 @@ from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance
 from gfm.effects.elements import let_friction_hold
 from gfm.signals.smoothing import smooth_states, starts_at_rest
+from gfm.signals.touching import ENOUGH_AIR_S, Touch, at_ease, in_the_air, resting_pose
 from gfm.sim.commands import AHEAD_S, HISTORY_S
 from gfm.sim.plant import check_joints
 from gfm.sim.segment import Segment
