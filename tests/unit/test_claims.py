@@ -23,7 +23,7 @@ from gfm.diagnosis.output.claims import (
 )
 from gfm.diagnosis.output.result import ErrorSummary, Verdict
 from gfm.diagnosis.output.sentences import effects_in_words, sentence_on
-from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step, Tried
+from gfm.diagnosis.search.trace import Evidence, Move, Nameless, SearchResult, Step, Tried
 from one_joint import TIME_S, instance, problem
 
 FRICTION, SPRING, DRAG = (
@@ -63,12 +63,15 @@ def found(evidence, *effects, cost=1.0, steps=(), equals=None):
 
 
 def test_laws_that_stand_for_one_without_a_name_are_suspects_and_it_is_said():
-    told = replace(STRONG, bent=Difference(-46.0, 9.9))
-    assert told.over_rival == told.bent
+    law = Nameless(over=Difference(-46.0, 9.9), state="velocity", joint="j")
+    told = replace(STRONG, nameless=law)
+    assert told.over_rival == law.over
     assert confidence(told) < LEAST_CONFIDENCE < confidence(STRONG)
     (doubtful,) = (s for s in suspects_of(found((told,), FRICTION), ()) if s.confidence is not None)
-    assert "one law, bent, predicts better than all by 46 ± 10 nats" in doubtful.reason
-    assert doubtful.law_of == FRICTION.effect.law_of
+    assert "a law of the velocity of j without a name predicts better by 46 ± 10 nats" in (
+        doubtful.reason
+    )
+    assert doubtful.nameless == "velocity of j"
     assert doubtful.evidence["z_rival"] == pytest.approx(-46.0 / 9.9)
 
 

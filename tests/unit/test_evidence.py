@@ -134,14 +134,15 @@ def test_a_sentence_without_a_name_tells_the_doubtful_ones():
 
 def test_a_sentence_tells_of_what_state_a_law_without_a_name_is():
     error = ErrorSummary(before=0.3, after=0.1, noise_floor=0.001)
-    spring = Suspect(effect="joint_spring", joints=("elbow",), reason="", law_of="position")
+    law = "position of elbow"
+    spring = Suspect(effect="joint_spring", joints=("elbow",), reason="", nameless=law)
     both = [replace(spring, confidence=0.1), replace(spring, effect="cogging_torque")]
     told = sentence_on(Verdict.UNEXPLAINED, (), error, "", both)
-    law = "misses a law of the position of elbow that no known effect explains"
-    assert told.startswith(f"The model {law} (held-out")
+    misses = f"misses a law of the {law} that no known effect explains"
+    assert told.startswith(f"The model {misses} (held-out")
     friction = [named("coulomb_friction", "a", torque=0.2)]
     beside = sentence_on(Verdict.PARTLY_EXPLAINED, friction, error, "", both)
-    assert f"coulomb friction on a (torque 0.2 N m); it also {law} (held-out" in beside
+    assert f"coulomb friction on a (torque 0.2 N m); it also {misses} (held-out" in beside
 
 
 def test_of_many_amounts_a_sentence_tells_the_first():

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
+from gfm.core.deadline import OutOfTimeError
 from gfm.diagnosis.data.segmentation import make_problem
 from gfm.diagnosis.inference.constants import UNWEIGHED
 from gfm.diagnosis.inference.fitting import Fit, fit, measured
 from gfm.diagnosis.inference.score import Difference
-from gfm.diagnosis.residuals.clock import OutOfTimeError
 from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
 from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
 from gfm.diagnosis.search.moves.add import (
@@ -482,10 +482,10 @@ def test_laws_that_only_come_near_leave_what_they_would_do_bent():
     assert min(bent(hard, instance("joint_spring", stiffness=1.0, rest_angle=0.0))) > 0.5
 
 
-def over_bent(case, *effects):
-    """What speaks for each of several effects against one of them that changes with the state."""
-    told = support(case.with_effects(*effects), case.search(), ())
-    return [told[one.key].bent for one in effects]
+def nameless(case, *effects, **more):
+    """The law without a name for which each of several effects stands."""
+    told = support(case.with_effects(*effects), case.search("armature", **more), ())
+    return [told[one.key].nameless for one in effects]
 
 
 def test_a_law_without_a_name_speaks_against_the_two_that_stand_for_it():
@@ -494,19 +494,29 @@ def test_a_law_without_a_name_speaks_against_the_two_that_stand_for_it():
     wave = instance("cogging_torque", amplitude=0.1, per_revolution=4.0, phase=0.0)
     spring = instance("joint_spring", stiffness=1.0, rest_angle=0.0)
     friction = instance("coulomb_friction", torque=0.01)
-    first, second, other = over_bent(hard, spring, wave, friction)
+    first, second, other = nameless(hard, spring, wave, friction)
     assert first is second
-    assert first.errors < -2.0
+    assert first.over.errors < -2.0
+    assert (first.state, first.joint) == ("position", "j")
     assert other is None
-    told = support(hard.with_effects(spring, wave), hard.search(), ())[spring.key]
-    assert told.over_rival is told.bent
 
 
 def test_two_laws_that_hold_are_told_although_one_of_them_bent_may_be_both(rubbing):
     both = Case(runs(torque=lambda _q, v: dry(_q, v) - 0.2 * v))
     laws = instance("coulomb_friction", torque=0.1), instance("viscous_friction", coefficient=0.1)
-    assert over_bent(both, *laws) == [None, None]
-    assert over_bent(rubbing, laws[0]) == [None]
+    assert nameless(both, *laws) == [None, None]
+    assert nameless(rubbing, laws[0]) == [None]
+
+
+def test_far_from_the_truth_a_curve_that_the_missing_torque_shows_speaks_against_a_name():
+    """A cable that is slack up to an angle, taken for a limit of the drive; and a real limit."""
+    cable = Case(runs(torque=lambda q, _v: -20.0 * np.maximum(q - 0.2, 0.0)))
+    limit = instance("torque_saturation", limit=3.0)
+    (law,) = nameless(cable, limit, view=cable.view)
+    assert (law.state, law.joint) == ("position", "j")
+    assert law.over.errors < -2.0
+    weak = Case(runs(limit=LIMIT))
+    assert nameless(weak, limit, view=weak.view) == [None]
 
 
 NOTHING = Step(move=Move.ADD, before=0.0)

@@ -190,16 +190,18 @@ def _doubtful(instance: EffectInstance, found: SearchResult) -> Suspect:
     sure = confidence(evidence)
     reason = f"more likely wrong than right (confidence {sure:.2f}): {_speaks_for(evidence)}"
     told = _suspect(instance, reason, _explained(instance, found))
-    told = replace(told, law_of=instance.effect.law_of if evidence.bent else None)
+    there = evidence.nameless
+    told = replace(told, nameless=f"{there.state} of {there.joint}" if there else "")
     return replace(told, confidence=round(sure, 3), evidence=_figures(evidence))
 
 
 def _speaks_for(evidence: Evidence) -> str:
     """Returns the figures that a confidence is made of, in words."""
     other = "without it" if evidence.rival is None else "with its best rival"
-    if evidence.bent is not None:
-        nats, error = -evidence.bent.nats, evidence.bent.error
-        return f"one law, bent, predicts better than all by {nats:.0f} ± {error:.0f} nats"
+    if evidence.nameless is not None:
+        over, state, joint = evidence.nameless
+        law = f"a law of the {state} of {joint} without a name"
+        return f"{law} predicts better by {-over.nats:.0f} ± {over.error:.0f} nats"
     return (
         f"predicts better than {other} by {evidence.over_rival.errors:.1f} standard errors; its "
         f"amount differs by {evidence.apart:.0%} between parts of the data; {evidence.bends:.0%} "

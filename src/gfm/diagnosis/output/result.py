@@ -89,8 +89,8 @@ class Suspect(Placed):
         gain: Share of the squared residual that it alone would explain, 0..1.
         confidence: Of one that was found and is more likely wrong than right; None for others.
         evidence: The figures from which that comes.
-        law_of: The state, position or velocity, of which a law without a name is there in its
-            place; None where none was told.
+        nameless: Of which state of which joint a law without a name is there in its place, in
+            words; empty where none is.
     """
 
     reason: str
@@ -98,7 +98,7 @@ class Suspect(Placed):
     gain: float = 0.0
     confidence: float | None = None
     evidence: Mapping[str, float] = field(default_factory=dict)
-    law_of: str | None = None
+    nameless: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -53,8 +53,7 @@ def sentence_on(
 
 def _laws_without_name(suspects: Sequence[Suspect]) -> str:
     """Returns of which states of which joints laws are missing that have no name; empty if none."""
-    told = dict.fromkeys((one.law_of, one.joints) for one in suspects if one.law_of)
-    laws = [f"a law of the {state} of {', '.join(joints)}" for state, joints in told]
+    laws = dict.fromkeys(f"a law of the {one.nameless}" for one in suspects if one.nameless)
     return f"{' and '.join(laws)} that no known effect explains" if laws else ""
 
 

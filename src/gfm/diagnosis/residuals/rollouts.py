@@ -18,7 +18,7 @@ from typing_extensions import override
 
 from gfm.core import CommandKind
 from gfm.core.checks import Array
-from gfm.diagnosis.residuals.clock import Clock
+from gfm.core.deadline import Clock
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.residuals.simulated import Simulated
 from gfm.effects import EffectInstance

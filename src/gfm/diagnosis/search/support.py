@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -16,10 +16,11 @@ from gfm.diagnosis.inference.steadiness import apart, bends
 from gfm.diagnosis.residuals.outliers import slopes
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.moves.reduce import Compared, gains_of_each
-from gfm.diagnosis.search.trace import Evidence
+from gfm.diagnosis.search.nameless import bent_by, laws_of, nameless_laws
+from gfm.diagnosis.search.trace import Evidence, Nameless
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Key
-from gfm.effects.bent import BENT_BY, SLIGHTLY, BentLaw, bent, can_bend, slightly
+from gfm.effects.bent import BENT_BY, SLIGHTLY, can_bend, slightly
 
 
 def support(
@@ -32,8 +33,8 @@ def support(
     rivals = {one.instance.key: one for one in compared}
     steady, gains = _steadiness(here), gains_of_each(here)
     nats = {instance.key: gain.nats for gain, instance in gains}
-    nothing = dict[Key, Difference]()
-    over_bent = search.in_its_time(partial(_over_bent, here, nats), nothing)
+    nothing = dict[Key, Nameless]()
+    nameless = search.in_its_time(partial(nameless_laws, here, search, nats), nothing)
     told = {}
     for without, instance in gains:
         beside = rivals.get(instance.key, Compared(instance=instance))
@@ -46,7 +47,7 @@ def support(
             by=beside.rival.new[0] if beside.rival else None,
             apart=parts,
             bends=bend,
-            bent=over_bent.get(instance.key),
+            nameless=nameless.get(instance.key),
         )
     return told
 
@@ -57,7 +58,7 @@ def _steadiness(here: Hypothesis) -> dict[Key, tuple[float, float]]:
     And how much of what is left on its joint its law would explain if it were bent. Laws of one
     state of one joint are one law, as terms of a series are: they are asked together.
     """
-    fitted, blocks, laws = here.fit, here.problem.blocks, _laws(here.effects)
+    fitted, blocks, laws = here.fit, here.problem.blocks, laws_of(here.effects)
     others = [[one for one in fitted.effects if one not in law] for law in laws]
     whole, *rest = here.problem.plain().residuals([fitted.effects, *others])
     weights, steady = slopes(fitted.residual, here.problem.limits()), always(fitted)
@@ -75,50 +76,9 @@ def _steadiness(here: Hypothesis) -> dict[Key, tuple[float, float]]:
     return told
 
 
-def _laws(effects: Sequence[EffectInstance]) -> list[list[EffectInstance]]:
-    """Returns effects, those together that are laws of one state of one joint."""
-    laws = dict[object, list[EffectInstance]]()
-    for one in effects:
-        state = one.effect.law_of
-        laws.setdefault(one.key if state is None else (state, one.joints), []).append(one)
-    return list(laws.values())
-
-
 def _ways(here: Hypothesis, law: Sequence[EffectInstance]) -> Array:
     """Returns what a law changes in the residual, bent in K ways, by its size, shape (N, K)."""
-    straight = [_bent(how, here, law) for how in BENT_BY.values()]
+    straight = [bent_by(how, here, law) for how in BENT_BY.values()]
     sets = [(*here.effects, way) for one in straight for way in slightly(one)]
     still, *rows = here.problem.coarse().residuals([(*here.effects, straight[0]), *sets])
     return np.stack([(row - still) / SLIGHTLY for row in rows], axis=1)
-
-
-def _bent(how: type[BentLaw], here: Hypothesis, law: Sequence[EffectInstance]) -> EffectInstance:
-    """Returns what bends a law over the states in which its joint was."""
-    joint = here.problem.joints.index(law[0].joints[0])
-    position, velocity = (state[:, joint] for state in here.problem.states())
-    return bent(how, law, position, velocity)
-
-
-def _over_bent(here: Hypothesis, nats: Mapping[Key, float]) -> dict[Key, Difference]:
-    """Returns what speaks for laws of one state against the strongest of them, bent.
-
-    Of a law that has no name, two that have one make up the first terms. Known ones are told where
-    they predict as well, to within one standard error.
-
-    Args:
-        here: The hypothesis.
-        nats: By how much it predicts better than without each effect.
-    """
-    told = dict[Key, Difference]()
-    for law in _laws(here.effects):
-        torques = [one for one in law if can_bend(one)]
-        how = BENT_BY.get(law[0].effect.law_of)
-        if len(law) < 2 or not torques or how is None:
-            continue
-        strongest = max(torques, key=lambda one: nats[one.key])
-        alone = here.fitted([*(one for one in here.effects if one not in law), strongest])
-        bend = _bent(how, here, alone.effects[-1:])
-        over = here.over(here.fitted((*alone.effects, bend)))
-        if (-over).notable:
-            told |= {one.key: over for one in law}
-    return told

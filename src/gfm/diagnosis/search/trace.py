@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Generic
+from typing import Generic, NamedTuple
 
 from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.inference.score import Difference
@@ -84,6 +84,18 @@ def parts_of(steps: Sequence[Step]) -> dict[Key, Problem]:
     return {tried.new[0].key: part for tried, part in told if tried and part}
 
 
+class Nameless(NamedTuple):
+    """A law without a name that predicts better than an effect, or several, in whose place it is.
+
+    `over` is by how much they predict better (less than nothing), `state` that of which it is a
+    law, position or velocity, of `joint`.
+    """
+
+    over: Difference
+    state: str
+    joint: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
     """What speaks for one effect of a hypothesis.
@@ -95,8 +107,7 @@ class Evidence:
         by: That rival.
         apart: By what share of itself it differs between parts of the data, beyond chance.
         bends: How much of what is left on its joint it leaves by not changing with the state.
-        bent: By how much it predicts better, with others of the same state, than one of those whose
-            amount changes with it; None where they predict as well, and where it is the only one.
+        nameless: A law without a name for which it stands; None where it predicts as well.
     """
 
     without: Difference
@@ -104,13 +115,14 @@ class Evidence:
     by: EffectInstance | None
     apart: float
     bends: float
-    bent: Difference | None = None
+    nameless: Nameless | None = None
 
     @property
     def over_rival(self) -> Difference:
         """By how much it predicts better than with its best rival; without it, if there is none."""
-        rivals = [one for one in (self.rival, self.bent) if one is not None]
-        return min(rivals, key=lambda one: one.errors, default=self.without)
+        if self.nameless is not None:
+            return self.nameless.over
+        return self.without if self.rival is None else self.rival
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Generic, TypeAlias, TypeVar
 
+from gfm.core.deadline import Clock, OutOfTimeError
 from gfm.diagnosis.inference.score import Difference
-from gfm.diagnosis.residuals.clock import Clock, OutOfTimeError
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, in_turn
 from gfm.diagnosis.search.trace import Step

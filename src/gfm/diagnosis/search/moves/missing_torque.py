@@ -19,17 +19,15 @@ from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, P
 from gfm.diagnosis.search.moves.add import beside
+from gfm.diagnosis.search.read_off import read_off
 from gfm.diagnosis.search.trace import Move, Step
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance
-from gfm.effects.friction import SIGN_WIDTH_RAD_S
 from gfm.signals.torques import TorqueView
 
 #: Share of what is left of a joint's missing torque from which on a law is taken, and by which
 #: simpler ones may explain less; laws of one joint at most.
 SHOWN, MOST_LAWS = 0.1, 3
-#: Speed from which on a joint moves, rad/s: at rest dry friction is whatever holds it.
-MOVES_RAD_S = 3.0 * SIGN_WIDTH_RAD_S
 
 
 def missing_torque(before: Hypothesis[P], search: Search[P], best: Step) -> Step | None:
@@ -61,66 +59,44 @@ def _shown(
     view: TorqueView, before: Hypothesis, candidates: Sequence[Place]
 ) -> list[EffectInstance]:
     """Returns laws that are not there yet, with the amounts that explain most together."""
-    taken = {e.key for e in before.effects}
-    known = [e for e in before.effects if e.has_law]
     found: list[EffectInstance] = []
     for joint in before.open_joints:
-        places = [p for p in candidates if p.joints == (joint,) and p.key not in taken]
-        found += _of_joint(view, joint, places, [e for e in known if joint in e.joints])
+        places = [place for place in candidates if place.joints == (joint,)]
+        known = [e for e in before.effects if e.has_law and joint in e.joints]
+        found += _of_joint(view, view.joints.index(joint), places, known)
     return found
 
 
 def _of_joint(
-    view: TorqueView, joint: str, places: Sequence[Place], known: Sequence[EffectInstance]
+    view: TorqueView, joint: int, places: Sequence[Place], known: Sequence[EffectInstance]
 ) -> list[EffectInstance]:
     """Returns the laws of one joint that its missing torque shows, beside those known."""
-    j = view.joints.index(joint)
-    moves = np.abs(view.velocity[:, j]) > MOVES_RAD_S
+    missing, laws = view.missing[:, joint], list(known)
 
     def column(one: EffectInstance) -> Array:
-        return np.asarray(view.law(one)[moves, j])
+        return np.asarray(view.law(one)[:, joint])
 
-    groups = [
-        (place, group, np.stack([column(one) for one in group], axis=1))
-        for place in places
-        for group in place.probes
-        if all(one.has_law for one in group)
-    ]
-    nothing = np.zeros(int(moves.sum()))
-    told = np.stack([nothing, *(column(one) for one in known)], axis=1)
-    chosen: list[tuple[Place, list[EffectInstance], Array]] = []
-    found: list[EffectInstance] = []
-    while len(chosen) < MOST_LAWS and len(found) == len(chosen):
-        columns = np.concatenate([told, *(one[2] for one in chosen)], axis=1)
-        basis = orthonormal(columns)
-        left = without(view.missing[moves, j], basis)
-        keys = {place.key for place, *_ in chosen}
-        rest = [one for one in groups if one[0].key not in keys]
-        shares = np.array([_share(without(one[2], basis), left) for one in rest])
+    while len(laws) - len(known) < MOST_LAWS:
+        basis = orthonormal(np.stack([np.zeros_like(missing), *map(column, laws)], axis=1))
+        left, taken = without(missing, basis), {one.key for one in laws}
+        rest = read_off(view, [place for place in places if place.key not in taken], laws)
+        shares = np.array([_share(without(column(one), basis), left) for one in rest])
         if not (shares >= SHOWN).any():
             break
         near = np.flatnonzero(shares >= (1.0 - SHOWN) * shares.max())
-        chosen.append(rest[min(near, key=lambda i: (rest[i][2].shape[1], -shares[i]))])
-        found = _in_amounts(view.missing[moves, j], told, chosen)
-    return found if len(found) == len(chosen) else []
+        laws.append(rest[min(near, key=lambda i: (len(rest[i].effect.parameters), -shares[i]))])
+    factors = np.linalg.lstsq(np.stack([missing * 0.0, *map(column, laws)], axis=1), missing)[0]
+    own = zip(laws[len(known) :], factors[1 + len(known) :].tolist(), strict=True)
+    return [_times(factor, one) for one, factor in own if factor > 0.0]
 
 
-def _share(columns: Array, left: Array) -> float:
-    """Returns the share of squares that columns explain of what is left."""
-    explained = columns @ np.linalg.lstsq(columns, left, rcond=1e-6)[0]
-    return float(explained @ explained) / max(float(left @ left), 1e-12)
+def _share(column: Array, left: Array) -> float:
+    """Returns the share of the squares of what is left that a law explains in some amount."""
+    along, size = float(column @ left), float(column @ column)
+    return along**2 / max(size * float(left @ left), 1e-12)
 
 
-def _in_amounts(
-    missing: Array, told: Array, chosen: Sequence[tuple[Place, list[EffectInstance], Array]]
-) -> list[EffectInstance]:
-    """Returns laws in the amounts that explain most together; without those that cannot have it."""
-    columns = np.concatenate([told, *(one[2] for one in chosen)], axis=1)
-    amounts = np.linalg.lstsq(columns, missing, rcond=1e-6)[0][told.shape[1] :]
-    found = []
-    for place, group, own in chosen:
-        mine, amounts = np.split(amounts, [own.shape[1]])
-        values = place.effect.combine([one.values for one in group], mine.tolist())
-        if values is not None:
-            found.append(place.instance(values))
-    return found
+def _times(factor: float, one: EffectInstance) -> EffectInstance:
+    """Returns so many times as much of an effect."""
+    first = one.effect.parameters[0].name
+    return replace(one, values={**one.values, first: factor * one.values[first]})

@@ -1,4 +1,4 @@
-"""The time of a search: a fit under way is broken off where it is over."""
+"""The time of what takes long: what is under way is broken off where it is over."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 
 class OutOfTimeError(Exception):
-    """The time of a search is over."""
+    """The time is over."""
 
 
 @dataclass
 class Clock:
-    """Says whether there is time left; all copies of a problem share it.
+    """Says whether there is time left; all who work on one thing share it.
 
     Attributes:
         in_time: Whether there is; None where nothing is bounded.

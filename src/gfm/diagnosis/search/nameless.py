@@ -1,0 +1,105 @@
+"""Laws without a name: what acts where the library has nothing, told as what comes nearest to it.
+
+Two things give them away. Of several laws of one state of a joint, one whose amount changes with
+that state predicts better than all. And where a hypothesis is far from the truth, the missing
+torque may show a curve over a state: that predicts better in the place of a name which adds nothing
+beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from gfm.diagnosis.inference.fitting import mean_square
+from gfm.diagnosis.search.candidates import Place
+from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, P
+from gfm.diagnosis.search.naming import first_of_each
+from gfm.diagnosis.search.read_off import read_off
+from gfm.diagnosis.search.trace import Nameless
+from gfm.diagnosis.search.under_way import Search
+from gfm.effects import EffectInstance, Key
+from gfm.effects.bent import BENT_BY, BentLaw, bent, can_bend
+from gfm.effects.curve import CURVE_OF
+from gfm.signals.torques import TorqueView
+
+
+def nameless_laws(
+    here: Hypothesis[P], search: Search[P], nats: Mapping[Key, float]
+) -> dict[Key, Nameless]:
+    """Returns what speaks for effects against laws without a name that predict better.
+
+    Known ones are told where they predict as well, to within one standard error.
+
+    Args:
+        here: The hypothesis.
+        search: With the recordings as torques, if they can be seen so.
+        nats: By how much the hypothesis predicts better than without each effect.
+    """
+    return dict(_bent_laws(here, nats)) | dict(_curve(here, search))
+
+
+def laws_of(effects: Sequence[EffectInstance]) -> list[list[EffectInstance]]:
+    """Returns effects, those together that are laws of one state of one joint."""
+    laws = dict[object, list[EffectInstance]]()
+    for one in effects:
+        state = one.effect.law_of
+        laws.setdefault(one.key if state is None else (state, one.joints), []).append(one)
+    return list(laws.values())
+
+
+def bent_by(how: type[BentLaw], here: Hypothesis, law: Sequence[EffectInstance]) -> EffectInstance:
+    """Returns what bends a law over the states in which its joint was."""
+    joint = here.problem.joints.index(law[0].joints[0])
+    position, velocity = (state[:, joint] for state in here.problem.states())
+    return bent(how, law, position, velocity)
+
+
+def _bent_laws(here: Hypothesis, nats: Mapping[Key, float]) -> Iterator[tuple[Key, Nameless]]:
+    """Yields several laws of one state that stand for one: the strongest of them, bent."""
+    for law in laws_of(here.effects):
+        torques, state = [one for one in law if can_bend(one)], law[0].effect.law_of
+        if state is None or len(law) < 2 or not torques:
+            continue
+        strongest = max(torques, key=lambda one: nats[one.key])
+        alone = here.fitted([*(one for one in here.effects if one not in law), strongest])
+        bend = bent_by(BENT_BY[state], here, alone.effects[-1:])
+        over = here.over(here.fitted((*alone.effects, bend)))
+        if (-over).notable:
+            told = Nameless(over=over, state=state, joint=law[0].joints[0])
+            yield from ((one.key, told) for one in law)
+
+
+def _curve(here: Hypothesis[P], search: Search[P]) -> Iterator[tuple[Key, Nameless]]:
+    """Yields effects for which the curve stands that explains most of a joint's missing torque.
+
+    None near the truth, and of laws of one state: those are asked whether they bend.
+    """
+    asked = [one for one in here.effects if not (one.effect.law_of or one.effect.intermittent)]
+    places = first_of_each(search.candidates, lambda place: place.joints)
+    places = [place for place in places if len(place.joints) == 1]
+    left = here.problem.plain().residuals([here.effects])[0]
+    if search.view is None or not (asked and places) or mean_square(left) < FAR_OFF:
+        return
+    shown = [one for place in places for one in _shown(here, search.view, place)]
+    _, state, curve = max(shown, key=lambda one: one[0])
+    both = replace(here, fit=here.fitted((*here.effects, curve)))
+    for one in asked:
+        instead = here.fitted([*(e for e in here.effects if e is not one), curve])
+        over = here.over(instead)
+        if (-over).notable and not both.over(instead).notable:
+            yield one.key, Nameless(over=over, state=state, joint=curve.joints[0])
+
+
+def _shown(
+    here: Hypothesis, view: TorqueView, candidate: Place
+) -> Iterator[tuple[float, str, EffectInstance]]:
+    """Yields curves over each state of a joint, with what they explain of its missing torque."""
+    j = here.problem.joints.index(candidate.joints[0])
+    position, velocity = (states[:, j] for states in here.problem.states())
+    missing = view.missing[:, j]
+    for state, kind in CURVE_OF.items():
+        place = replace(candidate, effect=kind(kind.state(position, velocity)))
+        for one in read_off(view, [place], here.effects):
+            left = missing - view.law(one)[:, j]
+            yield 1.0 - float(left @ left) / max(float(missing @ missing), 1e-12), state, one
