@@ -31,9 +31,10 @@ SHOWN, MOST_LAWS = 0.1, 3
 
 
 def missing_torque(before: Hypothesis[P], search: Search[P], best: Step) -> Step | None:
-    """Returns the step that adds the laws that the missing torque shows; None for fewer than two.
+    """Returns the step that adds the laws that the missing torque shows.
 
-    And where rollouts stay near the truth. Simpler ones that predict as well are preferred.
+    None for fewer than two, and where rollouts stay near the truth. It chooses them where they
+    predict clearly better than the best step so far.
     """
     if search.view is None or before.fit.cost < FAR_OFF or not search.goes_on():
         return None
