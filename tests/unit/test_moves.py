@@ -17,10 +17,10 @@ from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
 from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
 from gfm.diagnosis.search.moves.add import (
     _above_their_level,
-    _along_its_valley,
     _beginnings,
     _together,
     add,
+    along_its_valley,
     beside,
     best_of,
 )
@@ -618,12 +618,12 @@ def test_a_peak_above_a_level_that_is_there_is_tried_alone(sticking):
     assert peaks_beside(sticking.with_effects(level), (0.3, 1.0))[1] == []
 
 
-def test_what_is_in_front_goes_on_along_its_valley_while_it_leaves_much():
+def test_what_is_in_front_goes_onalong_its_valley_while_it_leaves_much():
     peak = Case(runs(torque=lambda _q, v: 0.6 * dry(_q, v) * np.exp(-((v / 0.2) ** 2))))
     before = peak.with_effects()
     off = instance("stribeck_friction", static_excess=0.05, stribeck_velocity=0.35)
     stuck = beside(before, measured(peak.problem, [off]))
-    (better,) = _along_its_valley(before, [stuck])
+    (better,) = along_its_valley(before, [stuck])
     assert better.fit.cost < 0.3 * stuck.fit.cost
     assert better.new[0].values["static_excess"] == pytest.approx(0.6 * FRICTION, rel=0.1)
-    assert _along_its_valley(before, [better]) == [better]  # it leaves nothing
+    assert along_its_valley(before, [better]) == [better]  # it leaves nothing

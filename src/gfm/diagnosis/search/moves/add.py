@@ -77,7 +77,7 @@ def _add(
         if _is_worth_a_fit(before, one, tried, gained, again=again) and search.goes_on():
             tried += _in_time(before, (one.instance,), search)
     if search.goes_on():
-        tried = search.in_its_time(partial(_along_its_valley, before, tried), tried, step=True)
+        tried = search.in_its_time(partial(along_its_valley, before, tried), tried, step=True)
     several = _together(before, screened, tried)
     for new in (*several, *_above_their_level(before, screened, [*ranked, *tried])):
         if search.goes_on():
@@ -115,7 +115,7 @@ def _is_worth_a_fit(
     return promised.nats > most and not (again and not worth_more(before, best))
 
 
-def _along_its_valley(before: Hypothesis, tried: Sequence[Tried]) -> list[Tried]:
+def along_its_valley(before: Hypothesis, tried: Sequence[Tried]) -> list[Tried]:
     """Returns what was tried, what is in front as well as it gets along its valley.
 
     Of a peak of friction, height and width say nearly the same: where friction holds a joint, fits

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -18,9 +19,9 @@ from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, P
-from gfm.diagnosis.search.moves.add import beside
+from gfm.diagnosis.search.moves.add import along_its_valley, beside
 from gfm.diagnosis.search.read_off import read_off
-from gfm.diagnosis.search.trace import Move, Step
+from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance
 from gfm.signals.torques import TorqueView
@@ -42,11 +43,10 @@ def missing_torque(before: Hypothesis[P], search: Search[P], best: Step) -> Step
     if len(new) < 2:
         return None
     search.report(f"fitting {len(new)} laws that the missing torque shows")
-    fitted = search.in_its_time(lambda: before.fitted((*before.effects, *new)), None, step=True)
-    if fitted is None:
+    tried = search.in_its_time(partial(_tried, before, new), None, step=True)
+    if tried is None:
         return None
-    tried = beside(before, fitted)
-    there = replace(before, fit=fitted)
+    there = replace(before, fit=tried.fit)
     good = tried.gain.clear and (best.chosen is None or there.over(best.chosen.fit).clear)
     return Step(
         move=Move.MISSING_TORQUE,
@@ -54,6 +54,12 @@ def missing_torque(before: Hypothesis[P], search: Search[P], best: Step) -> Step
         ranked=(tried,),
         chosen=tried if good else None,
     )
+
+
+def _tried(before: Hypothesis, new: Sequence[EffectInstance]) -> Tried:
+    """Returns new effects fitted beside those that are there, as far as their valley leads."""
+    fitted = beside(before, before.fitted((*before.effects, *new)))
+    return along_its_valley(before, [fitted])[0]
 
 
 def _shown(
