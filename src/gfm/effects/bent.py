@@ -27,6 +27,7 @@ from gfm.effects.effect import (
     Scope,
     Values,
 )
+from gfm.effects.of_state import OfPosition, OfSpeed
 
 #: Degree of the polynomials by which an amount changes, over what most of the time is between.
 DEGREE, MOSTLY = 3, (2.0, 98.0)
@@ -75,27 +76,17 @@ class BentLaw(Effect):
 
 
 @final
-class BentByPosition(BentLaw):
+class BentByPosition(OfPosition, BentLaw):
     """A law whose amount changes along the way."""
 
     name = "bent_by_position"
 
-    @staticmethod
-    @override
-    def state(position: Array, velocity: Array) -> Array:
-        return position
-
 
 @final
-class BentBySpeed(BentLaw):
+class BentBySpeed(OfSpeed, BentLaw):
     """A law whose amount changes with the speed."""
 
     name = "bent_by_speed"
-
-    @staticmethod
-    @override
-    def state(position: Array, velocity: Array) -> Array:
-        return np.abs(velocity)
 
 
 #: How a law of one state of its joint is bent.

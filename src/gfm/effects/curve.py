@@ -12,6 +12,7 @@ from typing_extensions import override
 from gfm.core.checks import Array
 from gfm.effects.effect import Effect, Motion, Parameter, ProbeGroup, Scales, Values, sign
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
+from gfm.effects.of_state import OfPosition, OfSpeed
 
 #: Knots between which it is a straight line, over what most of the time is between, in percent.
 KNOTS, MOSTLY = 9, (1.0, 99.0)
@@ -57,27 +58,17 @@ class Curve(Effect):
 
 
 @final
-class CurveOfPosition(Curve):
+class CurveOfPosition(OfPosition, Curve):
     """A spring of any shape."""
 
     name = "curve_of_position"
 
-    @staticmethod
-    @override
-    def state(position: Array, velocity: Array) -> Array:
-        return position
-
 
 @final
-class CurveOfSpeed(Curve):
+class CurveOfSpeed(OfSpeed, Curve):
     """A friction of any shape: against the motion."""
 
     name = "curve_of_speed"
-
-    @staticmethod
-    @override
-    def state(position: Array, velocity: Array) -> Array:
-        return np.abs(velocity)
 
     @override
     def torque(self, motion: Motion, values: Values) -> Array | None:
