@@ -27,6 +27,7 @@ from pathlib import Path
 
 from effects_10_seeds import commit
 from known_truth import page
+from known_truth.arms import arm_plans
 from known_truth.generate import generate
 from known_truth.plans import Plan, plans
 from known_truth.score import Score, score
@@ -37,6 +38,8 @@ import gfm
 PAGES = Path(__file__).parents[1] / "docs" / "results"
 #: Where pages go, by whose hand simulated.
 PAGE = {"own": PAGES / "known_truth.md", "other": PAGES / "known_truth_other_hand.md"}
+#: Of the three robots that are drawn anew for each case, and of published arms.
+PLANS = {"drawn": plans, "arms": arm_plans}
 #: What another hand's discrepancy changes, in units of the sensor noise.
 DISCREPANCY = 3.0
 #: A diagnosis that takes longer is broken off, s; and a peer.
@@ -134,7 +137,8 @@ def made_at(name: str, folder: Path) -> str:
 
 def chosen(arguments: argparse.Namespace) -> list[Plan]:
     """Returns the cases that are asked for: those of that name, and of these so many, spread."""
-    matching = [p for p in plans(arguments.seed) if fnmatch.fnmatch(p.name, arguments.only)]
+    listed = PLANS[arguments.robots](arguments.seed)
+    matching = [plan for plan in listed if fnmatch.fnmatch(plan.name, arguments.only)]
     if arguments.cases is None or arguments.cases >= len(matching):
         return matching
     step = len(matching) / arguments.cases
@@ -228,6 +232,7 @@ def main() -> None:
     parser.add_argument(
         "--discrepancy", type=float, metavar="NOISES", help=f"of another hand ({DISCREPANCY:g})"
     )
+    parser.add_argument("--robots", choices=tuple(PLANS), default="drawn")
     parser.add_argument("--seed", type=int, default=0, help="of everything that is drawn")
     parser.add_argument("--cases", type=int, metavar="N", help="only so many, spread over all")
     parser.add_argument("--only", default="*", metavar="GLOB", help="only cases of that name")

@@ -141,11 +141,12 @@ class Draft:
 def draft(plan: Plan) -> Draft:
     """Returns a case with its robot, motions and sensors drawn."""
     rng = np.random.default_rng([plan.seed, 1])
-    robot = varied(plan.setup.robot, rng)
+    built = plan.setup.robot
+    robot = built if plan.setup.as_published else varied(built, rng)
     joints = [int(j) for j in rng.permutation(len(robot.joints))]
     if "asymmetric_friction" in plan.effects and not plan.same_joint:
         # Friction that differs with the direction needs friction that can differ.
-        robot = replace(robot, friction=0.15 * robot.torque)
+        robot = replace(robot, friction=np.maximum(robot.friction, 0.15 * robot.torque))
     moved = _slowed(robot, plan, joints[0])
     motions = [(f"train_{i}", m) for i, m in enumerate(plan.setup.training)]
     motions += [(f"held_{i}", m) for i, m in enumerate(HELD_OUT)]

@@ -18,6 +18,7 @@ class Setup:
         kinds: Of its commands; recordings take turns.
         training: Motions that are recorded to learn from.
         duration_s: Of each recording.
+        as_published: Whether the robot is not drawn anew for each case.
     """
 
     name: str
@@ -25,6 +26,7 @@ class Setup:
     kinds: tuple[str, ...]
     training: tuple[str, ...]
     duration_s: float
+    as_published: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
@@ -76,7 +77,7 @@ class Robot:
     @property
     def upright(self) -> bool:
         """Whether the first joint turns about the vertical: nothing tells where its zero is."""
-        return bool((self.axis[0] == [0.0, 0.0, 1.0]).all() and not self.turn[0, :2].any())
+        return bool(np.isclose(abs(Rotation.from_rotvec(self.turn[0]).apply(self.axis[0])[2]), 1.0))
 
 
 def _array(*values: float) -> Array:

@@ -9,7 +9,8 @@ import pytest
 from disc import DISC, followed
 from gfm.core import CommandKind, Trajectory
 from gfm.diagnosis.data.segmentation import make_problem
-from gfm.diagnosis.search.candidates import cogging_orders, joint_scales, torque_views
+from gfm.diagnosis.search.candidates import cogging_orders, joint_scales
+from gfm.signals.torque_domain import torque_views
 from gfm.signals.torques import TorqueView
 
 TIME_S = np.arange(0.0, 12.0, 0.01)

@@ -12,7 +12,7 @@ from gfm.diagnosis.inference.fitting import (
     derivatives,
     fit,
     measured,
-    without_each,
+    without_some,
 )
 from gfm.diagnosis.inference.intervals import half_widths
 from gfm.effects import effect_library
@@ -127,10 +127,15 @@ def test_without_effects_the_nominal_model_is_left(regression):
 
 def test_others_make_up_for_what_is_left_out_as_a_fit_without_it_would(regression):
     found = fit(regression, [friction(0.1), viscous(0.1)])
-    for rest in without_each(regression, found):
-        begun = [type(e)(effect=e.effect, joints=e.joints, values=e.values) for e in rest]
-        exact = fit(regression, begun)
-        np.testing.assert_allclose(amounts(rest), amounts(exact.effects), rtol=2e-3)
+    *singles, both = without_some(regression, found, [(0,), (1,), (0, 1)])
+    for told in singles:
+        exact = fit(regression, told.effects)
+        np.testing.assert_allclose(amounts(told.effects), amounts(exact.effects), rtol=2e-3)
+        assert told.cost == pytest.approx(exact.cost, rel=1e-3)
+        assert told.jacobian.shape == (len(told.residual), 1)
+    assert both.effects == ()
+    np.testing.assert_array_equal(both.residual, regression.measured)
+    assert without_some(regression, found, []) == []
 
 
 def test_lower_minima_along_a_valley_are_found():

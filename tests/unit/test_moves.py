@@ -13,7 +13,7 @@ from gfm.diagnosis.data.segmentation import make_problem
 from gfm.diagnosis.inference.constants import UNWEIGHED
 from gfm.diagnosis.inference.fitting import Fit, fit, measured
 from gfm.diagnosis.inference.score import Difference
-from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
+from gfm.diagnosis.search.candidates import Place, joint_scales
 from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
 from gfm.diagnosis.search.moves.add import (
     _above_their_level,
@@ -25,7 +25,7 @@ from gfm.diagnosis.search.moves.add import (
     best_of,
 )
 from gfm.diagnosis.search.moves.common_errors import common_errors
-from gfm.diagnosis.search.moves.missing_torque import missing_torque
+from gfm.diagnosis.search.moves.missing_torque import borne_out, missing_torque
 from gfm.diagnosis.search.moves.reduce import (
     _not_told_apart,
     exchange,
@@ -39,6 +39,7 @@ from gfm.diagnosis.search.support import support
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, find_effect
+from gfm.signals.torque_domain import torque_domain, torque_views
 from gfm.signals.torques import joined
 from pendulum import LENGTH, MASS, MODEL, PERIOD_S, swung
 
@@ -73,6 +74,7 @@ class Case:
         views = torque_views(self.problem, recordings)
         self.view = joined(views)
         (self.scales,) = joint_scales(self.problem, views)
+        self.torques = torque_domain(self.problem, recordings)
         self.nominal = self.problem.joint_costs(measured(self.problem, ()).residual)
 
     def with_effects(self, *effects):
@@ -519,32 +521,52 @@ def test_far_from_the_truth_a_curve_that_the_missing_torque_shows_speaks_against
     assert nameless(weak, limit, view=weak.view) == [None]
 
 
-NOTHING = Step(move=Move.ADD, before=0.0)
+def shown(case, *before):
+    """The step of the effects that the missing torque of a case shows."""
+    names = (*LAWS, "joint_spring", "torque_offset", "stribeck_friction", "armature", "payload")
+    search = case.search(*names, torques=case.torques)
+    return missing_torque(case.with_effects(*before), search)
 
 
-def shown(case, *before, best=NOTHING):
-    """The step of the laws that the missing torque of a case shows."""
-    names = (*LAWS, "joint_spring", "torque_offset", "stribeck_friction")
-    return missing_torque(case.with_effects(*before), case.search(*names, view=case.view), best)
+def told_by(step):
+    return {one.effect.name: dict(one.values) for one in step.chosen.new}
 
 
-def test_far_from_the_truth_laws_are_taken_together_as_the_missing_torque_shows_them():
+def test_effects_are_taken_together_as_the_missing_torque_shows_them():
     both = Case(runs(torque=lambda q, v: OFFSET + dry(q, v)))
     step = shown(both)
     assert step.move is Move.MISSING_TORQUE
-    told = {one.effect.name: one.values["torque"] for one in step.chosen.new}
-    assert told == {
-        "torque_offset": pytest.approx(OFFSET, rel=0.02),
-        "coulomb_friction": pytest.approx(FRICTION, rel=0.02),
+    assert told_by(step) == {
+        "torque_offset": {"torque": pytest.approx(OFFSET, rel=0.02)},
+        "coulomb_friction": {"torque": pytest.approx(FRICTION, rel=0.02)},
     }
     assert step.chosen.fit.cost < 2.0
-    again = shown(both, best=replace(step, move=Move.ADD))
-    assert again.chosen is None  # no better than what is known
-    assert shown(both, *step.chosen.new) is None  # near the truth
+    assert shown(both, *step.chosen.new) is None  # nothing is missing any more
 
 
-def test_one_law_alone_is_none_that_are_taken_together(rubbing):
-    assert shown(rubbing) is None
+def test_the_missing_torque_shows_one_effect_alone_and_none_where_none_is_missing(rubbing, right):
+    step = shown(rubbing)
+    assert list(told_by(step)) == ["coulomb_friction"]
+    assert shown(right) is None
+
+
+def test_the_missing_torque_shows_what_is_no_law_of_position_and_speed():
+    """Inertia: what it adds is the difference of two models' inverse dynamics."""
+    heavy = Case(runs(inertia=0.05, torque=dry))
+    told = told_by(shown(heavy))
+    assert told["armature"]["inertia"] == pytest.approx(0.05, rel=0.03)
+    assert told["coulomb_friction"]["torque"] == pytest.approx(FRICTION, rel=0.02)
+
+
+def test_rollouts_say_how_many_of_the_effects_that_are_shown_there_are(rubbing):
+    friction = instance("coulomb_friction", torque=FRICTION)
+    beside = instance("torque_offset", torque=1e-4)
+    far = instance("torque_offset", torque=0.5)
+    there = rubbing.with_effects()
+    assert borne_out(there, [[friction], [friction, beside]]) == [friction]
+    assert borne_out(there, [[far], [friction, beside]]) == [friction, beside]
+    assert borne_out(there, [[far]]) == ()
+    assert borne_out(there, []) == ()
 
 
 def test_an_effect_without_a_torque_of_its_own_does_not_bend(right):

@@ -7,12 +7,13 @@ from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind, Trajectory
 from gfm.diagnosis.data.segmentation import make_problem
-from gfm.diagnosis.search.candidates import Place, joint_scales, torque_views
+from gfm.diagnosis.search.candidates import Place, joint_scales
 from gfm.diagnosis.search.hypothesis import FAR_OFF, nominal_hypothesis
 from gfm.diagnosis.search.read_off import read_off
 from gfm.diagnosis.search.screening import screen
 from gfm.effects import EffectInstance, Scales, find_effect
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
+from gfm.signals.torque_domain import torque_views
 from gfm.signals.torques import TorqueView, joined
 
 INERTIA, DAMPING, PERIOD_S = 0.02, 0.15, 0.005

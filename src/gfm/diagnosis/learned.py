@@ -22,7 +22,6 @@ from typing_extensions import override
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.evidence.torques import TorqueDomain, block_means, torque_domain
 from gfm.diagnosis.inference.blocks import SegmentShape
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
@@ -34,6 +33,7 @@ from gfm.diagnosis.search.steps import end, run
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Scales, effect_library
 from gfm.signals.smoothing import rms
+from gfm.signals.torque_domain import TorqueDomain, block_means, torque_domain
 from gfm.sim.hybrid import HybridModel
 from gfm.sim.learned import LearnedForces
 from gfm.sim.learned_along import joint_forces_along

@@ -78,17 +78,24 @@ def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
     model = copy.copy(with_servo_gain(plant.model, plant.actuator, kind, gain))
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     data = mujoco.MjData(model)
-    command = _mean_commands(plant, recording)
-    needed, drive, compensation = np.empty_like(q), np.empty_like(q), np.zeros_like(q)
-    compensated = model.jnt_actgravcomp[model.dof_jntid[plant.dof]] > 0
-    for i in range(len(q)):
-        data.qpos[plant.qpos], data.qvel[plant.dof], data.qacc[plant.dof] = q[i], v[i], a[i]
-        data.ctrl[plant.actuator] = command[i]
+    positions, velocities, accelerations = (
+        np.tile(rest, (len(q), 1)) for rest in (data.qpos, data.qvel, data.qacc)
+    )
+    positions[:, plant.qpos], velocities[:, plant.dof], accelerations[:, plant.dof] = q, v, a
+    controls = np.tile(data.ctrl, (len(q), 1))
+    controls[:, plant.actuator] = _mean_commands(plant, recording)
+    given = (data.qpos, data.qvel, data.qacc, data.ctrl)
+    told = (data.qfrc_inverse, data.qfrc_actuator, data.qfrc_gravcomp)
+    forces = np.empty((len(told), len(q), model.nv))
+    for i, row in enumerate(zip(positions, velocities, accelerations, controls, strict=True)):
+        for here, value in zip(given, row, strict=True):
+            here[:] = value
         mujoco.mj_inverse(model, data)
         mujoco.mj_fwdActuation(model, data)
-        needed[i] = data.qfrc_inverse[plant.dof]
-        drive[i] = data.qfrc_actuator[plant.dof]
-        compensation[i, compensated] = data.qfrc_gravcomp[plant.dof][compensated]
+        for j, force in enumerate(told):
+            forces[j, i] = force
+    needed, drive, compensation = forces[:, :, plant.dof]
+    compensation = compensation * (model.jnt_actgravcomp[model.dof_jntid[plant.dof]] > 0)
     if recording.effort is not None:
         drive = recording.effort
     elif (wrong := compensation_error(plant, q)) is not None:

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.evidence.torques import TorqueDomain
 from gfm.effects import EffectInstance
 from gfm.signals.smoothing import correlation
+from gfm.signals.torque_domain import TorqueDomain
 
 #: RMS error, in noise floors, that is as small as noise.
 ADEQUATE_RATIO = 1.25

@@ -17,11 +17,11 @@ from enum import StrEnum
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.evidence.torques import TorqueDomain
 from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.search.naming import Placed, describe, first_of_each, twins
 from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance, Key
+from gfm.signals.torque_domain import TorqueDomain
 
 #: Share of the missing torque from which on a regression on it says anything: below, it is made of
 #: noise and of what else is missing.

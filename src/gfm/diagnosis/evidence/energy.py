@@ -17,12 +17,12 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.evidence.torques import TorqueDomain, without_law
 from gfm.diagnosis.search.naming import Placed
 from gfm.diagnosis.search.nominal_parameters import covers
 from gfm.effects import EffectInstance
 from gfm.effects.effect import sign
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
+from gfm.signals.torque_domain import TorqueDomain, without_law
 from gfm.sim.kinematics import along
 from gfm.sim.plant import Plant
 

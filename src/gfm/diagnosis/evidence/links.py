@@ -11,10 +11,10 @@ from gfm.diagnosis.evidence.adequacy import JointAdequacy, JointRegions, adequac
 from gfm.diagnosis.evidence.domains import TwoDomains, two_domains
 from gfm.diagnosis.evidence.energy import EnergyBalance, energy_balance
 from gfm.diagnosis.evidence.searched import ConfusableSet, Stopping, confusable_sets, stopping
-from gfm.diagnosis.evidence.torques import torque_domain
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance, Scope
+from gfm.signals.torque_domain import torque_domain
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,11 +13,10 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.evidence.torques import without_law
 from gfm.diagnosis.output.result import EvidencePlot, Series
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.candidates import torque_views
 from gfm.effects import EffectInstance
+from gfm.signals.torque_domain import torque_views, without_law
 from gfm.signals.torques import TorqueView, joined
 
 #: Points of a cloud at most.

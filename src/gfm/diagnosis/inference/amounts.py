@@ -18,11 +18,6 @@ from gfm.effects import Parameter as EffectParameter
 AT_BOUND = 1e-3
 
 
-def each_without(effects: Sequence[EffectInstance]) -> list[tuple[EffectInstance, ...]]:
-    """Returns, for each effect, the others."""
-    return [tuple(e for e in effects if e is not one) for one in effects]
-
-
 def free_parameters(effects: Sequence[EffectInstance]) -> list[tuple[int, str]]:
     """Returns the parameters that are fitted; a number of periods is found by search instead."""
     return [(i, p.name) for i, instance in enumerate(effects) for p in _free(instance)]

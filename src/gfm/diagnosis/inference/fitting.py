@@ -6,7 +6,7 @@ Shape letters: N numbers of a residual, P parameters.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -20,7 +20,6 @@ from gfm.core.checks import Array
 from gfm.diagnosis.inference.amounts import (
     amounts,
     bounds_of,
-    each_without,
     free_parameters,
     rough_below,
     with_amounts,
@@ -193,15 +192,21 @@ def _both_sides(fitted: Fit) -> list[tuple[EffectInstance, ...]]:
     ]
 
 
-def without_each(problem: LeastSquares, fitted: Fit) -> list[tuple[EffectInstance, ...]]:
-    """Returns, for each effect, the others with what they make up for it, to first order."""
-    rests, moved = each_without(fitted.effects), []
-    for i, (rest, residual) in enumerate(zip(rests, problem.residuals(rests), strict=True)):
+def without_some(problem: LeastSquares, fitted: Fit, gone: Sequence[Collection[int]]) -> list[Fit]:
+    """Returns fits without some effects each, by number; others make up for them to first order."""
+    if not gone:
+        return []
+    rests = [[e for i, e in enumerate(fitted.effects) if i not in some] for some in gone]
+    left = [~np.isin(fitted.owners, list(some)) for some in gone]
+    moved = []
+    for rest, own, residual in zip(rests, left, problem.residuals(rests), strict=True):
         values, (low, high) = amounts(rest), bounds_of(rest)
-        jacobian = fitted.jacobian[:, fitted.owners != i]
-        step = _step(jacobian, residual, DAMPING, low - values, high - values)
-        moved.append(with_amounts(rest, values + step))
-    return moved
+        if rest:
+            jacobian = fitted.jacobian[:, own]
+            values = values + _step(jacobian, residual, DAMPING, low - values, high - values)
+        moved.append(with_amounts(rest, values))
+    rows = zip(moved, left, problem.residuals(moved), strict=True)
+    return [Fit(effects=e, jacobian=fitted.jacobian[:, own], residual=r) for e, own, r in rows]
 
 
 def always(fitted: Fit) -> NDArray[np.bool_]:

@@ -12,14 +12,13 @@ from itertools import combinations
 import mujoco
 import numpy as np
 
-from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import Effect, EffectInstance, Key, Scales, Scope, Values
 from gfm.effects.effect import sign
 from gfm.signals.smoothing import rms
-from gfm.signals.torques import TorqueView, joined, torque_view
+from gfm.signals.torques import TorqueView, joined
 from gfm.sim.plant import Plant, make_plant
 
 #: Orders of a cogging torque that are looked for, per revolution of the joint.
@@ -101,16 +100,6 @@ def places(
         Place(effect=effect, joints=there, scales=own[there[0]] if there else scales[0])
         for there in where.get(effect.scope, [everywhere])
     ]
-
-
-def torque_views(
-    problem: Problem,
-    recordings: Sequence[Trajectory],
-    effects: Sequence[EffectInstance] = (),
-) -> list[TorqueView]:
-    """Returns every recording seen as torques under the nominal model with `effects` in it."""
-    plants = problem.plants(effects)
-    return [torque_view(plants[recording.command_kind], recording) for recording in recordings]
 
 
 def joint_scales(problem: Problem, views: Sequence[TorqueView]) -> list[Scales]:

@@ -15,7 +15,7 @@ from functools import partial, reduce
 
 from gfm.core import Trajectory
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.candidates import joint_scales, places, torque_views
+from gfm.diagnosis.search.candidates import joint_scales, places
 from gfm.diagnosis.search.hypothesis import (
     Hypothesis,
     P,
@@ -32,10 +32,13 @@ from gfm.diagnosis.search.steps import end, run
 from gfm.diagnosis.search.trace import SearchResult, Step, parts_of
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Scope, effect_library
+from gfm.signals.torque_domain import torque_domain, torque_views
 from gfm.signals.torques import joined
 
 #: Share of the time that is kept for rivals of what was found.
 FOR_RIVALS = 0.4
+#: Measurements that are looked at as torques.
+TORQUES = 3000
 #: What long segments leave, in units of what short ones do, from which on they are searched, too.
 MORE_IN_LONG = 2.0
 
@@ -67,7 +70,7 @@ def search(
     everything = replace(everything, stepping=problem.stepping, clock=problem.clock)
     rarely = Intermittent(everything=everything, candidates=under_way.candidates)
     under_way.candidates = [p for p in rarely.candidates if not p.effect.intermittent]
-    moves = (add, missing_torque, common_errors, rarely, add_costly, _motors_beside)
+    moves = (missing_torque, add, common_errors, rarely, add_costly, _motors_beside)
     here = run(here, under_way, moves)
     if long is not problem:
         report("settling amounts")
@@ -77,11 +80,11 @@ def search(
         settled = under_way.in_its_time(settle, here)
         # What keeps a rollout off slowly, initial states of short segments make up for.
         slowly = settled.fit.cost - 1.0 > MORE_IN_LONG * max(here.fit.cost - 1.0, 1.0)
-        here = run(settled, under_way, (add, add_costly)) if slowly else settled
+        here = run(settled, under_way, (missing_torque, add, add_costly)) if slowly else settled
     # Motors apart from their links take longest: alone they are tried where nothing else gains.
     last = run(here, under_way, (add_motors,))
     if last is not here:
-        last = run(last, under_way, (add, add_costly, add_motors))
+        last = run(last, under_way, (missing_torque, add, add_costly, add_motors))
     return _fitly_told(end(last, under_way))
 
 
@@ -131,6 +134,7 @@ def _begun(
         ],
         report=report,
         view=joined(views),
+        torques=torque_domain(problem, recordings, TORQUES),
         after=_after,
         in_time=lambda: time_left() > 0.0,
         goes_on=lambda: time_left() > FOR_RIVALS,

@@ -73,6 +73,8 @@ def end(here: Hypothesis[P], search: Search[P], rivals: RivalsOf[P] = rivals_of)
     some = acting(here.effects)
     if len(some) < len(here.effects):
         final = measured(here.problem, some)
+    elif not here.is_open:
+        final = here.fit  # along its valley nothing predicts better
     else:
         final = search.in_its_time(partial(along_valley, here.problem, here.fit), here.fit)
     here = replace(here, fit=final)

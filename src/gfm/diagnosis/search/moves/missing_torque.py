@@ -1,106 +1,171 @@
-"""Add the laws that the missing torque shows together, where rollouts are far from the truth.
+"""Add the effects that the missing torque shows together, where rollouts are far from the truth.
 
 Far off, a rollout goes where the robot never was, and the single effect that gains most there may
-be none of those that are missing. Along the measured motion what is missing is the sum of laws
-times their amounts, whatever those are: laws are taken one by one, each beside those before it
-(orthogonal matching pursuit; Pati et al. 1993). The fit and the score are of rollouts, as always.
+be none of those that are missing. Along the measured motion what is missing is nearly the sum of
+what effects add to it, whatever their amounts are: they are taken one by one, each beside those
+before it (orthogonal matching pursuit; Pati et al. 1993). The fit and the score are of rollouts, as
+always.
+
+Shape letters: N block means of all joints, K probes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import without
+from gfm.diagnosis.inference.fitting import without, without_some
 from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, P
+from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.moves.add import along_its_valley, beside
-from gfm.diagnosis.search.read_off import read_off
+from gfm.diagnosis.search.naming import describe
+from gfm.diagnosis.search.screening import open_to
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance
-from gfm.signals.torques import TorqueView
+from gfm.signals.torque_domain import TorqueDomain
 
-#: Share of what is left of a joint's missing torque from which on a law is taken, and by which
-#: simpler ones may explain less; laws of one joint at most.
-SHOWN, MOST_LAWS = 0.1, 3
+#: Share of what is left of the missing torque of its joints from which on an effect is taken, and
+#: by which simpler ones may explain less; effects at most.
+SHOWN, MOST = 0.1, 6
 
 
-def missing_torque(before: Hypothesis[P], search: Search[P], best: Step) -> Step | None:
-    """Returns the step that adds the laws that the missing torque shows.
-
-    None for fewer than two, and where rollouts stay near the truth. It chooses them where they
-    predict clearly better than the best step so far.
-    """
-    if search.view is None or before.fit.cost < FAR_OFF or not search.goes_on():
+def missing_torque(
+    before: Hypothesis[P], search: Search[P], _best: Step | None = None
+) -> Step | None:
+    """Returns the step that adds the effects that the missing torque shows; None for none."""
+    if search.torques is None or not search.goes_on():
         return None
-    new = _shown(search.view, before, search.candidates)
-    if len(new) < 2:
+    search.report(f"looking at the missing torque (misfit {before.fit.cost:.3g})")
+    new = borne_out(before, shown_together(search.torques, before, search.candidates))
+    if not new:
         return None
-    search.report(f"fitting {len(new)} laws that the missing torque shows")
+    search.report(f"fitting {describe(new[0])}" + f" and {len(new) - 1} more" * (len(new) > 1))
     tried = search.in_its_time(partial(_tried, before, new), None, step=True)
     if tried is None:
         return None
-    there = replace(before, fit=tried.fit)
-    good = tried.gain.clear and (best.chosen is None or there.over(best.chosen.fit).clear)
     return Step(
         move=Move.MISSING_TORQUE,
         before=before.fit.cost,
         ranked=(tried,),
-        chosen=tried if good else None,
+        chosen=tried if tried.gain.clear else None,
     )
 
 
+def borne_out(
+    before: Hypothesis, shown: Sequence[Sequence[EffectInstance]]
+) -> Sequence[EffectInstance]:
+    """Returns the first of some sets that predicts as well as any, in rollouts with its amounts."""
+    sets = [tuple(before.effects), *((*before.effects, *new) for new in shown)]
+    fits = [replace(before.fit, residual=r) for r in before.problem.residuals(sets)]
+    best = max(fits, key=lambda fitted: -before.over(fitted).nats)
+    first = next(k for k, one in enumerate(fits) if not replace(before, fit=best).over(one).clear)
+    return shown[first - 1] if first else ()
+
+
 def _tried(before: Hypothesis, new: Sequence[EffectInstance]) -> Tried:
-    """Returns new effects fitted beside those that are there, as far as their valley leads."""
+    """Returns new effects fitted beside those that are there: the fewest that predict as well."""
     fitted = beside(before, before.fitted((*before.effects, *new)))
-    return along_its_valley(before, [fitted])[0]
+    tried = along_its_valley(before, [fitted])[0]
+    while fewer := _fewer(before, tried):
+        tried = fewer
+    return tried
 
 
-def _shown(
-    view: TorqueView, before: Hypothesis, candidates: Sequence[Place]
-) -> list[EffectInstance]:
-    """Returns laws that are not there yet, with the amounts that explain most together."""
-    found: list[EffectInstance] = []
-    for joint in before.open_joints:
-        places = [place for place in candidates if place.joints == (joint,)]
-        known = [e for e in before.effects if e.has_law and joint in e.joints]
-        found += _of_joint(view, view.joints.index(joint), places, known)
-    return found
+def _fewer(before: Hypothesis, tried: Tried) -> Tried | None:
+    """Returns what predicts as well without one or two of the new effects; None where none does.
 
-
-def _of_joint(
-    view: TorqueView, joint: int, places: Sequence[Place], known: Sequence[EffectInstance]
-) -> list[EffectInstance]:
-    """Returns the laws of one joint that its missing torque shows, beside those known."""
-    missing, laws = view.missing[:, joint], list(known)
-
-    def column(one: EffectInstance) -> Array:
-        return np.asarray(view.law(one)[:, joint])
-
-    while len(laws) - len(known) < MOST_LAWS:
-        basis = orthonormal(np.stack([np.zeros_like(missing), *map(column, laws)], axis=1))
-        left, taken = without(missing, basis), {one.key for one in laws}
-        rest = read_off(view, [place for place in places if place.key not in taken], laws)
-        shares = np.array([_share(without(column(one), basis), left) for one in rest])
-        if not (shares >= SHOWN).any():
+    Two at once: what each of them does, the other may take back.
+    """
+    here, count = replace(before, fit=tried.fit), len(before.effects)
+    own = range(count, len(here.effects))
+    some = [gone for size in (2, 1) if size < len(own) for gone in combinations(own, size)]
+    losses = [here.over(one) for one in without_some(before.problem, tried.fit, some)]
+    for loss, gone in sorted(zip(losses, some, strict=True), key=lambda pair: pair[0].errors):
+        if loss.clear:
             break
-        near = np.flatnonzero(shares >= (1.0 - SHOWN) * shares.max())
-        laws.append(rest[min(near, key=lambda i: (len(rest[i].effect.parameters), -shares[i]))])
-    factors = np.linalg.lstsq(np.stack([missing * 0.0, *map(column, laws)], axis=1), missing)[0]
-    own = zip(laws[len(known) :], factors[1 + len(known) :].tolist(), strict=True)
-    return [_times(factor, one) for one, factor in own if factor > 0.0]
+        rest = [e for i, e in enumerate(here.effects) if i not in gone]
+        fitted = before.fitted(rest)
+        if not here.over(fitted).clear:
+            return beside(before, fitted)
+    return None
 
 
-def _share(column: Array, left: Array) -> float:
-    """Returns the share of the squares of what is left that a law explains in some amount."""
-    along, size = float(column @ left), float(column @ column)
-    return along**2 / max(size * float(left @ left), 1e-12)
+class _Shown(NamedTuple):
+    """A candidate in the amount that explains most, how much that is, and what share of its own."""
+
+    instance: EffectInstance
+    explained: float
+    share: float
+
+
+def shown_together(
+    domain: TorqueDomain, before: Hypothesis, candidates: Sequence[Place]
+) -> list[list[EffectInstance]]:
+    """Returns effects that are not there yet: the first, the first two and so on.
+
+    Each of these sets in the amounts that explain most together.
+    """
+    places = [
+        place
+        for place in open_to(before, candidates, before.open_joints)
+        if not place.effect.separates_motor
+    ]
+    missing = _whitened(domain, domain.missing(before.effects))
+    columns = [np.zeros_like(missing), *(_column(domain, one) for one in before.effects)]
+    known, found, sets = len(columns), list[EffectInstance](), list[list[EffectInstance]]()
+    while len(found) < MOST:
+        basis = orthonormal(np.stack(columns, axis=1))
+        left, taken = without(missing, basis), {one.key for one in found}
+        rest = [place for place in places if place.key not in taken]
+        shown = [one for place in rest for one in _of_place(domain, place, left, basis)]
+        clear = [one for one in shown if one.share >= SHOWN]
+        if not clear:
+            break
+        most = max(one.explained for one in clear)
+        near = [one for one in clear if one.explained >= (1.0 - SHOWN) * most]
+        best = min(near, key=lambda one: (len(one.instance.effect.parameters), -one.explained))
+        found.append(best.instance)
+        columns.append(_column(domain, best.instance))
+        factors = np.linalg.lstsq(np.stack(columns, axis=1), missing)[0][known:].tolist()
+        sets.append([_times(x, one) for x, one in zip(factors, found, strict=True) if x > 0.0])
+    return sets
+
+
+def _of_place(domain: TorqueDomain, place: Place, left: Array, basis: Array) -> Iterator[_Shown]:
+    """Yields a candidate in the amounts that explain most of what is left, for each of its groups.
+
+    Args:
+        domain: Of the nominal model.
+        place: Where it acts.
+        left: Missing torque, shape (N,).
+        basis: What is known already, orthonormal, shape (N, ...).
+    """
+    for group in place.probes:
+        columns = without(np.stack([_column(domain, one) for one in group], axis=1), basis)
+        amounts = np.linalg.lstsq(columns, left, rcond=1e-6)[0]
+        values = place.effect.combine([one.values for one in group], amounts.tolist())
+        if values is not None:
+            one = place.instance(values)
+            own = left.reshape(-1, len(domain.problem.joints))[:, domain.touched(one)]
+            explained = float(left @ columns @ amounts)
+            yield _Shown(one, explained, explained / max(float(np.sum(own**2)), 1e-12))
+
+
+def _column(domain: TorqueDomain, one: EffectInstance) -> Array:
+    return _whitened(domain, domain.response(one))
+
+
+def _whitened(domain: TorqueDomain, torque: Array) -> Array:
+    """Returns a torque in units of what sensor noise makes of it, shape (N,)."""
+    return np.asarray((torque / domain.noise).ravel())
 
 
 def _times(factor: float, one: EffectInstance) -> EffectInstance:

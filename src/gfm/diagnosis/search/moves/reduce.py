@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from gfm.diagnosis.inference.amounts import amounts, at_bound, with_amounts
-from gfm.diagnosis.inference.fitting import Fit, fit, without_each
+from gfm.diagnosis.inference.fitting import Fit, fit, without_some
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, parameters_of
@@ -64,16 +64,8 @@ def gains_of_each(here: Hypothesis) -> list[tuple[Difference, EffectInstance]]:
 
     The others make up for it to first order.
     """
-    if not here.effects:
-        return []
-    rests = without_each(here.problem, here.fit)
-    rows = zip(here.effects, rests, here.problem.residuals(rests), strict=True)
-    gains = []
-    for i, (instance, rest, residual) in enumerate(rows):
-        jacobian = here.fit.jacobian[:, here.fit.owners != i]
-        told = Fit(effects=rest, jacobian=jacobian, residual=residual)
-        gains.append((here.over(told), instance))
-    return gains
+    fits = without_some(here.problem, here.fit, [[i] for i in range(len(here.effects))])
+    return [(here.over(one), e) for one, e in zip(fits, here.effects, strict=True)]
 
 
 #: Returns fits of the rivals of an effect, each behind the rest of a hypothesis.
@@ -101,7 +93,7 @@ def rivals_of(instance: EffectInstance, rest: Hypothesis[P], search: Search[P]) 
         if place.key not in taken and _near(place, instance) and goes_beside(rest, place)
     ]
     motors = [p for p in alike if p.effect.separates_motor]
-    if rest.effects:  # rivals of then stood beside other effects
+    if rest.effects or not found:  # rivals of then stood beside other effects
         quick = [p for p in alike if p not in motors]
         found = [one.instance for one in screen(rest, quick, RIVALS_S, search.view)] + found
     best = first_of_each(found, lambda one: one.key)[:RIVALS]

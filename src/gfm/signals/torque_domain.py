@@ -1,4 +1,4 @@
-"""Held-out recordings seen as torques: the evidence that no rollout is needed for.
+"""Recordings seen as torques: what no rollout is needed for.
 
 Along the measured motion the model's inverse dynamics say which torque was needed and its own drive
 law which torque was there; the rest is missing. What an effect would add to it is its law where it
@@ -11,20 +11,21 @@ Shape letters: T measurements of a recording, B blocks of all recordings, J join
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
+from typing import Protocol
 
+import mujoco
 import numpy as np
 
-from gfm.core import Trajectory
+from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.candidates import torque_views
 from gfm.effects import EffectInstance
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
 from gfm.signals.smoothing import smooth_states
-from gfm.signals.torques import TorqueView, joined
+from gfm.signals.torques import TorqueView, joined, torque_view
+from gfm.sim.plant import Plant
 
 #: Length of a block, s: short beside a motion, long beside the noise of accelerations.
 BLOCK_S = 0.1
@@ -37,6 +38,46 @@ MOVES_RAD_S = 3.0 * SIGN_WIDTH_RAD_S
 RATE_HZ, MOST_SAMPLES = 100.0, 6000
 
 
+class _Noise(Protocol):
+    @property
+    def position(self) -> Array:
+        """Standard deviation by joint, rad, shape (J,)."""
+        ...
+
+
+class Modelled(Protocol):
+    """A robot with its models by kind of command, and the noise of its sensors."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """All that are measured, J of them."""
+        ...
+
+    @property
+    def specs(self) -> Mapping[CommandKind, mujoco.MjSpec]:
+        """The nominal models."""
+        ...
+
+    @property
+    def noise(self) -> _Noise:
+        """Of the sensors."""
+        ...
+
+    def plants(self, effects: Sequence[EffectInstance]) -> Mapping[CommandKind, Plant]:
+        """Returns the models with effects in them."""
+        ...
+
+
+def torque_views(
+    problem: Modelled,
+    recordings: Sequence[Trajectory],
+    effects: Sequence[EffectInstance] = (),
+) -> list[TorqueView]:
+    """Returns every recording seen as torques under the nominal model with `effects` in it."""
+    plants = problem.plants(effects)
+    return [torque_view(plants[recording.command_kind], recording) for recording in recordings]
+
+
 @dataclass(frozen=True, kw_only=True)
 class TorqueDomain:
     """Recordings as torques under one nominal model.
@@ -46,8 +87,9 @@ class TorqueDomain:
         recordings: What is looked at of them.
     """
 
-    problem: Problem
+    problem: Modelled
     recordings: tuple[Trajectory, ...]
+    _told: dict[Hashable, Array] = field(default_factory=dict)
 
     @cached_property
     def view(self) -> TorqueView:
@@ -75,9 +117,26 @@ class TorqueDomain:
 
         Zero for a motor apart from its link: no inverse dynamics of the measured joints has it.
         """
+        key = (instance.key, *sorted(instance.values.items()))
+        if key not in self._told:
+            self._told[key] = self.blocks(self._response(instance))
+        return self._told[key]
+
+    def _response(self, instance: EffectInstance) -> Array:
         if instance.has_law or instance.effect.separates_motor:
-            return self.blocks(self.view.law(instance))
-        return self.blocks(self.view.missing - self.view_with([instance]).missing)
+            return self.view.law(instance)
+        return self.view.missing - self.view_with([instance]).missing
+
+    @cached_property
+    def noise(self) -> Array:
+        """What sensor noise makes of a missing torque, block means, N m RMS, shape (J,)."""
+        shaken = [self._shaken(i, recording) for i, recording in enumerate(self.recordings)]
+        change = joined(torque_views(self.problem, shaken)).missing - self.view.missing
+        return np.asarray(np.sqrt(np.mean(self.blocks(change) ** 2, axis=0)) + 1e-12)
+
+    def _shaken(self, number: int, recording: Trajectory) -> Trajectory:
+        noise = np.random.default_rng(number).standard_normal(recording.position.shape)
+        return replace(recording, position=recording.position + self.problem.noise.position * noise)
 
     @cached_property
     def signals(self) -> dict[str, Array]:
@@ -117,9 +176,11 @@ def without_law(effects: Sequence[EffectInstance]) -> list[EffectInstance]:
     return [e for e in effects if not e.has_law and not e.effect.separates_motor]
 
 
-def torque_domain(problem: Problem, recordings: Sequence[Trajectory]) -> TorqueDomain:
-    """Returns recordings as torques under the model of a problem."""
-    share = MOST_SAMPLES // len(recordings)
+def torque_domain(
+    problem: Modelled, recordings: Sequence[Trajectory], samples: int = MOST_SAMPLES
+) -> TorqueDomain:
+    """Returns so many measurements of recordings at most as torques under a problem's model."""
+    share = samples // len(recordings)
     looked_at = tuple(_looked_at(recording, share) for recording in recordings)
     return TorqueDomain(problem=problem, recordings=looked_at)
 

@@ -1,0 +1,110 @@
+"""Arms that people have, in the numbers of their published models (`arms.json`), and their cases.
+
+Each link's frame is turned along the principal axes of its inertia, so that moments are enough; a
+link includes what is fixed to it. Where the models have motors only, servos are those of the loop
+that closes over torques.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from known_truth.plans import PAIRS, VOCABULARY, Plan, Setup
+from known_truth.robots import Array, Robot
+
+_NUMBERS = Path(__file__).with_name("arms.json")
+_MOTIONS = ("waypoints", "multisine", "ladder", "waypoints", "multisine", "ladder")
+_DURATION_S = 12.0
+#: Pairs of effects on each arm.
+_PAIRS_EACH = 3
+
+
+def arms() -> dict[str, Robot]:
+    """Returns the arms by name."""
+    return {name: _robot(name, numbers) for name, numbers in _numbers().items()}
+
+
+def _numbers() -> Mapping[str, Mapping[str, Any]]:
+    return json.loads(_NUMBERS.read_text())  # type: ignore[no-any-return]
+
+
+def _robot(name: str, numbers: Mapping[str, Any]) -> Robot:
+    rows: Sequence[Mapping[str, Any]] = numbers["joints"]
+
+    def column(key: str) -> Array:
+        return np.array([row[key] for row in rows], dtype=np.float64)
+
+    axis = column("axis")
+    return Robot(
+        name=name,
+        joints=tuple(row["name"] for row in rows),
+        offset=column("offset"),
+        turn=column("turn"),
+        axis=axis / np.linalg.norm(axis, axis=1, keepdims=True),
+        mass=column("mass"),
+        com=column("com"),
+        inertia=column("inertia"),
+        armature=column("armature"),
+        damping=column("damping"),
+        friction=column("friction"),
+        stiffness=column("stiffness"),
+        servo_damping=column("servo_damping"),
+        velocity_gain=column("servo_damping"),
+        rest=column("rest"),
+        reach=column("reach"),
+        speed=column("speed"),
+        torque=column("torque"),
+        encoder_step=numbers["encoder_step"],
+        encoder_noise=numbers["encoder_noise"],
+    )
+
+
+def arm_plans(seed: int = 0) -> list[Plan]:
+    """Returns all cases of published arms; each has a seed of its own.
+
+    Every effect is hidden once, on another arm with another seed; on every arm pairs, and nothing.
+    """
+    made: list[Plan] = []
+    for number, (name, robot) in enumerate(arms().items()):
+        setup = Setup(
+            name=name,
+            robot=robot,
+            kinds=tuple(_numbers()[name]["kinds"]),
+            training=_MOTIONS,
+            duration_s=_DURATION_S,
+            as_published=True,
+        )
+        listed = _plans(setup, (number + seed) % len(arms()))
+        first = 1_000_000 * seed + 500_000 + 1000 * number
+        made += [replace(plan, seed=first + i) for i, plan in enumerate(listed)]
+    return made
+
+
+def _plans(setup: Setup, turn: int) -> list[Plan]:
+    name, count = setup.name, len(_numbers())
+    singles = VOCABULARY[turn::count]
+    pairs = [PAIRS[(turn * _PAIRS_EACH + i) % len(PAIRS)] for i in range(_PAIRS_EACH)]
+    return [
+        *(
+            Plan(name=f"{name}-{e}", setup=setup, category="single", effects=(e,), seed=0)
+            for e in singles
+        ),
+        *(
+            Plan(
+                name=f"{name}-{a}+{b}",
+                setup=setup,
+                category="pair",
+                effects=(a, b),
+                same_joint=same,
+                seed=0,
+            )
+            for a, b, same in pairs
+        ),
+        Plan(name=f"{name}-none", setup=setup, category="none", seed=0),
+    ]
