@@ -111,16 +111,20 @@ def shown_together(
 ) -> list[list[EffectInstance]]:
     """Returns effects that are not there yet: the first, the first two and so on.
 
-    Each of these sets in the amounts that explain most together.
+    Each of these sets in the amounts that explain most together. What is late is left to rollouts:
+    smoothing and sampling move torques against commands by a millisecond or two. What being late
+    would explain is taken out.
     """
+    late = [place for place in candidates if place.effect.shift is not None]
     places = [
         place
         for place in open_to(before, candidates, before.open_joints)
-        if not place.effect.separates_motor
+        if not place.effect.separates_motor and place.effect.shift is None
     ]
+    known = [*before.effects, *(group[0] for place in late for group in place.probes)]
     missing = _whitened(domain, domain.missing(before.effects))
-    columns = [np.zeros_like(missing), *(_column(domain, one) for one in before.effects)]
-    known, found, sets = len(columns), list[EffectInstance](), list[list[EffectInstance]]()
+    columns = [np.zeros_like(missing), *(_column(domain, one) for one in known)]
+    found, sets = list[EffectInstance](), list[list[EffectInstance]]()
     while len(found) < MOST:
         basis = orthonormal(np.stack(columns, axis=1))
         left, taken = without(missing, basis), {one.key for one in found}
@@ -134,7 +138,7 @@ def shown_together(
         best = min(near, key=lambda one: (len(one.instance.effect.parameters), -one.explained))
         found.append(best.instance)
         columns.append(_column(domain, best.instance))
-        factors = np.linalg.lstsq(np.stack(columns, axis=1), missing)[0][known:].tolist()
+        factors = np.linalg.lstsq(np.stack(columns, axis=1), missing)[0][1 + len(known) :].tolist()
         sets.append([_times(x, one) for x, one in zip(factors, found, strict=True) if x > 0.0])
     return sets
 
