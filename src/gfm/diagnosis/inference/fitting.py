@@ -166,7 +166,7 @@ def along_valley(problem: LeastSquares, fitted: Fit) -> Fit:
 
     Where two effects explain nearly the same, a fit ends wherever steps along their common valley
     become small. Amounts are doubled and halved in the proportion that changes least to first
-    order, until that leads nowhere better.
+    order, until that leads nowhere better, or is no valley.
     """
     others = [fit(problem, begun) for begun in _both_sides(fitted)]
     best = min([fitted, *others], key=lambda f: f.cost)
@@ -176,7 +176,10 @@ def along_valley(problem: LeastSquares, fitted: Fit) -> Fit:
 
 
 def _both_sides(fitted: Fit) -> list[tuple[EffectInstance, ...]]:
-    """Returns the effects with other amounts in the proportion that changes the residual least."""
+    """Returns the effects with other amounts in the proportion that changes the residual least.
+
+    None where that changes it by more than is left: there is no valley.
+    """
     values = amounts(fitted.effects)
     acting = np.flatnonzero(values)
     if len(acting) < 2:
@@ -184,11 +187,13 @@ def _both_sides(fitted: Fit) -> list[tuple[EffectInstance, ...]]:
     flattest = np.zeros_like(values)
     shares = (fitted.jacobian * values)[:, acting]
     flattest[acting] = np.linalg.svd(shares, full_matrices=False)[2][-1]
-    step = FARTHER ** (flattest / np.abs(flattest).max())
+    along = np.log(FARTHER) * flattest / np.abs(flattest).max()
+    if mean_square(fitted.jacobian @ (values * along)) > fitted.cost:
+        return []
     bounds = bounds_of(fitted.effects)
     return [
         with_amounts(fitted.effects, np.clip(start, *bounds))
-        for start in (values * step, values / step)
+        for start in (values * np.exp(along), values * np.exp(-along))
     ]
 
 

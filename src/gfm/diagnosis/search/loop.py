@@ -1,10 +1,10 @@
 """The search: from the nominal model to the hypothesis that predicts best.
 
-One step after another adds what predicts clearly better (`moves.add`); far from the truth, the laws
-that the missing torque shows together; common errors, where no single effect gains much; or what
-acts now and then only. What became superfluous is removed, and what something else says better is
-exchanged. It ends where what can still be gained is not visible beside the discrepancy of a right
-model, where nothing gains anything, or where its time is over.
+One step after another adds what predicts clearly better: what the missing torque shows
+(`moves.missing_torque`); one effect (`moves.add`); common errors, where no single effect gains
+much; or what acts now and then only. What became superfluous is removed, and what something else
+says better is exchanged. It ends where what can still be gained is not visible beside the
+discrepancy of a right model, where nothing gains anything, or where its time is over.
 """
 
 from __future__ import annotations

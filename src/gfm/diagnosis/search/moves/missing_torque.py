@@ -1,10 +1,10 @@
-"""Add the effects that the missing torque shows together, where rollouts are far from the truth.
+"""Add the effects that the missing torque shows.
 
-Far off, a rollout goes where the robot never was, and the single effect that gains most there may
-be none of those that are missing. Along the measured motion what is missing is nearly the sum of
-what effects add to it, whatever their amounts are: they are taken one by one, each beside those
-before it (orthogonal matching pursuit; Pati et al. 1993). The fit and the score are of rollouts, as
-always.
+A rollout that is far off goes where the robot never was, and near the truth it says little of what
+two effects do together. Along the measured motion what is missing is nearly the sum of what effects
+add to it, whatever their amounts are: they are taken one by one, each beside those before it
+(orthogonal matching pursuit; Pati et al. 1993). That only proposes. How many there are is told by
+rollouts, and the fit and the score are of rollouts, as always.
 
 Shape letters: N block means of all joints, K probes.
 """
