@@ -25,7 +25,7 @@ from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.moves.add import along_its_valley, beside
-from gfm.diagnosis.search.naming import describe
+from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.screening import open_to
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
@@ -33,8 +33,8 @@ from gfm.effects import EffectInstance
 from gfm.signals.torque_domain import TorqueDomain
 
 #: Share of what is left of the missing torque of its joints from which on an effect is taken, and
-#: by which simpler ones may explain less; effects at most.
-SHOWN, MOST = 0.1, 6
+#: up to which others may explain less and rival it; so many of these; effects at most.
+SHOWN, NEAR, MOST = 0.1, 4, 6
 
 
 def missing_torque(
@@ -63,11 +63,8 @@ def borne_out(
     before: Hypothesis, shown: Sequence[Sequence[EffectInstance]]
 ) -> Sequence[EffectInstance]:
     """Returns the first of some sets that predicts as well as any, in rollouts with its amounts."""
-    sets = [tuple(before.effects), *((*before.effects, *new) for new in shown)]
-    fits = [replace(before.fit, residual=r) for r in before.problem.residuals(sets)]
-    best = max(fits, key=lambda fitted: -before.over(fitted).nats)
-    first = next(k for k, one in enumerate(fits) if not replace(before, fit=best).over(one).clear)
-    return shown[first - 1] if first else ()
+    sets: list[Sequence[EffectInstance]] = [(), *shown]
+    return sets[_best_in_rollouts(before, sets)]
 
 
 def _tried(before: Hypothesis, new: Sequence[EffectInstance]) -> Tried:
@@ -111,7 +108,8 @@ def shown_together(
 ) -> list[list[EffectInstance]]:
     """Returns effects that are not there yet: the first, the first two and so on.
 
-    Each of these sets in the amounts that explain most together. What is late is left to rollouts:
+    Each of these sets in the amounts that explain most together. Of several that explain nearly as
+    much, the one with which rollouts predict best. What is late is left to rollouts:
     smoothing and sampling move torques against commands by a millisecond or two. What being late
     would explain is taken out.
     """
@@ -130,17 +128,46 @@ def shown_together(
         left, taken = without(missing, basis), {one.key for one in found}
         rest = [place for place in places if place.key not in taken]
         shown = [one for place in rest for one in _of_place(domain, place, left, basis)]
-        clear = [one for one in shown if one.share >= SHOWN]
+        clear = sorted((o for o in shown if o.share >= SHOWN), key=lambda o: -o.explained)
         if not clear:
             break
         most = max(one.explained for one in clear)
-        near = [one for one in clear if one.explained >= (1.0 - SHOWN) * most]
-        best = min(near, key=lambda one: (len(one.instance.effect.parameters), -one.explained))
-        found.append(best.instance)
-        columns.append(_column(domain, best.instance))
-        factors = np.linalg.lstsq(np.stack(columns, axis=1), missing)[0][1 + len(known) :].tolist()
-        sets.append([_times(x, one) for x, one in zip(factors, found, strict=True) if x > 0.0])
+        near = [one.instance for one in clear if one.explained >= (1.0 - SHOWN) * most]
+        rivals = first_of_each(near, lambda one: one.key)[:NEAR]
+        bases = [[*columns, _column(domain, one)] for one in rivals]
+        told = [
+            _with_amounts([*found, one], own, missing)
+            for one, own in zip(rivals, bases, strict=True)
+        ]
+        best = _best_in_rollouts(before, told) if len(told) > 1 else 0
+        found.append(rivals[best])
+        columns = bases[best]
+        sets.append(told[best])
     return sets
+
+
+def _best_in_rollouts(before: Hypothesis, sets: Sequence[Sequence[EffectInstance]]) -> int:
+    """Returns the number of the set that predicts best with its amounts.
+
+    Or of one with fewer numbers that does not clearly predict worse.
+    """
+    residuals = before.problem.residuals([(*before.effects, *new) for new in sets])
+    fits = [replace(before.fit, residual=r) for r in residuals]
+    there = replace(before, fit=max(fits, key=lambda fitted: -before.over(fitted).nats))
+    good = [i for i, fitted in enumerate(fits) if not there.over(fitted).clear]
+    return min(good, key=lambda i: (_count(sets[i]), before.over(fits[i]).nats))
+
+
+def _count(effects: Sequence[EffectInstance]) -> int:
+    return sum(len(one.effect.parameters) for one in effects)
+
+
+def _with_amounts(
+    effects: Sequence[EffectInstance], columns: Sequence[Array], missing: Array
+) -> list[EffectInstance]:
+    """Returns effects, whose columns are the last ones, in the amounts that explain most."""
+    factors = np.linalg.lstsq(np.stack(columns, axis=1), missing)[0][-len(effects) :].tolist()
+    return [_times(x, one) for x, one in zip(factors, effects, strict=True) if x > 0.0]
 
 
 def _of_place(domain: TorqueDomain, place: Place, left: Array, basis: Array) -> Iterator[_Shown]:
