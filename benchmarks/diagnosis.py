@@ -40,6 +40,14 @@ PAGES = Path(__file__).parents[1] / "docs" / "results"
 PAGE = {"own": PAGES / "known_truth.md", "other": PAGES / "known_truth_other_hand.md"}
 #: Of the three robots that are drawn anew for each case, and of published arms.
 PLANS = {"drawn": plans, "arms": arm_plans}
+#: What they are.
+ROBOTS = {
+    "drawn": """Three robots: a servo pendulum, a planar arm of two joints, a spatial arm
+of seven. Each is drawn anew: lengths, masses, gains, motions, sizes of effects.""",
+    "arms": """Five arms in the numbers of their published models: UR5e, Panda, Kinova Gen3 and
+SO-ARM100 under position commands, Unitree Z1 under torques. Motions and sizes of effects are
+drawn.""",
+}
 #: What another hand's discrepancy changes, in units of the sensor noise.
 DISCREPANCY = 3.0
 #: A diagnosis that takes longer is broken off, s; and a peer.
@@ -173,16 +181,16 @@ def document(
     words: str,
     commits: Sequence[str],
     discrepancy: float | None = None,
+    robots: str = "drawn",
 ) -> str:
     """Returns the page with all tables."""
     wrong = [one for one in scores if page.is_wrong(one)]
     return f"""# Robots whose truth is known
 
-{complete(len(scores), planned)} Three robots (a servo pendulum, a
-planar arm of two joints, a spatial arm of seven) are simulated apart from everything that judges
-them: own rigid-body dynamics, {simulated_by(discrepancy)}
-Every robot is drawn anew: lengths, masses, gains, motions, sizes of effects. Diagnosed by
-`gfm diagnose`, which is given recordings and nominal model only. Written by
+{complete(len(scores), planned)} {ROBOTS[robots]}
+They are simulated apart from everything that judges them: own rigid-body dynamics,
+{simulated_by(discrepancy)} Diagnosed by `gfm diagnose`, which is given
+recordings and nominal model only. Written by
 
     {words}
 
@@ -266,7 +274,8 @@ def main() -> None:
     file = arguments.page or PAGE[arguments.hand]
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(
-        document(scores, len(cases), answers, words, commits, discrepancy), encoding="utf-8"
+        document(scores, len(cases), answers, words, commits, discrepancy, arguments.robots),
+        encoding="utf-8",
     )
 
 

@@ -101,6 +101,11 @@ class TorqueDomain:
         """Of all recordings together."""
         return sum(recording.duration_s for recording in self.recordings)
 
+    @property
+    def period_s(self) -> float:
+        """From one measurement to the next, of the slowest recording."""
+        return max(recording.period_s for recording in self.recordings)
+
     def view_with(self, effects: Sequence[EffectInstance]) -> TorqueView:
         """Returns all recordings as torques under the model with `effects` in it."""
         return (

@@ -20,8 +20,6 @@ from gfm.effects import Effect, EffectInstance, Scope, find_effect
 #: Candidates that are fitted, places of one effect among those, amounts from which the fit of one
 #: begins, and kinds that are tried on several joints.
 FITTED, PLACES, STARTS, KINDS = 4, 2, 2, 2
-#: Share of the room that a step gains from which on single effects are not looked for beside it.
-NEARLY_ALL = 0.9
 #: Fits in front that are compared from initial states of their own.
 FRONT = 2
 
@@ -29,9 +27,9 @@ FRONT = 2
 def add(before: Hypothesis[P], search: Search[P], best: Step | None = None) -> Step | None:
     """Returns the step that adds what predicts best, or none where nothing does clearly.
 
-    Of what is simulated quickly: see `add_costly`. None where the best step so far leaves little.
+    Of what is simulated quickly: see `add_costly`. None where the best step so far leaves nothing.
     """
-    if best is not None and best.gain >= NEARLY_ALL * before.room.nats:
+    if best is not None and best.chosen and not _after(before, best.chosen).is_open:
         return None
     quick = [place for place in search.candidates if not takes_long(place.effect)]
     return _add(before, search, quick)

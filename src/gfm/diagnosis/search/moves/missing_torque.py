@@ -111,7 +111,8 @@ def shown_together(
     Each of these sets in the amounts that explain most together. Of several that explain nearly as
     much, the one with which rollouts predict best. What is late is left to rollouts:
     smoothing and sampling move torques against commands by a millisecond or two. What being late
-    would explain is taken out.
+    would explain is taken out; where that is more than a period of measurement, nothing is shown:
+    friction and inertia together look late, too.
     """
     late = [place for place in candidates if place.effect.shift is not None]
     places = [
@@ -121,6 +122,8 @@ def shown_together(
     ]
     known = [*before.effects, *(group[0] for place in late for group in place.probes)]
     missing = _whitened(domain, domain.missing(before.effects))
+    if _late_s(domain, late, missing) > domain.period_s:
+        return []
     columns = [np.zeros_like(missing), *(_column(domain, one) for one in known)]
     found, sets = list[EffectInstance](), list[list[EffectInstance]]()
     while len(found) < MOST:
@@ -144,6 +147,18 @@ def shown_together(
         columns = bases[best]
         sets.append(told[best])
     return sets
+
+
+def _late_s(domain: TorqueDomain, late: Sequence[Place], missing: Array) -> float:
+    """Returns the largest of the delays that explain most alone, to first order, s."""
+    least: list[float] = [0.0]
+    for place in late:
+        for (probe,) in place.probes:
+            column = _column(domain, probe)
+            first = place.effect.parameters[0].name
+            share = float(column @ missing) / max(float(column @ column), 1e-12)
+            least.append(abs(share * probe.values[first]))
+    return max(least)
 
 
 def _best_in_rollouts(before: Hypothesis, sets: Sequence[Sequence[EffectInstance]]) -> int:
