@@ -16,11 +16,16 @@ from typing import Any
 import numpy as np
 
 from known_truth.plans import PAIRS, VOCABULARY, Plan, Setup
-from known_truth.robots import Array, Robot
+from known_truth.robots import Robot
 
 _NUMBERS = Path(__file__).with_name("arms.json")
 _MOTIONS = ("waypoints", "multisine", "ladder", "waypoints", "multisine", "ladder")
 _DURATION_S = 12.0
+#: What is told of each joint, and called the same in `Robot`.
+_COLUMNS = (
+    *("offset", "turn", "axis", "mass", "com", "inertia", "armature", "damping", "friction"),
+    *("stiffness", "servo_damping", "rest", "reach", "speed", "torque"),
+)
 #: Pairs of effects on each arm.
 _PAIRS_EACH = 3
 
@@ -36,32 +41,15 @@ def _numbers() -> Mapping[str, Mapping[str, Any]]:
 
 def _robot(name: str, numbers: Mapping[str, Any]) -> Robot:
     rows: Sequence[Mapping[str, Any]] = numbers["joints"]
-
-    def column(key: str) -> Array:
-        return np.array([row[key] for row in rows], dtype=np.float64)
-
-    axis = column("axis")
+    columns: dict[str, Any] = {name: np.array([row[name] for row in rows]) for name in _COLUMNS}
+    columns["axis"] /= np.linalg.norm(columns["axis"], axis=1, keepdims=True)
     return Robot(
         name=name,
         joints=tuple(row["name"] for row in rows),
-        offset=column("offset"),
-        turn=column("turn"),
-        axis=axis / np.linalg.norm(axis, axis=1, keepdims=True),
-        mass=column("mass"),
-        com=column("com"),
-        inertia=column("inertia"),
-        armature=column("armature"),
-        damping=column("damping"),
-        friction=column("friction"),
-        stiffness=column("stiffness"),
-        servo_damping=column("servo_damping"),
-        velocity_gain=column("servo_damping"),
-        rest=column("rest"),
-        reach=column("reach"),
-        speed=column("speed"),
-        torque=column("torque"),
+        velocity_gain=columns["servo_damping"],
         encoder_step=numbers["encoder_step"],
         encoder_noise=numbers["encoder_noise"],
+        **columns,
     )
 
 

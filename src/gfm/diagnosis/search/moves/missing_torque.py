@@ -130,13 +130,9 @@ def shown_together(
         basis = orthonormal(np.stack(columns, axis=1))
         left, taken = without(missing, basis), {one.key for one in found}
         rest = [place for place in places if place.key not in taken]
-        shown = [one for place in rest for one in _of_place(domain, place, left, basis)]
-        clear = sorted((o for o in shown if o.share >= SHOWN), key=lambda o: -o.explained)
-        if not clear:
+        rivals = _rivals([one for place in rest for one in _of_place(domain, place, left, basis)])
+        if not rivals:
             break
-        most = max(one.explained for one in clear)
-        near = [one.instance for one in clear if one.explained >= (1.0 - SHOWN) * most]
-        rivals = first_of_each(near, lambda one: one.key)[:NEAR]
         bases = [[*columns, _column(domain, one)] for one in rivals]
         told = [
             _with_amounts([*found, one], own, missing)
@@ -147,6 +143,13 @@ def shown_together(
         columns = bases[best]
         sets.append(told[best])
     return sets
+
+
+def _rivals(shown: Sequence[_Shown]) -> list[EffectInstance]:
+    """Returns what explains most, and others that explain nearly as much; nothing where none is."""
+    clear = sorted((one for one in shown if one.share >= SHOWN), key=lambda one: -one.explained)
+    near = [one for one in clear if one.explained >= (1.0 - SHOWN) * clear[0].explained]
+    return first_of_each([one.instance for one in near], lambda one: one.key)[:NEAR]
 
 
 def _late_s(domain: TorqueDomain, late: Sequence[Place], missing: Array) -> float:
