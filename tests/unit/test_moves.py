@@ -40,7 +40,6 @@ from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, find_effect
 from gfm.signals.torque_domain import torque_domain, torque_views
-from gfm.signals.torques import joined
 from pendulum import LENGTH, MASS, MODEL, PERIOD_S, swung
 
 SPECS = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
@@ -72,7 +71,6 @@ class Case:
     def __init__(self, recordings):
         self.problem = make_problem(SPECS, recordings).robust(())
         views = torque_views(self.problem, recordings)
-        self.view = joined(views)
         (self.scales,) = joint_scales(self.problem, views)
         self.torques = torque_domain(self.problem, recordings)
         self.nominal = self.problem.joint_costs(measured(self.problem, ()).residual)
@@ -514,17 +512,16 @@ def test_far_from_the_truth_a_curve_that_the_missing_torque_shows_speaks_against
     """A cable that is slack up to an angle, taken for a limit of the drive; and a real limit."""
     cable = Case(runs(torque=lambda q, _v: -20.0 * np.maximum(q - 0.2, 0.0)))
     limit = instance("torque_saturation", limit=3.0)
-    (law,) = nameless(cable, limit, view=cable.view)
+    (law,) = nameless(cable, limit, torques=cable.torques)
     assert (law.state, law.joint) == ("position", "j")
     assert law.over.errors < -2.0
     weak = Case(runs(limit=LIMIT))
-    assert nameless(weak, limit, view=weak.view) == [None]
+    assert nameless(weak, limit, torques=weak.torques) == [None]
 
 
 def shown(case, *before):
     """The step of the effects that the missing torque of a case shows."""
-    laws = [name for name in LAWS if find_effect(name).shift is None]  # nothing may be late
-    names = (*laws, "joint_spring", "torque_offset", "stribeck_friction", "armature", "payload")
+    names = (*LAWS, "joint_spring", "torque_offset", "stribeck_friction", "armature", "payload")
     names = (*names, "encoder_offset")
     search = case.search(*names, torques=case.torques)
     return missing_torque(case.with_effects(*before), search)
@@ -560,6 +557,24 @@ def test_the_missing_torque_shows_what_is_no_law_of_position_and_speed():
     assert told["coulomb_friction"]["torque"] == pytest.approx(FRICTION, rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("truth", "amount", "named", "parameter"),
+    [("loss", 0.5, "drive_loss", "coefficient"), ("dead", 0.1, "drive_dead_zone", "torque")],
+)
+def test_the_missing_torque_shows_what_a_drive_does_not_give(truth, amount, named, parameter):
+    case = Case(runs(**{truth: amount}))
+    search = case.search("drive_loss", "drive_dead_zone", "actuator_gain", torques=case.torques)
+    told = told_by(missing_torque(case.with_effects(), search))
+    assert told == {named: {parameter: pytest.approx(amount, rel=0.03)}}
+
+
+def test_what_is_late_is_shown_with_what_acts_beside_it():
+    """A delay, beside which dry friction is read off no worse; and such a friction alone."""
+    late = told_by(shown(Case(runs(torque=dry, delay=0.03))))
+    assert late["coulomb_friction"]["torque"] == pytest.approx(FRICTION, rel=0.03)
+    assert late["command_delay"]["delay"] == pytest.approx(0.03, rel=0.02)
+
+
 def test_rollouts_say_how_many_of_the_effects_that_are_shown_there_are(rubbing):
     friction = instance("coulomb_friction", torque=FRICTION)
     beside = instance("torque_offset", torque=1e-4)
@@ -569,6 +584,15 @@ def test_rollouts_say_how_many_of_the_effects_that_are_shown_there_are(rubbing):
     assert borne_out(there, [[far], [friction, beside]]) == [friction, beside]
     assert borne_out(there, [[far]]) == ()
     assert borne_out(there, []) == ()
+
+
+def test_what_takes_long_to_simulate_rivals_what_adds_nearly_the_same_torque():
+    """A weak drive, and one that loses torque where it gives much; a dead zone is another."""
+    weak, gain = Case(runs(gain=0.8)), instance("actuator_gain", scale=0.8)
+    search = weak.search("drive_loss", "drive_dead_zone", torques=weak.torques)
+    rivals = rivals_of(gain, weak.with_effects(), search)
+    assert [fitted.effects[-1].effect.name for fitted in rivals] == ["drive_loss"]
+    assert rivals_of(gain, weak.with_effects(), replace(search, torques=None)) == []
 
 
 def test_an_effect_without_a_torque_of_its_own_does_not_bend(right):

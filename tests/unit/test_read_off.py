@@ -7,14 +7,14 @@ from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind, Trajectory
 from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.search.candidates import Place, joint_scales
 from gfm.diagnosis.search.hypothesis import FAR_OFF, nominal_hypothesis
-from gfm.diagnosis.search.read_off import read_off
-from gfm.diagnosis.search.screening import screen
-from gfm.effects import EffectInstance, Scales, find_effect
-from gfm.effects.friction import SIGN_WIDTH_RAD_S
-from gfm.signals.torque_domain import torque_views
-from gfm.signals.torques import TorqueView, joined
+from gfm.diagnosis.search.moves.missing_torque import missing_torque
+from gfm.diagnosis.search.read_off import basis_of, column, looks_like, read_off
+from gfm.diagnosis.search.under_way import Search
+from gfm.effects import EffectInstance, find_effect
+from gfm.signals.torque_domain import torque_domain, torque_views
 
 INERTIA, DAMPING, PERIOD_S = 0.02, 0.15, 0.005
 DISC = f"""
@@ -27,61 +27,14 @@ DISC = f"""
 </mujoco>
 """
 AMPLITUDE, ORDER, PHASE = 0.18, 20, -1.2
-SCALES = Scales(
-    torque_nm=1.0,
-    excess_nm=0.1,
-    velocity_rad_s=1.0,
-    position_rad=1.0,
-    peak_nm=1.0,
-    servo_nm=1.0,
-    inertia=INERTIA,
-    cogging_per_revolution=(ORDER,),
-)
 
 
 def wave(q):
     return AMPLITUDE * np.sin(ORDER * q + PHASE)
 
 
-def place(name, scales=SCALES):
-    return Place(effect=find_effect(name), joints=("j",), scales=scales)
-
-
-def friction(torque):
-    return EffectInstance(
-        effect=find_effect("coulomb_friction"), joints=("j",), values={"torque": torque}
-    )
-
-
-def view(missing):
-    time_s = np.linspace(0.0, 10.0, 2000)
-    q = np.sin(time_s)
-    rows = [column[:, None] for column in (q, np.cos(time_s), np.zeros_like(q))]
-    told = missing(*rows[:2])
-    return TorqueView(
-        joints=("j",), position=rows[0], velocity=rows[1], drive=rows[2], missing=told, served=told
-    )
-
-
-def test_amounts_of_one_law_are_read_off_exactly():
-    (found,) = read_off(view(lambda q, _v: wave(q)), [place("cogging_torque")], ())
-    told = {"amplitude": AMPLITUDE, "per_revolution": ORDER, "phase": PHASE}
-    assert found.values == pytest.approx(told)
-
-
-def test_what_is_known_to_be_missing_may_have_another_amount():
-    both = view(lambda q, v: wave(q) - 0.3 * np.tanh(v / SIGN_WIDTH_RAD_S))
-    (found,) = read_off(both, [place("cogging_torque")], [friction(0.1)])
-    assert found.values["amplitude"] == pytest.approx(AMPLITUDE)
-    (alone,) = read_off(both, [place("cogging_torque")], ())
-    assert alone.values["amplitude"] != pytest.approx(AMPLITUDE, rel=1e-3)
-
-
-def test_what_no_law_tells_is_not_read_off():
-    left = view(lambda q, _v: wave(q))
-    assert read_off(left, [place("armature"), place("command_delay")], ()) == []
-    # A friction that drives is none.
-    assert read_off(view(lambda _q, v: v), [place("viscous_friction")], ()) == []
+def instance(name, **values):
+    return EffectInstance(effect=find_effect(name), joints=("j",), values=values)
 
 
 def recorded(seed):
@@ -112,15 +65,63 @@ def recorded(seed):
     )
 
 
+RUNS = [recorded(seed) for seed in range(3)]
+PROBLEM = make_problem({CommandKind.EFFORT: mujoco.MjSpec.from_string(DISC)}, RUNS)
+(SCALES,) = joint_scales(PROBLEM, torque_views(PROBLEM, RUNS))
+TORQUES = torque_domain(PROBLEM, RUNS)
+FRICTION = instance("coulomb_friction", torque=0.1)
+MAGNETS = instance("cogging_torque", amplitude=AMPLITUDE, per_revolution=ORDER, phase=PHASE)
+
+
+def place(name):
+    return Place(effect=find_effect(name), joints=("j",), scales=SCALES)
+
+
+def told(name, torque, known=()):
+    """What is read off a torque beside what is known: values of the best group of probes."""
+    basis = basis_of(TORQUES, known)
+    shown = read_off(TORQUES, place(name), without(torque, basis), basis)
+    best = max(shown, key=lambda one: one.share, default=None)
+    return best and (dict(best.instance.values), best.share)
+
+
+def test_amounts_of_one_law_are_read_off_exactly():
+    values, share = told("cogging_torque", column(TORQUES, MAGNETS))
+    assert values == pytest.approx(MAGNETS.values)
+    assert share == pytest.approx(1.0)
+
+
+def test_what_is_known_to_be_missing_may_have_another_amount():
+    both = column(TORQUES, MAGNETS) + 3.0 * column(TORQUES, FRICTION)
+    values, _ = told("cogging_torque", both, [FRICTION])
+    assert values["amplitude"] == pytest.approx(AMPLITUDE)
+    alone, _ = told("cogging_torque", both)
+    assert alone["amplitude"] != pytest.approx(AMPLITUDE, rel=1e-3)
+
+
+def test_what_has_no_law_is_read_off_as_the_difference_of_two_models():
+    inertia = instance("armature", inertia=0.01)
+    values, share = told("armature", column(TORQUES, inertia))
+    assert values["inertia"] == pytest.approx(0.01)
+    assert share == pytest.approx(1.0)
+
+
+def test_an_amount_that_an_effect_cannot_have_is_not_read_off():
+    friction = column(TORQUES, instance("viscous_friction", coefficient=0.1))
+    assert told("viscous_friction", friction) is not None
+    assert told("viscous_friction", -friction) is None  # a friction that drives is none
+
+
+def test_an_effect_looks_like_another_that_adds_nearly_the_same():
+    wide = instance("stribeck_friction", static_excess=0.1, stribeck_velocity=100.0)
+    assert looks_like(TORQUES, place("coulomb_friction"), wide, [])
+    assert not looks_like(TORQUES, place("coulomb_friction"), MAGNETS, [])
+
+
 def test_a_disc_between_magnets_is_found_where_rollouts_say_little():
-    runs = [recorded(seed) for seed in range(3)]
-    problem = make_problem({CommandKind.EFFORT: mujoco.MjSpec.from_string(DISC)}, runs)
-    views = torque_views(problem, runs)
-    (scales,) = joint_scales(problem, views)
-    nominal = nominal_hypothesis(problem.robust(()))
+    nominal = nominal_hypothesis(PROBLEM.robust(()))
     assert nominal.fit.cost > FAR_OFF
-    tried = [place("cogging_torque", scales)]
-    blind, seen = (screen(nominal, tried, 24.0, v)[0] for v in (None, joined(views)))
-    assert seen.instance.values["amplitude"] == pytest.approx(AMPLITUDE, rel=0.1)
-    assert seen.instance.values["per_revolution"] == ORDER
-    assert seen.gain.nats > 4.0 * max(blind.gain.nats, 1.0)
+    search = Search(candidates=[place("cogging_torque")], report=lambda _: None, torques=TORQUES)
+    (magnets,) = missing_torque(nominal, search).chosen.new
+    assert magnets.values["amplitude"] == pytest.approx(AMPLITUDE, rel=0.01)
+    assert magnets.values["per_revolution"] == ORDER

@@ -197,7 +197,6 @@ class CoggingTorque(Effect):
     name = "cogging_torque"
     law_of = "position"
     seen_over = "position"
-    repeats = True
     parameters = (
         Parameter(name="amplitude", unit="N m", lower=0.0, upper=1e3),
         Parameter(name="per_revolution", unit="1", lower=1.0, upper=400.0),

@@ -195,9 +195,6 @@ class Effect(ABC):
     #: The one state of its joint of which its torque is a law, "position" or "velocity"; None where
     #: there is none, or more than that. Several laws of one state are one law.
     law_of: ClassVar[str | None] = None
-    #: Whether its torque repeats over the angle: rollouts that are off by a part of its period say
-    #: nothing of it, the torque that is missing along the measured motion does.
-    repeats: ClassVar[bool] = False
     #: Effects that look like it in many motions: they are always put beside it.
     confused_with: ClassVar[tuple[str, ...]] = ()
     #: The effect whose law it is under another name, if there is one: only that is looked for.
@@ -297,6 +294,10 @@ class Effect(ABC):
         return None
 
 
+_REST = np.zeros(1)
+#: To ask whether there is a law.
+_STILL = Motion(position=_REST, velocity=_REST, drive=_REST, other_velocity=_REST)
+
 #: An effect, by its name, and the joints on which it acts.
 Key: TypeAlias = tuple[str, tuple[str, ...]]
 
@@ -334,9 +335,22 @@ class EffectInstance:
     @property
     def has_law(self) -> bool:
         """Whether it is a force of position, velocity and drive, which `Effect.torque` tells."""
-        nothing = np.zeros(1)
-        motion = Motion(position=nothing, velocity=nothing, drive=nothing, other_velocity=nothing)
-        return bool(self.joints) and self.effect.torque(motion, self.values) is not None
+        return bool(self.joints) and self.effect.torque(_STILL, self.values) is not None
+
+    @property
+    def in_closed_form(self) -> bool:
+        """Whether the torque that it adds is told by `added`."""
+        return bool(self.joints) and self.added(_STILL) is not None
+
+    def added(self, motion: Motion) -> Array | None:
+        """Returns the torque that it adds on its (first) joint along a motion, shape (T,), N m.
+
+        Its law, or what a drive gives beside its model's torque; None where it is neither.
+        """
+        law = self.effect.torque(motion, self.values)
+        if law is not None:
+            return law
+        return self.effect.drive_change(motion, {k: np.array(v) for k, v in self.values.items()})
 
 
 def angle(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, value: float) -> float:

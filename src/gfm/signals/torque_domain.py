@@ -1,10 +1,10 @@
 """Recordings seen as torques: what no rollout is needed for.
 
 Along the measured motion the model's inverse dynamics say which torque was needed and its own drive
-law which torque was there; the rest is missing. What an effect would add to it is its law where it
-has one in closed form, and else the change that it makes to what is missing when it is put into the
-model. Both are averaged over short blocks: that takes the noise of differentiated positions off,
-and, being linear, leaves the relation between them as it is.
+law which torque was there; the rest is missing. What an effect would add to it is its law (of a
+force, or of what a drive gives) where it has one, and else the change that it makes to what is
+missing when it is put into the model. Both are averaged over short blocks: that takes the noise of
+differentiated positions off, and, being linear, leaves the relation between them as it is.
 
 Shape letters: T measurements of a recording, B blocks of all recordings, J joints.
 """
@@ -115,7 +115,7 @@ class TorqueDomain:
     def missing(self, effects: Sequence[EffectInstance] = ()) -> Array:
         """Returns the torque that the model with `effects` lacks, block means, N m, (B, J)."""
         left = self.view_with(without_law(effects)).missing
-        return self.blocks(reduce(np.subtract, map(self.view.law, effects), left))
+        return self.blocks(reduce(np.subtract, map(self.view.added, effects), left))
 
     def response(self, instance: EffectInstance) -> Array:
         """Returns the torque that an effect adds along the motion, block means, N m, (B, J).
@@ -128,8 +128,8 @@ class TorqueDomain:
         return self._told[key]
 
     def _response(self, instance: EffectInstance) -> Array:
-        if instance.has_law or instance.effect.separates_motor:
-            return self.view.law(instance)
+        if instance.in_closed_form or instance.effect.separates_motor:
+            return self.view.added(instance)
         return self.view.missing - self.view_with([instance]).missing
 
     @cached_property

@@ -45,8 +45,15 @@ class TorqueView:
 
     def law(self, instance: EffectInstance) -> Array:
         """Returns the torque of an effect's law, N m, shape (T, J); zero where it has none."""
+        return self.added(instance) if instance.has_law else np.zeros_like(self.missing)
+
+    def added(self, instance: EffectInstance) -> Array:
+        """Returns the torque that an effect adds in closed form, N m, shape (T, J); else zero.
+
+        To what its drive gives, too: where the drive was measured, that is in it already.
+        """
         torque = np.zeros_like(self.missing)
-        if instance.has_law:
+        if instance.in_closed_form:
             first, *second = (self.joints.index(name) for name in instance.joints)
             motion = Motion(
                 position=self.position[:, first],
@@ -54,7 +61,7 @@ class TorqueView:
                 drive=self.drive[:, first],
                 other_velocity=self.velocity[:, second[0]] if second else None,
             )
-            torque[:, first] = instance.effect.torque(motion, instance.values)
+            torque[:, first] = instance.added(motion)
             torque[:, second] = -torque[:, [first] * len(second)]
         return torque
 

@@ -33,7 +33,6 @@ from gfm.diagnosis.search.trace import SearchResult, Step, parts_of
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Scope, effect_library
 from gfm.signals.torque_domain import torque_domain, torque_views
-from gfm.signals.torques import joined
 
 #: Share of the time that is kept for rivals of what was found.
 FOR_RIVALS = 0.4
@@ -133,7 +132,6 @@ def _begun(
             for place in places(effect, problem.joints, scales, problem.driven, pushing=pushing)
         ],
         report=report,
-        view=joined(views),
         torques=torque_domain(problem, recordings, TORQUES),
         after=_after,
         in_time=lambda: time_left() > 0.0,

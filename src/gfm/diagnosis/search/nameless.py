@@ -11,17 +11,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from gfm.diagnosis.inference.fitting import mean_square
+import numpy as np
+
+from gfm.diagnosis.inference.fitting import mean_square, without
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, P
 from gfm.diagnosis.search.naming import first_of_each
-from gfm.diagnosis.search.read_off import read_off
+from gfm.diagnosis.search.read_off import basis_of, column, read_off, whitened
 from gfm.diagnosis.search.trace import Nameless
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Key
 from gfm.effects.bent import BENT_BY, BentLaw, bent, can_bend
 from gfm.effects.curve import CURVE_OF
-from gfm.signals.torques import TorqueView
+from gfm.signals.torque_domain import TorqueDomain
 
 
 def nameless_laws(
@@ -79,9 +81,9 @@ def _curve(here: Hypothesis[P], search: Search[P]) -> Iterator[tuple[Key, Namele
     places = first_of_each(search.candidates, lambda place: place.joints)
     places = [place for place in places if len(place.joints) == 1]
     left = here.problem.plain().residuals([here.effects])[0]
-    if search.view is None or not (asked and places) or mean_square(left) < FAR_OFF:
+    if search.torques is None or not (asked and places) or mean_square(left) < FAR_OFF:
         return
-    shown = [one for place in places for one in _shown(here, search.view, place)]
+    shown = [one for place in places for one in _shown(here, search.torques, place)]
     _, state, curve = max(shown, key=lambda one: one[0])
     both = replace(here, fit=here.fitted((*here.effects, curve)))
     for one in asked:
@@ -92,14 +94,15 @@ def _curve(here: Hypothesis[P], search: Search[P]) -> Iterator[tuple[Key, Namele
 
 
 def _shown(
-    here: Hypothesis, view: TorqueView, candidate: Place
+    here: Hypothesis[P], domain: TorqueDomain, candidate: Place
 ) -> Iterator[tuple[float, str, EffectInstance]]:
     """Yields curves over each state of a joint, with what they explain of its missing torque."""
     j = here.problem.joints.index(candidate.joints[0])
     position, velocity = (states[:, j] for states in here.problem.states())
-    missing = view.missing[:, j]
+    missing, basis = whitened(domain, domain.missing()), basis_of(domain, here.effects)
     for state, kind in CURVE_OF.items():
         place = replace(candidate, effect=kind(kind.state(position, velocity)))
-        for one in read_off(view, [place], here.effects):
-            left = missing - view.law(one)[:, j]
-            yield 1.0 - float(left @ left) / max(float(missing @ missing), 1e-12), state, one
+        for one, *_ in read_off(domain, place, without(missing, basis), basis):
+            of_joint = np.stack([missing, missing - column(domain, one)], axis=1)
+            whole, left = np.sum(of_joint.reshape(-1, len(here.problem.joints), 2)[:, j] ** 2, 0)
+            yield 1.0 - left / max(whole, 1e-12), state, one

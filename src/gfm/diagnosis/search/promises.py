@@ -12,7 +12,6 @@ from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis
 from gfm.diagnosis.search.screening import Screened, screen
 from gfm.effects import EffectInstance
-from gfm.signals.torques import TorqueView
 from gfm.sim.plant import acts_on_command
 
 #: Recorded time on which all candidates are looked at, and on which the best of them are, s.
@@ -23,20 +22,18 @@ LOOKED_AT = 16
 FIT_GAINS = 4.0
 
 
-def promising(
-    before: Hypothesis, places: Sequence[Place], view: TorqueView | None = None
-) -> list[Screened]:
+def promising(before: Hypothesis, places: Sequence[Place]) -> list[Screened]:
     """Returns the candidates that promise most, best first: at a glance, then the best.
 
     Motors apart from their links, which take longest, only if they promise anything at a glance.
     """
     glanced = [
         one
-        for one in screen(before, places, GLANCE_S, view)
+        for one in screen(before, places, GLANCE_S)
         if promise((one,)).notable or not one.instance.effect.separates_motor
     ]
     again = list(dict.fromkeys(one.instance.key for one in glanced))[:LOOKED_AT]
-    best = screen(before, [p for p in places if p.key in again], SCREENING_S, view)
+    best = screen(before, [p for p in places if p.key in again], SCREENING_S)
     return _without_jumps(before, places, best)
 
 

@@ -1,16 +1,17 @@
 """Amounts read off the torque that is missing along the measured motion.
 
 Far from the truth a rollout goes where the robot never was: to first order it says little of a law
-that changes within a small angle. Along the measured motion, what is missing is the sum of laws
-times their amounts, however large these are: a linear regression. It is less exact than a rollout,
-for it needs accelerations; so it only says where fits may begin.
+that changes within a small angle. Along the measured motion, what is missing is nearly the sum of
+what effects add to it, however large their amounts are: a linear regression. It is less exact than
+a rollout, for it needs accelerations; so it only proposes.
 
-Shape letters: T measurements, J joints.
+Shape letters: N block means of all joints, K probes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,38 +20,60 @@ from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
 from gfm.effects import EffectInstance
-from gfm.signals.torques import TorqueView
+from gfm.signals.torque_domain import TorqueDomain
+
+#: Share of the torque of an effect that another explains where the two are nearly the same.
+ALIKE = 0.9
 
 
-def read_off(
-    view: TorqueView, places: Sequence[Place], effects: Sequence[EffectInstance]
-) -> list[EffectInstance]:
-    """Returns candidates in the amounts that explain most of the missing torque.
+class Shown(NamedTuple):
+    """A candidate in the amount that explains most, how much that is, and what share of its own."""
 
-    One for each group of probes of an effect that has a law in closed form.
+    instance: EffectInstance
+    explained: float
+    share: float
+
+
+def read_off(domain: TorqueDomain, place: Place, left: Array, basis: Array) -> Iterator[Shown]:
+    """Yields a candidate in the amounts that explain most, for each group of its probes.
 
     Args:
-        view: Recordings as torques under the nominal model, (T, J).
-        places: Where effects may act.
-        effects: What is known to be missing: its amounts may be others beside a candidate.
+        domain: Recordings as torques.
+        place: Where the candidate acts.
+        left: Torque that is to be explained, see `whitened`, shape (N,).
+        basis: What is known already, orthonormal, shape (N, ...).
     """
-    laws = [view.law(one) for one in effects if one.has_law]
-    return [one for place in places for one in _of_place(view, place, laws)]
-
-
-def _of_place(view: TorqueView, place: Place, laws: Sequence[Array]) -> Iterator[EffectInstance]:
-    """Yields what the missing torque of a place's own joints tells, beside laws (T, J) each."""
-    own = [view.joints.index(name) for name in place.joints]
-    known = [law[:, own].ravel() for law in laws]
-    missing = view.missing[:, own].ravel()
-    nothing = np.zeros_like(missing)  # where no law is known
-    basis = orthonormal(np.stack([nothing, *known], axis=1))
-    missing = without(missing, basis)
     for group in place.probes:
-        if not all(one.has_law for one in group):
-            continue
-        columns = np.stack([view.law(one)[:, own].ravel() for one in group], axis=1)
-        amounts = np.linalg.lstsq(without(columns, basis), missing, rcond=1e-6)[0]
+        columns = without(np.stack([column(domain, one) for one in group], axis=1), basis)
+        amounts = np.linalg.lstsq(columns, left, rcond=1e-6)[0]
         values = place.effect.combine([one.values for one in group], amounts.tolist())
         if values is not None:
-            yield place.instance(values)
+            one = place.instance(values)
+            own = left.reshape(-1, len(domain.problem.joints))[:, domain.touched(one)]
+            explained = float(left @ columns @ amounts)
+            yield Shown(one, explained, explained / max(float(np.sum(own**2)), 1e-12))
+
+
+def looks_like(
+    domain: TorqueDomain, place: Place, instance: EffectInstance, others: Sequence[EffectInstance]
+) -> bool:
+    """Returns whether a candidate adds nearly what an effect does, beside what others add."""
+    basis = basis_of(domain, others)
+    own = without(column(domain, instance), basis)
+    return any(one.share > ALIKE for one in read_off(domain, place, own, basis))
+
+
+def basis_of(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> Array:
+    """Returns what some effects can add to the missing torque, orthonormal, shape (N, ...)."""
+    nothing = np.zeros(domain.missing().size)  # where there are none
+    return orthonormal(np.stack([nothing, *(column(domain, one) for one in effects)], axis=1))
+
+
+def column(domain: TorqueDomain, one: EffectInstance) -> Array:
+    """Returns what an effect adds to the missing torque, whitened, shape (N,)."""
+    return whitened(domain, domain.response(one))
+
+
+def whitened(domain: TorqueDomain, torque: Array) -> Array:
+    """Returns a torque in units of what sensor noise makes of it, shape (N,)."""
+    return np.asarray((torque / domain.noise).ravel())

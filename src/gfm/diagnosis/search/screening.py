@@ -17,10 +17,8 @@ from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.outliers import bounded, slopes, unbounded
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis
-from gfm.diagnosis.search.read_off import read_off
+from gfm.diagnosis.search.hypothesis import Hypothesis
 from gfm.effects import Effect, EffectInstance, Scope
-from gfm.signals.torques import TorqueView
 
 S = TypeVar("S", Place, EffectInstance)
 T = TypeVar("T")
@@ -60,22 +58,13 @@ def goes_beside(before: Hypothesis, one: Place | EffectInstance) -> bool:
     return not (one.effect.separates_motor and one.joints in apart | before.problem.separated)
 
 
-def screen(
-    before: Hypothesis,
-    candidates: Sequence[Place],
-    sample_s: float,
-    view: TorqueView | None = None,
-) -> list[Screened]:
+def screen(before: Hypothesis, candidates: Sequence[Place], sample_s: float) -> list[Screened]:
     """Returns the candidates with their best amounts to first order, best first.
-
-    Far from what was measured, what repeats over the angle also with those that the missing torque
-    tells.
 
     Args:
         before: Beside what they would be.
         candidates: Where effects may act.
         sample_s: Recorded time on which they are looked at, s.
-        view: The recordings as torques under the nominal model, where they can be seen so.
     """
     sample = before.problem.sample(sample_s)
     part = before.problem.subset(sample)
@@ -83,10 +72,6 @@ def screen(
     basis = np.linalg.qr(base.jacobian)[0]
     start = replace(base, residual=without(base.residual, basis))
     responses = _responses(part, candidates, base, basis)
-    if view is not None and before.fit.cost > FAR_OFF:
-        nothing = np.zeros_like(base.residual)
-        repeating = [place for place in candidates if place.effect.repeats]
-        responses += [(one, nothing) for one in read_off(view, repeating, before.effects)]
     here = Hypothesis(problem=part, fit=start, nominal=before.nominal)
     # An amount is that of all parts: left out, a few segments would be told by one or two.
     found = [

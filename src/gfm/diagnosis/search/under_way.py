@@ -13,7 +13,6 @@ from gfm.diagnosis.search.hypothesis import Hypothesis, P, in_turn
 from gfm.diagnosis.search.trace import Step
 from gfm.effects import Key
 from gfm.signals.torque_domain import TorqueDomain
-from gfm.signals.torques import TorqueView
 
 T = TypeVar("T")
 
@@ -31,8 +30,7 @@ class Search(Generic[P]):
     Attributes:
         candidates: What may be missing, and where.
         report: Told what is happening, in words.
-        view: The recordings as torques under the nominal model, where they can be seen so.
-        torques: The same with the model's own drives, and what effects would add to them.
+        torques: The recordings as torques under the nominal model, where they can be seen so.
         after: Returns the hypothesis to which a step leads from another.
         in_time: Whether there is time left to weigh rivals.
         goes_on: Whether there is time left for steps.
@@ -43,7 +41,6 @@ class Search(Generic[P]):
 
     candidates: Sequence[Place] = ()
     report: Callable[[str], None]
-    view: TorqueView | None = None
     torques: TorqueDomain | None = None
     after: Callable[[Hypothesis[P], Step], Hypothesis[P]] = refitted
     in_time: Callable[[], bool] = lambda: True

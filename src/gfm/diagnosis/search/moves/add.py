@@ -73,7 +73,7 @@ def _add(
     left = _after(before, best_of(before, ranked))
     tier = open_to(before, candidates, left.open_joints)
     search.report(f"screening {len(tier)} candidates (misfit {before.fit.cost:.3g})")
-    screened = promising(before, tier, search.view)
+    screened = promising(before, tier)
     tried: list[Tried] = []
     for one, again in _shortlist(screened):
         if _is_worth_a_fit(before, one, tried, gained, again=again) and search.goes_on():

@@ -6,16 +6,15 @@ add to it, whatever their amounts are: they are taken one by one, each beside th
 (orthogonal matching pursuit; Pati et al. 1993). That only proposes. How many there are is told by
 rollouts, and the fit and the score are of rollouts, as always.
 
-Shape letters: N block means of all joints, K probes.
+Shape letters: N block means of all joints.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +25,8 @@ from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.moves.add import along_its_valley, beside
 from gfm.diagnosis.search.naming import describe, first_of_each
-from gfm.diagnosis.search.screening import open_to
+from gfm.diagnosis.search.read_off import Shown, column, read_off, whitened
+from gfm.diagnosis.search.screening import is_whole, open_to
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance
@@ -44,7 +44,7 @@ def missing_torque(
     if search.torques is None or not search.goes_on():
         return None
     search.report(f"looking at the missing torque (misfit {before.fit.cost:.3g})")
-    new = borne_out(before, shown_together(search.torques, before, search.candidates))
+    new = shown(search.torques, before, search.candidates)
     if not new:
         return None
     search.report(f"fitting {describe(new[0])}" + f" and {len(new) - 1} more" * (len(new) > 1))
@@ -57,14 +57,6 @@ def missing_torque(
         ranked=(tried,),
         chosen=tried if tried.gain.clear else None,
     )
-
-
-def borne_out(
-    before: Hypothesis, shown: Sequence[Sequence[EffectInstance]]
-) -> Sequence[EffectInstance]:
-    """Returns the first of some sets that predicts as well as any, in rollouts with its amounts."""
-    sets: list[Sequence[EffectInstance]] = [(), *shown]
-    return sets[_best_in_rollouts(before, sets)]
 
 
 def _tried(before: Hypothesis, new: Sequence[EffectInstance]) -> Tried:
@@ -95,73 +87,98 @@ def _fewer(before: Hypothesis, tried: Tried) -> Tried | None:
     return None
 
 
-class _Shown(NamedTuple):
-    """A candidate in the amount that explains most, how much that is, and what share of its own."""
+def shown(
+    domain: TorqueDomain, before: Hypothesis[P], candidates: Sequence[Place]
+) -> Sequence[EffectInstance]:
+    """Returns the effects that are not there yet with which rollouts predict best; maybe none.
 
-    instance: EffectInstance
-    explained: float
-    share: float
-
-
-def shown_together(
-    domain: TorqueDomain, before: Hypothesis, candidates: Sequence[Place]
-) -> list[list[EffectInstance]]:
-    """Returns effects that are not there yet: the first, the first two and so on.
-
-    Each of these sets in the amounts that explain most together. Of several that explain nearly as
-    much, the one with which rollouts predict best. What is late is left to rollouts:
-    smoothing and sampling move torques against commands by a millisecond or two. What being late
-    would explain is taken out; where that is more than a period of measurement, nothing is shown:
-    friction and inertia together look late, too.
+    Smoothing and sampling move torques against commands by a millisecond or two: what being late
+    would explain is taken out. But lags look like a delay, and so does dry friction behind a soft
+    servo. So what is late is one effect among others where rollouts say that it explains more than
+    all that is seen beside it.
     """
-    late = [place for place in candidates if place.effect.shift is not None]
     places = [
         place
         for place in open_to(before, candidates, before.open_joints)
-        if not place.effect.separates_motor and place.effect.shift is None
+        if not place.effect.separates_motor
     ]
-    known = [*before.effects, *(group[0] for place in late for group in place.probes)]
-    missing = _whitened(domain, domain.missing(before.effects))
-    if _late_s(domain, late, missing) > domain.period_s:
-        return []
-    columns = [np.zeros_like(missing), *(_column(domain, one) for one in known)]
-    found, sets = list[EffectInstance](), list[list[EffectInstance]]()
+    prompt = [place for place in places if place.effect.shift is None]
+    late = [one for p in candidates if p.effect.shift is not None for (one,) in p.probes]
+    best = borne_out(before, shown_together(domain, before, prompt, late))
+    if late:
+        sets = shown_together(domain, before, places)
+        first = next(sets, ())
+        if borne_out(before, [best, first]) is first:
+            best = borne_out(before, [best, first, *sets])
+    return best
+
+
+def borne_out(
+    before: Hypothesis, shown: Iterable[Sequence[EffectInstance]]
+) -> Sequence[EffectInstance]:
+    """Returns the first of some sets that predicts as well as any, in rollouts with its amounts."""
+    sets: list[Sequence[EffectInstance]] = [(), *shown]
+    return sets[_best_in_rollouts(before, sets)]
+
+
+def shown_together(
+    domain: TorqueDomain,
+    before: Hypothesis[P],
+    places: Sequence[Place],
+    nuisance: Sequence[EffectInstance] = (),
+) -> Iterator[list[EffectInstance]]:
+    """Yields effects of some places: the first, the first two and so on.
+
+    Each of these sets in the amounts that explain most together. Of several that explain nearly as
+    much, the one with which rollouts predict best. What a nuisance would explain is taken out.
+    """
+    known = [*before.effects, *nuisance]
+    missing = whitened(domain, domain.missing(before.effects))
+    columns = [np.zeros_like(missing), *(column(domain, one) for one in known)]
+    found = list[EffectInstance]()
     while len(found) < MOST:
         basis = orthonormal(np.stack(columns, axis=1))
         left, taken = without(missing, basis), {one.key for one in found}
         rest = [place for place in places if place.key not in taken]
-        rivals = _rivals([one for place in rest for one in _of_place(domain, place, left, basis)])
+        rivals = _rivals([one for place in rest for one in read_off(domain, place, left, basis)])
         if not rivals:
-            break
-        bases = [[*columns, _column(domain, one)] for one in rivals]
+            return
+        bases = [[*columns, *(column(domain, one) for one in new)] for new in rivals]
         told = [
-            _with_amounts([*found, one], own, missing)
-            for one, own in zip(rivals, bases, strict=True)
+            _with_amounts([*found, *new], own, missing)
+            for new, own in zip(rivals, bases, strict=True)
         ]
         best = _best_in_rollouts(before, told) if len(told) > 1 else 0
-        found.append(rivals[best])
+        found += rivals[best]
         columns = bases[best]
-        sets.append(told[best])
-    return sets
+        yield told[best]
 
 
-def _rivals(shown: Sequence[_Shown]) -> list[EffectInstance]:
-    """Returns what explains most, and others that explain nearly as much; nothing where none is."""
+def _rivals(shown: Sequence[Shown]) -> list[list[EffectInstance]]:
+    """Returns what explains most, and what explains nearly as much; nothing where none is.
+
+    Lags everywhere look like late commands: effects of one kind on several joints rival one of the
+    whole robot, together.
+    """
     clear = sorted((one for one in shown if one.share >= SHOWN), key=lambda one: -one.explained)
-    near = [one for one in clear if one.explained >= (1.0 - SHOWN) * clear[0].explained]
-    return first_of_each([one.instance for one in near], lambda one: one.key)[:NEAR]
+    first = first_of_each(clear, lambda one: one.instance.key)
+    rivals = [[one] for one in first]
+    if first and is_whole(first[0].instance.effect):
+        rivals += _kinds(first)
+    near = [one for one in rivals if _explained(one) >= (1.0 - SHOWN) * first[0].explained]
+    near.sort(key=lambda one: -_explained(one))
+    return [[one.instance for one in some] for some in near[:NEAR]]
 
 
-def _late_s(domain: TorqueDomain, late: Sequence[Place], missing: Array) -> float:
-    """Returns the largest of the delays that explain most alone, to first order, s."""
-    least: list[float] = [0.0]
-    for place in late:
-        for (probe,) in place.probes:
-            column = _column(domain, probe)
-            first = place.effect.parameters[0].name
-            share = float(column @ missing) / max(float(column @ column), 1e-12)
-            least.append(abs(share * probe.values[first]))
-    return max(least)
+def _kinds(shown: Sequence[Shown]) -> list[list[Shown]]:
+    kinds: dict[str, list[Shown]] = {}
+    for one in shown:
+        kinds.setdefault(one.instance.effect.name, []).append(one)
+    return [kind for kind in kinds.values() if len(kind) > 1]
+
+
+def _explained(some: Sequence[Shown]) -> float:
+    return sum(one.explained for one in some)
 
 
 def _best_in_rollouts(before: Hypothesis, sets: Sequence[Sequence[EffectInstance]]) -> int:
@@ -186,35 +203,6 @@ def _with_amounts(
     """Returns effects, whose columns are the last ones, in the amounts that explain most."""
     factors = np.linalg.lstsq(np.stack(columns, axis=1), missing)[0][-len(effects) :].tolist()
     return [_times(x, one) for x, one in zip(factors, effects, strict=True) if x > 0.0]
-
-
-def _of_place(domain: TorqueDomain, place: Place, left: Array, basis: Array) -> Iterator[_Shown]:
-    """Yields a candidate in the amounts that explain most of what is left, for each of its groups.
-
-    Args:
-        domain: Of the nominal model.
-        place: Where it acts.
-        left: Missing torque, shape (N,).
-        basis: What is known already, orthonormal, shape (N, ...).
-    """
-    for group in place.probes:
-        columns = without(np.stack([_column(domain, one) for one in group], axis=1), basis)
-        amounts = np.linalg.lstsq(columns, left, rcond=1e-6)[0]
-        values = place.effect.combine([one.values for one in group], amounts.tolist())
-        if values is not None:
-            one = place.instance(values)
-            own = left.reshape(-1, len(domain.problem.joints))[:, domain.touched(one)]
-            explained = float(left @ columns @ amounts)
-            yield _Shown(one, explained, explained / max(float(np.sum(own**2)), 1e-12))
-
-
-def _column(domain: TorqueDomain, one: EffectInstance) -> Array:
-    return _whitened(domain, domain.response(one))
-
-
-def _whitened(domain: TorqueDomain, torque: Array) -> Array:
-    """Returns a torque in units of what sensor noise makes of it, shape (N,)."""
-    return np.asarray((torque / domain.noise).ravel())
 
 
 def _times(factor: float, one: EffectInstance) -> EffectInstance:

@@ -19,6 +19,7 @@ from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, parameters_of
 from gfm.diagnosis.search.moves.add import takes_long
 from gfm.diagnosis.search.naming import describe, first_of_each
+from gfm.diagnosis.search.read_off import looks_like
 from gfm.diagnosis.search.screening import goes_beside, is_whole, screen
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
@@ -90,12 +91,14 @@ def rivals_of(instance: EffectInstance, rest: Hypothesis[P], search: Search[P]) 
     alike = [
         place
         for place in search.candidates
-        if place.key not in taken and _near(place, instance) and goes_beside(rest, place)
+        if place.key not in taken
+        and goes_beside(rest, place)
+        and (_near(place, instance) or _does_the_same(place, instance, rest, search))
     ]
     motors = [p for p in alike if p.effect.separates_motor]
     if rest.effects or not found:  # rivals of then stood beside other effects
         quick = [p for p in alike if p not in motors]
-        found = [one.instance for one in screen(rest, quick, RIVALS_S, search.view)] + found
+        found = [one.instance for one in screen(rest, quick, RIVALS_S)] + found
     best = first_of_each(found, lambda one: one.key)[:RIVALS]
     best += [one.instance for one in screen(rest, motors, RIVALS_S)[:1] if one.gain.notable]
     return [rest.fitted((*rest.effects, rival)) for rival in best]
@@ -104,13 +107,22 @@ def rivals_of(instance: EffectInstance, rest: Hypothesis[P], search: Search[P]) 
 def _near(place: Place, instance: EffectInstance) -> bool:
     """Returns whether a candidate may be taken for an effect: on its joints, or of the whole robot.
 
-    What takes long to simulate is no rival of what does not.
+    What takes long to simulate is no rival of what does not: see `_does_the_same`.
     """
     effect = place.effect
     costly = takes_long(effect) and not effect.separates_motor
     here = place.joints == instance.joints or is_whole(effect)
     like = effect.name in instance.effect.confused_with
     return (here and not costly) or (like and (here or is_whole(instance.effect)))
+
+
+def _does_the_same(
+    place: Place, instance: EffectInstance, rest: Hypothesis[P], search: Search[P]
+) -> bool:
+    """Returns whether what takes long to simulate adds nearly the torque that an effect adds."""
+    if search.torques is None or not place.effect.costly or place.joints != instance.joints:
+        return False
+    return looks_like(search.torques, place, instance, rest.effects)
 
 
 @dataclass(frozen=True, kw_only=True)
