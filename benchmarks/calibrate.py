@@ -26,11 +26,11 @@ from scipy.optimize import minimize
 
 from gfm.diagnosis.output.claims import MOST_BENT
 
-FEATURES = ("z_rival", "apart", "bends")
+FEATURES = ("z_rival", "apart", "bends", "disagrees")
 #: Weights of the squares of all amounts: without them they run away where right and wrong names can
 #: be parted without error. Those of the law's figure, which lies closer together, count less.
-_RIDGE = np.array([1.0, 1.0, 0.1, 0.1])
-_BEGUN = np.array([1.0, -1.0, 2.0, -4.0])
+_RIDGE = np.array([1.0, 1.0, 0.1, 0.1, 0.1])
+_BEGUN = np.array([1.0, -1.0, 2.0, -4.0, -4.0])
 #: Percentile, for `UNWEIGHED`, of the shares of what speaks for names against their best rivals.
 _LOWER_QUARTILE = 25.0
 #: Confidences of nought and one would cost infinitely much where they are wrong.
@@ -47,12 +47,13 @@ def features(evidence: Mapping[str, Any] | None) -> Array | None:
     figures = [told.get(name) for name in FEATURES]
     if any(value is None or not math.isfinite(value) for value in figures):
         return None
-    z_rival, apart, bends = (float(value) for value in figures if value is not None)
+    z_rival, apart, bends, disagrees = (float(value) for value in figures if value is not None)
     return np.array(
         [
             math.log1p(max(z_rival, 0.0)),
             math.sqrt(max(apart, 0.0)),
             math.atanh(math.sqrt(min(bends, MOST_BENT))),
+            disagrees,
         ]
     )
 
@@ -77,9 +78,9 @@ def weights_of(cases: Sequence[str]) -> Array:
 
 def confidence(X: Array, amounts: Array) -> Array:
     """Returns what `output.claims.confidence` says by some amounts, shape (N,)."""
-    predicts, differs, holds, bent = amounts
+    predicts, differs, holds, bent, unlike = amounts
     better = probability(predicts * X[:, 0] + differs * X[:, 1])
-    return np.asarray(better * probability(holds + bent * X[:, 2]))
+    return np.asarray(better * probability(holds + bent * X[:, 2] + unlike * X[:, 3]))
 
 
 def fit(X: Array, right: Array, weights: Array | None = None) -> Array:

@@ -12,7 +12,7 @@ from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.output import claims
 from gfm.diagnosis.search.trace import Evidence
 
-PLANTED = np.array([1.2, -0.7, 4.0, -5.0])
+PLANTED = np.array([1.2, -0.7, 4.0, -5.0, -3.0])
 
 
 def evidence(rng):
@@ -22,6 +22,7 @@ def evidence(rng):
         "z_rival": float(rng.uniform(-2.0, 10.0)),
         "apart": float(rng.exponential(2.0)),
         "bends": float(rng.uniform(0.0, 1.0)),
+        "disagrees": float(rng.exponential(0.5)),
     }
 
 
@@ -52,8 +53,15 @@ def test_planted_constants_are_recovered():
 
 def test_a_confidence_is_that_of_the_report():
     """A law that does not bend, one that bends as much as may be, a tie."""
-    figures = {"z_without": 9.0, "z_rival": 5.0, "apart": 0.1, "bends": 0.3}
-    for more in ({}, {"bends": 0.0}, {"bends": 1.0}, {"z_rival": 0.0}, {"apart": 2.0}):
+    figures = {"z_without": 9.0, "z_rival": 5.0, "apart": 0.1, "bends": 0.3, "disagrees": 0.2}
+    for more in (
+        {},
+        {"disagrees": 1.0},
+        {"bends": 0.0},
+        {"bends": 1.0},
+        {"z_rival": 0.0},
+        {"apart": 2.0},
+    ):
         told = figures | more
         evidence = Evidence(
             without=Difference(45.0, 5.0),
@@ -61,6 +69,7 @@ def test_a_confidence_is_that_of_the_report():
             by=None,
             apart=told["apart"],
             bends=told["bends"],
+            disagrees=told["disagrees"],
         )
         (row,) = calibrate.confidence(calibrate.features(told)[None], np.array(CONFIDENCE))
         assert row == pytest.approx(claims.confidence(evidence))
@@ -74,23 +83,30 @@ def test_no_other_amounts_are_likelier():
         told = calibrate.confidence(X, those)
         return 500 * calibrate.log_loss(told, right) + 0.5 * calibrate._RIDGE @ those**2
 
-    for step in 0.05 * np.eye(4):
+    for step in 0.05 * np.eye(5):
         assert lost(amounts) < min(lost(amounts + step), lost(amounts - step))
 
 
 def test_names_that_can_be_parted_without_error_give_finite_constants():
     bends = np.linspace(0.0, 2.0, 20)
-    X = np.stack([np.full(20, 2.0), np.zeros(20), bends], axis=1)
-    predicts, differs, holds, bent = calibrate.fit(X, (bends < 1.0).astype(float))
+    X = np.stack([np.full(20, 2.0), np.zeros(20), bends, np.zeros(20)], axis=1)
+    predicts, differs, holds, bent, unlike = calibrate.fit(X, (bends < 1.0).astype(float))
     assert 0.0 < predicts < 20.0
     assert differs == pytest.approx(0.0, abs=1e-3)
     assert 1.0 < holds < 50.0
     assert -50.0 < bent < -1.0
+    assert unlike == pytest.approx(0.0, abs=1e-3)
 
 
 def test_features_stay_within_their_limits():
-    figures = {"z_without": -3.0, "z_rival": np.e - 1.0, "bends": 0.0, "apart": 0.25}
-    assert calibrate.features(figures) == pytest.approx([1.0, 0.5, 0.0])
+    figures = {
+        "z_without": -3.0,
+        "z_rival": np.e - 1.0,
+        "bends": 0.0,
+        "apart": 0.25,
+        "disagrees": 0.1,
+    }
+    assert calibrate.features(figures) == pytest.approx([1.0, 0.5, 0.0, 0.1])
     assert calibrate.features(figures | {"bends": 0.25})[2] == pytest.approx(np.arctanh(0.5))
     assert np.isfinite(calibrate.features(figures | {"bends": 1.0})[2])
     del figures["z_rival"]  # nothing rivals it: so much better than without it
@@ -111,7 +127,7 @@ def test_guessing_costs_ln_2_and_certain_errors_much_but_not_infinitely():
 
 
 def test_a_case_that_is_left_out_does_not_judge_itself():
-    X = np.tile([1.0, 0.0, 0.0], (4, 1))
+    X = np.tile([1.0, 0.0, 0.0, 0.0], (4, 1))
     right, cases = np.array([1.0, 1.0, 0.0, 1.0]), ["a", "a", "b", "c"]
     told = calibrate.left_out(X, right, cases)
     # Without a, one of two others is right; without b all are, and without c two of three.

@@ -34,12 +34,11 @@ FRICTION, SPRING, DRAG = (
 PROBLEM = problem(np.zeros((len(TIME_S), 1)))
 
 
-def speaking(errors=40.0, rival=10.0, apart=0.01, bends=0.05, by=SPRING):
+def speaking(errors=40.0, rival=10.0, by=SPRING, **figures):
     """What speaks for an effect: standard errors over without it and over its rival, and so on."""
     over = None if rival is None else Difference(5.0 * rival, 5.0)
-    return Evidence(
-        without=Difference(5.0 * errors, 5.0), rival=over, by=by, apart=apart, bends=bends
-    )
+    figures = {"apart": 0.01, "bends": 0.05} | figures
+    return Evidence(without=Difference(5.0 * errors, 5.0), rival=over, by=by, **figures)
 
 
 STRONG, WEAK = speaking(), speaking(errors=2.1, rival=0.0, apart=1.0, bends=1.0)
@@ -81,6 +80,7 @@ def test_laws_that_stand_for_one_without_a_name_are_suspects_and_it_is_said():
         ("rival", [0.0, 1.0, 3.0, 30.0]),
         ("apart", [3.0, 1.0, 0.1, 0.0]),
         ("bends", [0.9, 0.5, 0.1, 0.0]),
+        ("disagrees", [2.0, 0.5, 0.1, 0.0]),
     ],
 )
 def test_a_name_is_surer_the_more_speaks_for_it(figure, better):
@@ -118,6 +118,7 @@ def test_names_have_their_figures_and_the_strongest_stands_first():
         "z_without": 40.0,
         "apart": 0.01,
         "bends": 0.05,
+        "disagrees": 0.0,
         "z_rival": 10.0,
     }
     assert named_effects(result, ()) == ()

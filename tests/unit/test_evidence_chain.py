@@ -11,13 +11,14 @@ import pytest
 from gfm.core import CommandKind
 from gfm.diagnosis.data.segmentation import WHOLE, make_problem
 from gfm.diagnosis.evidence.adequacy import energy_by, slow_share
-from gfm.diagnosis.evidence.domains import Agreement, regressed, two_domains
+from gfm.diagnosis.evidence.domains import Agreement, two_domains
 from gfm.diagnosis.evidence.energy import energy_balance
 from gfm.diagnosis.evidence.links import evidence_chain
 from gfm.diagnosis.evidence.searched import confusable_sets, stopping
 from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.output.claims import SPREAD_WIDTH, SPREADS_ASKED, SPREADS_HELD
+from gfm.diagnosis.search.read_off import regressed
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step, Tried
 from gfm.effects import EffectInstance, find_effect
 from gfm.signals.torque_domain import torque_domain
@@ -206,7 +207,7 @@ def test_a_regression_is_freed_of_what_stands_beside():
     share, factor = regressed(2.0 * one + 3.0 * other, one, [other])
     assert factor == pytest.approx(2.0)
     assert share == pytest.approx(1.0)
-    assert regressed(-one, one, []) == (0.0, -1.0)  # the wrong way round explains nothing
+    assert regressed(-one, one, []) == (1.0, -1.0)  # the wrong way round
     assert regressed(np.zeros(4), one, []) == (0.0, 0.0)
 
 

@@ -1,5 +1,7 @@
 """Amounts read off the missing torque, where rollouts go where the robot never was."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.search.candidates import Place, joint_scales
 from gfm.diagnosis.search.hypothesis import FAR_OFF, nominal_hypothesis
 from gfm.diagnosis.search.moves.missing_torque import missing_torque
-from gfm.diagnosis.search.read_off import basis_of, column, looks_like, read_off
+from gfm.diagnosis.search.read_off import basis_of, column, disagreement, looks_like, read_off
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, find_effect
 from gfm.signals.torque_domain import torque_domain, torque_views
@@ -116,6 +118,22 @@ def test_an_effect_looks_like_another_that_adds_nearly_the_same():
     wide = instance("stribeck_friction", static_excess=0.1, stribeck_velocity=100.0)
     assert looks_like(TORQUES, place("coulomb_friction"), wide, [])
     assert not looks_like(TORQUES, place("coulomb_friction"), MAGNETS, [])
+
+
+@pytest.mark.parametrize(("factor", "far"), [(1.0, 0.0), (2.0, 2.0), (-3.0, 10.0), (50.0, 10.0)])
+def test_an_amount_disagrees_by_the_factor_to_what_the_missing_torque_tells(factor, far):
+    """By ten at most, as what points the wrong way does."""
+    told = replace(MAGNETS, values={**MAGNETS.values, "amplitude": factor * AMPLITUDE})
+    ((key, figure),) = disagreement(TORQUES, [told]).items()
+    assert key == MAGNETS.key
+    assert figure == pytest.approx(np.log(max(far, 1.0)), abs=0.05)
+
+
+def test_what_the_missing_torque_says_nothing_of_does_not_disagree():
+    beside = instance("coulomb_friction", torque=0.5)
+    assert disagreement(TORQUES, [MAGNETS, beside])[beside.key] < 0.02
+    motor = instance("joint_elasticity", stiffness=100.0)
+    assert disagreement(TORQUES, [motor]) == {motor.key: 0.0}
 
 
 def test_a_disc_between_magnets_is_found_where_rollouts_say_little():

@@ -152,7 +152,7 @@ def test_page_and_diagram_are_written_side_by_side(tmp_path, monkeypatch, capsys
 
 
 def test_confidences_of_today_are_made_of_the_evidence_in_the_reports():
-    figures = {"z_without": 9.0, "z_rival": 0.0, "apart": 0.0, "bends": 0.0}
+    figures = {"z_without": 9.0, "z_rival": 0.0, "apart": 0.0, "bends": 0.0, "disagrees": 0.0}
     names = [replace(told(0.9, True), evidence=more) for more in (figures, None)]
     (tie,) = reliability.by_todays_weights(names)
     assert tie.suspect

@@ -17,8 +17,8 @@ from enum import StrEnum
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.search.naming import Placed, describe, first_of_each, twins
+from gfm.diagnosis.search.read_off import regressed
 from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance, Key
 from gfm.signals.torque_domain import TorqueDomain
@@ -141,33 +141,16 @@ def _row(
     joints, is_named = domain.touched(instance), instance.key in named
     columns = {key: torque[:, joints].ravel() for key, torque in told.items()}
     torque, own = missing[:, joints].ravel(), columns[instance.key]
-    share, _ = regressed(torque, own, [columns[k] for k in candidate.base if k in columns])
+    base = [columns[k] for k in candidate.base if k in columns]
+    share, factor = regressed(torque, own, base)
     _, amount = regressed(torque, own, [columns[k] for k in named if k != instance.key])
     return TwoDomains(
         *instance.key,
         named=is_named,
         rollout_share=candidate.share,
-        torque_share=share,
-        amount=amount if share >= HEARD and is_named else None,
+        torque_share=share if factor > 0.0 else 0.0,
+        amount=amount if factor > 0.0 and share >= HEARD and is_named else None,
     )
-
-
-def regressed(torque: Array, own: Array, others: Sequence[Array]) -> tuple[float, float]:
-    """Returns which share of a torque a column explains beside others, and with which factor.
-
-    Args:
-        torque: shape (N,).
-        own: The column, shape (N,).
-        others: What both are freed of first, shape (N,) each.
-    """
-    if others:
-        basis = np.linalg.qr(np.stack(others, axis=1))[0]
-        torque, own = (without(x, basis) for x in (torque, own))
-    power, size = float(torque @ torque), float(own @ own)
-    if power <= 0.0 or size <= 0.0:
-        return 0.0, 0.0
-    along = float(own @ torque)
-    return along**2 / (size * power) if along > 0.0 else 0.0, along / size
 
 
 def _judged(

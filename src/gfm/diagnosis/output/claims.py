@@ -76,18 +76,20 @@ def confidence(evidence: Evidence) -> float:
     That nothing else says it as well, times the chance that its law holds: both are logistic
     functions of what speaks for it, calibrated on robots whose truth is known.
     """
-    predicts, differs, holds, bent = CONFIDENCE
-    errors, apart, bends = features(evidence)
-    return float(expit(predicts * errors + differs * apart) * expit(holds + bent * bends))
+    predicts, differs, holds, bent, unlike = CONFIDENCE
+    errors, apart, bends, disagrees = features(evidence)
+    law = expit(holds + bent * bends + unlike * disagrees)
+    return float(expit(predicts * errors + differs * apart) * law)
 
 
 def features(evidence: Evidence) -> np.ndarray:
-    """Returns the figures on which a confidence depends, shape (3,)."""
+    """Returns the figures on which a confidence depends, shape (4,)."""
     return np.array(
         [
             np.log1p(max(evidence.over_rival.errors, 0.0)),
             np.sqrt(evidence.apart),
             np.arctanh(np.sqrt(min(evidence.bends, MOST_BENT))),
+            evidence.disagrees,
         ]
     )
 
@@ -144,6 +146,7 @@ def _figures(evidence: Evidence) -> dict[str, float]:
         "z_without": evidence.without.errors,
         "apart": evidence.apart,
         "bends": evidence.bends,
+        "disagrees": evidence.disagrees,
     }
     if evidence.over_rival is not evidence.without:
         told["z_rival"] = evidence.over_rival.errors
@@ -205,7 +208,8 @@ def _speaks_for(evidence: Evidence) -> str:
     return (
         f"predicts better than {other} by {evidence.over_rival.errors:.1f} standard errors; its "
         f"amount differs by {evidence.apart:.0%} between parts of the data; {evidence.bends:.0%} "
-        "of what is left is as if its amount changed with the state of the joint"
+        "of what is left is as if its amount changed with the state of the joint; by the missing "
+        f"torque its amount is another by {evidence.disagrees:.2f}"
     )
 
 

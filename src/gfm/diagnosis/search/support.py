@@ -17,6 +17,7 @@ from gfm.diagnosis.residuals.outliers import slopes
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.moves.reduce import Compared, gains_of_each
 from gfm.diagnosis.search.nameless import bent_by, laws_of, nameless_laws
+from gfm.diagnosis.search.read_off import disagreement
 from gfm.diagnosis.search.trace import Evidence, Nameless
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Key
@@ -35,6 +36,7 @@ def support(
     nats = {instance.key: gain.nats for gain, instance in gains}
     nothing = dict[Key, Nameless]()
     nameless = search.in_its_time(partial(nameless_laws, here, search, nats), nothing)
+    unlike = disagreement(search.torques, here.effects) if search.torques else {}
     told = {}
     for without, instance in gains:
         beside = rivals.get(instance.key, Compared(instance=instance))
@@ -47,6 +49,7 @@ def support(
             by=beside.rival.new[0] if beside.rival else None,
             apart=parts,
             bends=bend,
+            disagrees=unlike.get(instance.key, 0.0),
             nameless=nameless.get(instance.key),
         )
     return told

@@ -107,6 +107,7 @@ class Evidence:
         by: That rival.
         apart: By what share of itself it differs between parts of the data, beyond chance.
         bends: How much of what is left on its joint it leaves by not changing with the state.
+        disagrees: By how much its amount is not that which the missing torque tells.
         nameless: A law without a name for which it stands; None where it predicts as well.
     """
 
@@ -115,6 +116,7 @@ class Evidence:
     by: EffectInstance | None
     apart: float
     bends: float
+    disagrees: float = 0.0
     nameless: Nameless | None = None
 
     @property
