@@ -8,7 +8,9 @@ import time
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from threading import Event, Thread
+from typing import cast
 
 import pytest
 
@@ -80,6 +82,20 @@ def received(server: Server) -> Request:
     return request
 
 
+def asked(server: Server, ask: Callable[[], PendingReply]) -> tuple[PendingReply, Request]:
+    """Asks until it is received: the hub may not know yet what another client serves."""
+
+    def again() -> tuple[PendingReply, Request] | None:
+        pending = ask()
+        with suppress(UnreachableError):
+            while pending.poll() is None:
+                if request := server.receive():
+                    return pending, request
+        return None
+
+    return cast("tuple[PendingReply, Request]", eventually(again))
+
+
 def answer(pending: PendingReply) -> Message:
     return eventually(pending.poll)
 
@@ -116,9 +132,10 @@ def test_a_question_in_vain_waits_for_no_collector(connect):
 
 def test_a_client_can_ask_a_client_through_the_hub(connect):
     connect()
-    server = connect().serve("weights/current")
-    pending = connect().request("weights/current", StatusRequest(), timeout_s=5.0)
-    received(server).reply(Ack())
+    server, asker = connect().serve("weights/current"), connect()
+    ask = partial(asker.request, "weights/current", StatusRequest(), timeout_s=5.0)
+    pending, request = asked(server, ask)
+    request.reply(Ack())
     assert answer(pending) == Ack()
 
 
@@ -175,8 +192,9 @@ def test_everybody_is_asked_and_a_rejected_answer_makes_room_for_the_next(connec
 def test_a_refusal_of_one_leaves_the_answer_of_another(connect):
     connect()
     server, asker = connect().serve("replay/insert"), connect()
-    pending = asker.request("replay/insert", StatusRequest(), timeout_s=5.0, everybody=True)
-    received(server).refuse("no")
+    ask = partial(asker.request, "replay/insert", StatusRequest(), timeout_s=5.0, everybody=True)
+    pending, request = asked(server, ask)
+    request.refuse("no")
     with pytest.raises(RefusedError, match="no"):
         answer(pending)
     pending.reject()
