@@ -5,7 +5,8 @@
 A product of two logistic functions of the figures under `evidence` in reports that `diagnosis.py`
 made: that nothing else says it as well, and that the law holds. Robots with a law that the library
 lacks count as often as in a whole suite, however many of them were diagnosed. What the fit is worth
-is judged on cases that it was not fitted to, each left out once.
+is judged on cases that it was not fitted to, each left out once. A figure that is new, which few
+reports carry, is fitted beside the others as they are (`--last`).
 
 Shape letters: N names, F features.
 """
@@ -24,6 +25,7 @@ from known_truth.robots import Array
 from known_truth.told import Told, all_told
 from scipy.optimize import minimize
 
+from gfm.diagnosis.inference.constants import CONFIDENCE
 from gfm.diagnosis.output.claims import MOST_BENT
 
 FEATURES = ("z_rival", "apart", "bends", "disagrees")
@@ -83,21 +85,24 @@ def confidence(X: Array, amounts: Array) -> Array:
     return np.asarray(better * probability(holds + bent * X[:, 2] + unlike * X[:, 3]))
 
 
-def fit(X: Array, right: Array, weights: Array | None = None) -> Array:
+def fit(X: Array, right: Array, weights: Array | None = None, held: Sequence[float] = ()) -> Array:
     """Returns the likeliest amounts of `CONFIDENCE`, shape (F + 1,).
 
     Args:
         X: Features, shape (N, F).
         right: 1 for right names, 0 for wrong ones, shape (N,).
         weights: How much each counts, shape (N,); all the same by default.
+        held: The first amounts, where these are known.
     """
     weights = np.ones(len(right)) if weights is None else weights
+    first = np.array(held)
 
-    def loss(amounts: Array) -> float:
+    def loss(rest: Array) -> float:
+        amounts = np.concatenate([first, rest])
         lost = weights.sum() * log_loss(confidence(X, amounts), right, weights)
         return float(lost + 0.5 * _RIDGE @ amounts**2)
 
-    return np.asarray(minimize(loss, _BEGUN, method="BFGS").x)
+    return np.concatenate([first, minimize(loss, _BEGUN[len(first) :], method="BFGS").x])
 
 
 def probability(logit: Array) -> Array:
@@ -112,13 +117,19 @@ def log_loss(told: Array, right: Array, weights: Array | None = None) -> float:
     return float(np.average(lost, weights=weights))
 
 
-def left_out(X: Array, right: Array, cases: Sequence[str], weights: Array | None = None) -> Array:
+def left_out(
+    X: Array,
+    right: Array,
+    cases: Sequence[str],
+    weights: Array | None = None,
+    held: Sequence[float] = (),
+) -> Array:
     """Returns the confidence in each name by a fit to all other cases, shape (N,)."""
     groups, told = np.array(cases), np.zeros(len(right))
     weights = np.ones(len(right)) if weights is None else weights
     for case in dict.fromkeys(cases):
         here = groups == case
-        told[here] = confidence(X[here], fit(X[~here], right[~here], weights[~here]))
+        told[here] = confidence(X[here], fit(X[~here], right[~here], weights[~here], held))
     return told
 
 
@@ -140,8 +151,8 @@ def unweighed(told: Sequence[Told]) -> str:
     return f"UNWEIGHED = {np.percentile(shares, _LOWER_QUARTILE):.2f}  # of {len(shares)} names"
 
 
-def summary(told: Sequence[Told]) -> str:
-    """Returns what comes of a fit to all names that carry evidence."""
+def summary(told: Sequence[Told], held: Sequence[float] = ()) -> str:
+    """Returns what comes of a fit to all names that carry evidence, some amounts held."""
     pairs = [(one, row) for one in told if (row := features(one.evidence)) is not None]
     skipped = f"{len(told) - len(pairs)} of {len(told)} names carry no evidence: skipped"
     right = np.array([float(one.right) for one, _ in pairs])
@@ -149,12 +160,12 @@ def summary(told: Sequence[Told]) -> str:
         return f"{skipped}\nnothing to fit: right and wrong names are needed, both with evidence"
     X, cases = np.stack([row for _, row in pairs]), [one.case for one, _ in pairs]
     weights = weights_of(cases)
-    amounts = fit(X, right, weights)
+    amounts = fit(X, right, weights, held)
     guess = np.full_like(right, np.average(right, weights=weights))
     as_reported = np.array([one.confidence for one, _ in pairs])
     rows = {
         "fitted": confidence(X, amounts),
-        "each case left out": left_out(X, right, cases, weights),
+        "each case left out": left_out(X, right, cases, weights, held),
         "of what reports say": as_reported,
         "of the share of right": guess,
     }
@@ -172,8 +183,12 @@ def main() -> None:
     """Collects the evidence, fits, and prints the constants."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folders", nargs="+", type=Path, metavar="DIR")
-    told, _ = all_told(parser.parse_args().folders)
-    print(summary(told))
+    parser.add_argument(
+        "--last", action="store_true", help="fit the weight of the last figure beside the others"
+    )
+    asked = parser.parse_args()
+    told, _ = all_told(asked.folders)
+    print(summary(told, CONFIDENCE[:-1] if asked.last else ()))
 
 
 if __name__ == "__main__":

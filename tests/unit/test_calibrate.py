@@ -51,6 +51,13 @@ def test_planted_constants_are_recovered():
     assert calibrate.fit(X, right) == pytest.approx(PLANTED, abs=0.35)
 
 
+def test_a_new_figure_is_fitted_beside_the_others_as_they_are():
+    X, right, _ = planted(5000)
+    amounts = calibrate.fit(X, right, held=PLANTED[:-1])
+    assert amounts[:-1].tolist() == PLANTED[:-1].tolist()
+    assert amounts[-1] == pytest.approx(PLANTED[-1], abs=0.35)
+
+
 def test_a_confidence_is_that_of_the_report():
     """A law that does not bend, one that bends as much as may be, a tie."""
     figures = {"z_without": 9.0, "z_rival": 5.0, "apart": 0.1, "bends": 0.3, "disagrees": 0.2}

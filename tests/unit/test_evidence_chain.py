@@ -18,10 +18,9 @@ from gfm.diagnosis.evidence.searched import confusable_sets, stopping
 from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.output.claims import SPREAD_WIDTH, SPREADS_ASKED, SPREADS_HELD
-from gfm.diagnosis.search.read_off import regressed
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step, Tried
 from gfm.effects import EffectInstance, find_effect
-from gfm.signals.torque_domain import torque_domain
+from gfm.signals.torque_domain import regressed, torque_domain
 from one_joint import problem
 from pendulum import MODEL, PERIOD_S, swung
 

@@ -13,7 +13,7 @@ from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.search.candidates import Place, joint_scales
 from gfm.diagnosis.search.hypothesis import FAR_OFF, nominal_hypothesis
 from gfm.diagnosis.search.moves.missing_torque import missing_torque
-from gfm.diagnosis.search.read_off import basis_of, column, disagreement, looks_like, read_off
+from gfm.diagnosis.search.read_off import basis_of, column, looks_like, read_off
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, find_effect
 from gfm.signals.torque_domain import torque_domain, torque_views
@@ -124,16 +124,16 @@ def test_an_effect_looks_like_another_that_adds_nearly_the_same():
 def test_an_amount_disagrees_by_the_factor_to_what_the_missing_torque_tells(factor, far):
     """By ten at most, as what points the wrong way does."""
     told = replace(MAGNETS, values={**MAGNETS.values, "amplitude": factor * AMPLITUDE})
-    ((key, figure),) = disagreement(TORQUES, [told]).items()
+    ((key, figure),) = TORQUES.disagreement([told]).items()
     assert key == MAGNETS.key
     assert figure == pytest.approx(np.log(max(far, 1.0)), abs=0.05)
 
 
 def test_what_the_missing_torque_says_nothing_of_does_not_disagree():
     beside = instance("coulomb_friction", torque=0.5)
-    assert disagreement(TORQUES, [MAGNETS, beside])[beside.key] < 0.02
+    assert TORQUES.disagreement([MAGNETS, beside])[beside.key] < 0.02
     motor = instance("joint_elasticity", stiffness=100.0)
-    assert disagreement(TORQUES, [motor]) == {motor.key: 0.0}
+    assert TORQUES.disagreement([motor]) == {motor.key: 0.0}
 
 
 def test_a_disc_between_magnets_is_found_where_rollouts_say_little():

@@ -21,7 +21,7 @@ import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.effects import EffectInstance
+from gfm.effects import EffectInstance, Key
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
 from gfm.signals.smoothing import smooth_states
 from gfm.signals.torques import TorqueView, joined, torque_view
@@ -33,6 +33,8 @@ BLOCK_S = 0.1
 #: dry friction change sign. At rest such a friction is whatever holds the joint, and no law says
 #: how much that is: an offset or a weak drive would always explain it better.
 MOVES_RAD_S = 3.0 * SIGN_WIDTH_RAD_S
+#: Factor by which two amounts differ at most that are compared: what is farther says no more.
+FARTHEST = 10.0
 #: Measurements per second, and of all recordings together, that are looked at: more take time and
 #: say the same.
 RATE_HZ, MOST_SAMPLES = 100.0, 6000
@@ -132,6 +134,24 @@ class TorqueDomain:
             return self.view.added(instance)
         return self.view.missing - self.view_with([instance]).missing
 
+    def disagreement(self, effects: Sequence[EffectInstance]) -> dict[Key, float]:
+        """Returns by how much amounts of effects are not those that the missing torque tells.
+
+        The logarithm of the factor between the two, times the share of the torque that the effect
+        explains beside the others, while its joints move: what explains little says little.
+        """
+        moving = self.moving()
+        missing, told = moving * self.missing(), {e.key: moving * self.response(e) for e in effects}
+        figures = {}
+        for one in effects:
+            joints = self.touched(one)
+            columns = {key: torque[:, joints].ravel() for key, torque in told.items()}
+            own = columns.pop(one.key)
+            share, factor = regressed(missing[:, joints].ravel(), own, list(columns.values()))
+            apart = abs(np.log(np.clip(factor, 1.0 / FARTHEST, FARTHEST)))
+            figures[one.key] = share * float(apart)
+        return figures
+
     @cached_property
     def noise(self) -> Array:
         """What sensor noise makes of a missing torque, block means, N m RMS, shape (J,)."""
@@ -179,6 +199,25 @@ class TorqueDomain:
 def without_law(effects: Sequence[EffectInstance]) -> list[EffectInstance]:
     """Returns those of `effects` that inverse dynamics have to be told of: without a law."""
     return [e for e in effects if not e.has_law and not e.effect.separates_motor]
+
+
+def regressed(torque: Array, own: Array, others: Sequence[Array]) -> tuple[float, float]:
+    """Returns which share of a torque a column explains beside others, and with which factor.
+
+    Args:
+        torque: shape (N,).
+        own: The column, shape (N,).
+        others: What both are freed of first, shape (N,) each.
+    """
+    if others:
+        basis = np.stack(others, axis=1)
+        both = np.stack([torque, own], axis=1)
+        torque, own = (both - basis @ np.linalg.lstsq(basis, both, rcond=1e-6)[0]).T
+    power, size = float(torque @ torque), float(own @ own)
+    if power <= 0.0 or size <= 0.0:
+        return 0.0, 0.0
+    along = float(own @ torque)
+    return along**2 / (size * power), along / size
 
 
 def torque_domain(

@@ -24,7 +24,7 @@ DEGREES_OF_FREEDOM = 4.0
 #: an exact law and its equal are even odds. That its law holds: a constant, how much of what is
 #: left the law leaves by not changing with the state, and how far its amount is from that which the
 #: missing torque tells.
-CONFIDENCE = (1.50, -2.38, 5.18, -6.99, -8.00)
+CONFIDENCE = (1.50, -2.38, 5.18, -6.99, -7.58)
 #: Share of what speaks for an effect that is taken to speak for it against its best rival, where
 #: no time was left to weigh one.
 UNWEIGHED = 0.71

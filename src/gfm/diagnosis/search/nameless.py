@@ -1,9 +1,9 @@
 """Laws without a name: what acts where the library has nothing, told as what comes nearest to it.
 
 Two things give them away. Of several laws of one state of a joint, one whose amount changes with
-that state predicts better than all. And where a hypothesis is far from the truth, the missing
-torque may show a curve over a state: that predicts better in the place of a name which adds nothing
-beside it.
+that state predicts better than all, or any curve over it does. And where a hypothesis is far from
+the truth, the missing torque may show such a curve: that predicts better in the place of a name
+which adds nothing beside it.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def nameless_laws(
         search: With the recordings as torques, if they can be seen so.
         nats: By how much the hypothesis predicts better than without each effect.
     """
-    return dict(_bent_laws(here, nats)) | dict(_curve(here, search))
+    return dict(_one_law(here, search, nats)) | dict(_curve(here, search))
 
 
 def laws_of(effects: Sequence[EffectInstance]) -> list[list[EffectInstance]]:
@@ -57,16 +57,22 @@ def bent_by(how: type[BentLaw], here: Hypothesis, law: Sequence[EffectInstance])
     return bent(how, law, position, velocity)
 
 
-def _bent_laws(here: Hypothesis, nats: Mapping[Key, float]) -> Iterator[tuple[Key, Nameless]]:
-    """Yields several laws of one state that stand for one: the strongest of them, bent."""
+def _one_law(
+    here: Hypothesis[P], search: Search[P], nats: Mapping[Key, float]
+) -> Iterator[tuple[Key, Nameless]]:
+    """Yields several laws of one state that stand for one: the strongest, bent; or a curve."""
     for law in laws_of(here.effects):
         torques, state = [one for one in law if can_bend(one)], law[0].effect.law_of
         if state is None or len(law) < 2 or not torques:
             continue
-        strongest = max(torques, key=lambda one: nats[one.key])
-        alone = here.fitted([*(one for one in here.effects if one not in law), strongest])
-        bend = bent_by(BENT_BY[state], here, alone.effects[-1:])
-        over = here.over(here.fitted((*alone.effects, bend)))
+        rest = [one for one in here.effects if one not in law]
+        alone = here.fitted([*rest, max(torques, key=lambda one: nats[one.key])])
+        instead = [(*alone.effects, bent_by(BENT_BY[state], here, alone.effects[-1:]))]
+        places = [place for place in search.candidates if place.joints == law[0].joints]
+        if search.torques is not None:
+            curves = _shown(here, search.torques, places[0]) if places else ()
+            instead += [(*rest, curve) for _, of, curve in curves if of == state]
+        over = min((here.over(here.fitted(one)) for one in instead), key=lambda one: one.nats)
         if (-over).notable:
             told = Nameless(over=over, state=state, joint=law[0].joints[0])
             yield from ((one.key, told) for one in law)

@@ -10,7 +10,7 @@ Shape letters: N block means of all joints, K probes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,13 +19,11 @@ from gfm.core.checks import Array
 from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
-from gfm.effects import EffectInstance, Key
+from gfm.effects import EffectInstance
 from gfm.signals.torque_domain import TorqueDomain
 
 #: Share of the torque of an effect that another explains where the two are nearly the same.
 ALIKE = 0.9
-#: Factor by which two amounts differ at most that are compared: what is farther says no more.
-FARTHEST = 10.0
 
 
 class Shown(NamedTuple):
@@ -63,45 +61,6 @@ def looks_like(
     basis = basis_of(domain, others)
     own = without(column(domain, instance), basis)
     return any(one.share > ALIKE for one in read_off(domain, place, own, basis))
-
-
-def disagreement(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> dict[Key, float]:
-    """Returns by how much amounts of effects are not those that the missing torque tells.
-
-    The logarithm of the factor between the two, times the share of the torque that the effect
-    explains beside the others, while its joints move: what explains little says little.
-    """
-    moving = domain.moving()
-    missing = moving * domain.missing()
-    told = {one.key: moving * domain.response(one) for one in effects}
-    return {one.key: _disagreement(one.key, missing, told, domain.touched(one)) for one in effects}
-
-
-def _disagreement(
-    key: Key, missing: Array, told: Mapping[Key, Array], joints: Sequence[int]
-) -> float:
-    columns = {k: torque[:, joints].ravel() for k, torque in told.items()}
-    own = columns.pop(key)
-    share, factor = regressed(missing[:, joints].ravel(), own, list(columns.values()))
-    return share * float(abs(np.log(np.clip(factor, 1.0 / FARTHEST, FARTHEST))))
-
-
-def regressed(torque: Array, own: Array, others: Sequence[Array]) -> tuple[float, float]:
-    """Returns which share of a torque a column explains beside others, and with which factor.
-
-    Args:
-        torque: shape (N,).
-        own: The column, shape (N,).
-        others: What both are freed of first, shape (N,) each.
-    """
-    if others:
-        basis = orthonormal(np.stack(others, axis=1))
-        torque, own = (without(x, basis) for x in (torque, own))
-    power, size = float(torque @ torque), float(own @ own)
-    if power <= 0.0 or size <= 0.0:
-        return 0.0, 0.0
-    along = float(own @ torque)
-    return along**2 / (size * power), along / size
 
 
 def basis_of(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> Array:

@@ -14,6 +14,7 @@ from functools import partial
 from gfm.diagnosis.inference.amounts import acting
 from gfm.diagnosis.inference.fitting import along_valley, measured
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
+from gfm.diagnosis.search.moves.missing_torque import fewest
 from gfm.diagnosis.search.moves.reduce import (
     Compared,
     RivalsOf,
@@ -44,6 +45,8 @@ def _steps(
     """Yields one hypothesis after another."""
     while here.is_open and len(search.steps) < MOST_STEPS and search.goes_on():
         best = _best(here, search, moves)
+        if best.move is Move.MISSING_TORQUE:
+            best = search.in_its_time(partial(fewest, here, best), best, step=True)
         if best.chosen is None:
             search.steps += [best] if best.ranked else []
             break

@@ -17,7 +17,6 @@ from gfm.diagnosis.residuals.outliers import slopes
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.moves.reduce import Compared, gains_of_each
 from gfm.diagnosis.search.nameless import bent_by, laws_of, nameless_laws
-from gfm.diagnosis.search.read_off import disagreement
 from gfm.diagnosis.search.trace import Evidence, Nameless
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Key
@@ -36,7 +35,7 @@ def support(
     nats = {instance.key: gain.nats for gain, instance in gains}
     nothing = dict[Key, Nameless]()
     nameless = search.in_its_time(partial(nameless_laws, here, search, nats), nothing)
-    unlike = disagreement(search.torques, here.effects) if search.torques else {}
+    unlike = search.torques.disagreement(here.effects) if search.torques else {}
     told = {}
     for without, instance in gains:
         beside = rivals.get(instance.key, Compared(instance=instance))

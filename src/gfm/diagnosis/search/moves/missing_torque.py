@@ -60,12 +60,20 @@ def missing_torque(
 
 
 def _tried(before: Hypothesis, new: Sequence[EffectInstance]) -> Tried:
-    """Returns new effects fitted beside those that are there: the fewest that predict as well."""
+    """Returns new effects fitted beside those that are there, as well as it gets."""
     fitted = beside(before, before.fitted((*before.effects, *new)))
-    tried = along_its_valley(before, [fitted])[0]
-    while fewer := _fewer(before, tried):
+    return along_its_valley(before, [fitted])[0]
+
+
+def fewest(before: Hypothesis, step: Step) -> Step:
+    """Returns the step with the fewest of its effects that predict as well.
+
+    That takes a fit for each that goes, so it is asked of what is chosen only.
+    """
+    tried = step.chosen
+    while tried and (fewer := _fewer(before, tried)):
         tried = fewer
-    return tried
+    return replace(step, chosen=tried)
 
 
 def _fewer(before: Hypothesis, tried: Tried) -> Tried | None:
