@@ -393,6 +393,7 @@ def test_few_constants_decide_a_name():
     numbers = [v for name, v in vars(constants).items() if name.isupper()]
     assert len(numbers) <= 10
     assert all(np.isfinite(np.ravel(v)).all() for v in numbers)
-    predicts, differs, holds, bent = constants.CONFIDENCE
+    predicts, differs, holds, bent, unlike = constants.CONFIDENCE
     assert predicts > 0.0 < holds
     assert differs < 0.0 > bent
+    assert unlike < 0.0

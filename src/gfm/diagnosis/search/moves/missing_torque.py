@@ -19,7 +19,7 @@ from itertools import combinations
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import without, without_some
+from gfm.diagnosis.inference.fitting import Fit, without, without_some
 from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
@@ -116,7 +116,8 @@ def shown(
     if late:
         sets = shown_together(domain, before, places)
         first = next(sets, ())
-        if borne_out(before, [best, first]) is first:
+        here, there = _rolled(before, [first, best])
+        if replace(before, fit=here).over(there).nats > 0.0:
             best = borne_out(before, [best, first, *sets])
     return best
 
@@ -194,11 +195,16 @@ def _best_in_rollouts(before: Hypothesis, sets: Sequence[Sequence[EffectInstance
 
     Or of one with fewer numbers that does not clearly predict worse.
     """
-    residuals = before.problem.residuals([(*before.effects, *new) for new in sets])
-    fits = [replace(before.fit, residual=r) for r in residuals]
+    fits = _rolled(before, sets)
     there = replace(before, fit=max(fits, key=lambda fitted: -before.over(fitted).nats))
     good = [i for i, fitted in enumerate(fits) if not there.over(fitted).clear]
     return min(good, key=lambda i: (_count(sets[i]), before.over(fits[i]).nats))
+
+
+def _rolled(before: Hypothesis, sets: Sequence[Sequence[EffectInstance]]) -> list[Fit]:
+    """Returns what sets of effects leave in rollouts with their amounts."""
+    residuals = before.problem.residuals([(*before.effects, *new) for new in sets])
+    return [replace(before.fit, residual=r) for r in residuals]
 
 
 def _count(effects: Sequence[EffectInstance]) -> int:
