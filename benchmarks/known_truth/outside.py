@@ -95,6 +95,19 @@ class TorqueRipple(Outside):
 
 
 @final
+class Tap(Outside):
+    """Someone touches the robot, once: half a sine of torque."""
+
+    def __init__(self, torque: float, at_s: float, for_s: float) -> None:
+        self._torque, self._at_s, self._for_s = torque, at_s, for_s
+
+    @override
+    def torque(self, time_s: float, q: float, v: float) -> float:
+        through = (time_s - self._at_s) / self._for_s
+        return self._torque * math.sin(math.pi * through) if 0.0 < through < 1.0 else 0.0
+
+
+@final
 class PositionFriction(Outside):
     """Dry friction that changes along the way: a bent shaft."""
 
@@ -162,6 +175,7 @@ STRANGE: Mapping[str, Callable[..., Outside]] = {
     "hysteretic_spring": HystereticSpring,
     "cable_stop": CableStop,
     "torque_ripple": TorqueRipple,
+    "tap": Tap,
     "position_friction": PositionFriction,
     "root_friction": RootFriction,
     "fading_drive": FadingDrive,

@@ -166,6 +166,11 @@ DRAWS: Mapping[str, Draw] = {
         _linear("amplitude", 0.05, 0.2, _torque),
         frequency_hz=lambda _, rng: rng.uniform(0.7, 3.0),
     ),
+    "tap": _with(
+        _linear("torque", 0.2, 0.8, _torque),
+        at_s=lambda _, rng: rng.uniform(1.5, 3.5),
+        for_s=lambda _, rng: rng.uniform(0.05, 0.3),
+    ),
     "position_friction": _with(
         _linear("torque", 0.08, 0.25, _torque), order=lambda _, rng: rng.uniform(2.0, 5.0)
     ),

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.blocks import Blocks
+from gfm.diagnosis.inference.blocks import OCTAVES_HZ, Blocks
 from gfm.diagnosis.inference.constants import (
     CLEARLY,
     DEGREES_OF_FREEDOM,
@@ -168,18 +168,22 @@ def difference(blocks: Blocks, one: Predictive, other: Predictive) -> Difference
     number = effective(blocks, scale)
     share = number / np.maximum(blocks.count.sum(axis=0), 1.0)
     by_block = (share * (one.density - other.density)).sum(axis=1)
-    sizes = [blocks.sums(p.spectrum**2).sum(axis=0) for p in (one, other)]
-    both = blocks.sums(one.spectrum * other.spectrum).sum(axis=0)
+    sizes = [blocks.sums(p.spectrum**2) for p in (one, other)]
+    both = blocks.sums(one.spectrum * other.spectrum)
     alike = both**2 / np.maximum(sizes[0] * sizes[1], 1e-12)
-    common = float(number @ np.clip(1.0 - alike, 0.0, 1.0))
+    common = float(np.sum(share * blocks.count * np.clip(1.0 - alike, 0.0, 1.0)))
     expected = share @ _told_apart(blocks, one.spectrum - other.spectrum, scale).T
     return _beside_noise(_summed(blocks, by_block, expected, common))
 
 
 def _told_apart(blocks: Blocks, change: Array, scale: Array) -> Array:
-    """Returns by how many nats a change of prediction is told if it is right, shape (B, C)."""
-    square = blocks.sums(change**2) / scale
-    return 0.5 * (DEGREES_OF_FREEDOM + blocks.count) * np.log1p(square / DEGREES_OF_FREEDOM)
+    """Returns by how many nats a change of prediction is told if it is right, shape (B, C).
+
+    What is left with it is then as large as its scale says, or as what no right model falls below.
+    """
+    freedom = DEGREES_OF_FREEDOM
+    left = freedom * scale + blocks.count * np.maximum(scale, blocks.floor)
+    return 0.5 * (freedom + blocks.count) * np.log1p(blocks.sums(change**2) / left)
 
 
 def _summed(blocks: Blocks, by_block: Array, expected: Array, common: float) -> Difference:
@@ -188,8 +192,8 @@ def _summed(blocks: Blocks, by_block: Array, expected: Array, common: float) -> 
     How far blocks are from what could be expected of them, and what (Vuong 1989) as many
     independent coefficients make. Two hypotheses may differ in few blocks only: what a block should
     bring goes by its own prediction, at the rate at which other parts of the data brought what
-    theirs said (a ratio estimate, Cochran 1977). Parts that say less than its own vouch for it by
-    their share.
+    theirs said (a ratio estimate, Cochran 1977). Where they say less than its own, that rate counts
+    by their share, and for the rest the one that predicts better brings all that it says.
 
     Args:
         blocks: How the residual is divided.
@@ -199,8 +203,10 @@ def _summed(blocks: Blocks, by_block: Array, expected: Array, common: float) -> 
     """
     part = np.array([blocks.fold[piece.flat[0]] for piece in blocks.pieces])
     own = part[:, None] == part
-    told = np.maximum(expected.sum() - own @ expected, own @ expected)
-    rate = (by_block.sum() - own @ by_block) / np.maximum(told, 1e-9)
+    here, elsewhere = own @ expected, expected.sum() - own @ expected
+    right = np.sign(by_block.sum()) * np.maximum(here - elsewhere, 0.0)
+    brought = by_block.sum() - own @ by_block + right
+    rate = brought / np.maximum(np.maximum(here, elsewhere), 1e-9)
     apart = float(np.sum((by_block - rate * expected) ** 2))
     return Difference(float(by_block.sum()), float(np.sqrt(max(apart, common))))
 
@@ -216,12 +222,23 @@ def _beside_noise(told: Difference) -> Difference:
 
 def room(blocks: Blocks, one: Predictive) -> Difference:
     """Returns by how much any other hypothesis can predict better at most."""
+    return room_by_joint(blocks, one, 1)[0]
+
+
+def room_by_joint(blocks: Blocks, one: Predictive, joints: int) -> list[Difference]:
+    """Returns by how much any other hypothesis can predict each joint better at most.
+
+    Its standard error is what noise makes of it: no coefficient varies by more than twice what it
+    gains in the mean.
+    """
     number = effective(blocks, one.scale)
     share = number / np.maximum(blocks.count.sum(axis=0), 1.0)
     best = _predictive(blocks, np.zeros_like(one.spectrum))
-    by_block = (share * (best.density - one.density)).sum(axis=1)
-    expected = share @ _told_apart(blocks, one.spectrum, best.scale).T
-    left = 1.0 - (blocks.count * best.mean_square).sum(axis=0) / np.maximum(
-        (blocks.count * one.mean_square).sum(axis=0), 1.0
+    gained = share * (best.density - one.density)
+    left = share * blocks.count * (1.0 - best.mean_square / one.mean_square)
+    chance = np.minimum(left, 2.0 * np.maximum(gained, 0.0))
+    nats, variance = (
+        cells.reshape(len(cells), -1, joints, len(OCTAVES_HZ)).sum(axis=(0, 1, 3)).tolist()
+        for cells in (gained, chance)
     )
-    return _summed(blocks, by_block, expected, float(number @ left))
+    return [Difference(n, math.sqrt(v)) for n, v in zip(nats, variance, strict=True)]

@@ -32,6 +32,8 @@ from gfm.effects import EffectInstance
 
 #: Recorded time on which it is told whether efforts came before or after commands, s.
 TIMED_S = 4.0
+#: Share of a sample that is for segments of which most is left.
+MOST_LEFT = 0.25
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,15 +104,23 @@ class Problem(Rollouts):
         return freely_settled(timed(self, effects), effects)
 
     @override
-    def sample(self, simulated_s: float, of_each: int = 0) -> list[int]:
+    def sample(self, simulated_s: float, of_each: int = 0, left: Array | None = None) -> list[int]:
         """Returns segments, spread over the recordings and kinds, of about so much time in all.
 
         Args:
             simulated_s: Recorded time, s.
             of_each: Segments of each recording that are taken in any case.
+            left: A residual, shape (N,). A share of the time is for segments of which most is left,
+                wherever they are: what acts now and then shows in few.
         """
         by_recording = sorted(range(len(self.segments)), key=self._turn)
-        return self.first(by_recording, simulated_s, of_each)
+        if left is None:
+            return self.first(by_recording, simulated_s, of_each)
+        mean = [float(np.mean(left[rows] ** 2)) for rows in self.slices()]
+        most = sorted(range(len(mean)), key=lambda i: -mean[i])
+        chosen = self.first(most, MOST_LEFT * simulated_s)
+        others = [i for i in by_recording if i not in chosen]
+        return sorted(chosen + self.first(others, (1.0 - MOST_LEFT) * simulated_s, of_each))
 
     def first(self, order: Sequence[int], simulated_s: float, of_each: int = 0) -> list[int]:
         """Returns the first segments, in an order, of about so much time in all: see `sample`."""

@@ -89,9 +89,9 @@ class SegmentedProblem(LeastSquares):
         """Returns the mean squared residual of each joint, shape (J,)."""
         return np.asarray((residual.reshape(-1, len(self.joints)) ** 2).mean(axis=0))
 
-    def sample(self, simulated_s: float) -> list[int]:
+    def sample(self, simulated_s: float, of_each: int = 0, left: Array | None = None) -> list[int]:
         """Returns segments of about so much time in all; each one where they are few."""
-        del simulated_s
+        del simulated_s, of_each, left
         return list(range(len(self.layout())))
 
     def subset(self, keep: Sequence[int]) -> Self:

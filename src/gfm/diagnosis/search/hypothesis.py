@@ -12,9 +12,16 @@ from typing_extensions import TypeVar
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.amounts import amounts
-from gfm.diagnosis.inference.constants import INEXACT_SHARE, LEAST_DISCREPANCY
+from gfm.diagnosis.inference.constants import INEXACT_SHARE
 from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit, mean_square, measured
-from gfm.diagnosis.inference.score import Difference, Predictive, difference, predictive, room
+from gfm.diagnosis.inference.score import (
+    Difference,
+    Predictive,
+    difference,
+    predictive,
+    room,
+    room_by_joint,
+)
 from gfm.diagnosis.residuals.problem import Problem, unsettled
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
@@ -63,7 +70,7 @@ class Hypothesis(Generic[Of]):
     @property
     def is_open(self) -> bool:
         """Whether something can still be gained that is visible beside the discrepancy."""
-        return bool(self.open_joints) and self.room.clear
+        return bool(self.open_joints)
 
     def over(self, other: Fit) -> Difference:
         """Returns by how much it predicts better than another fit to the same residual."""
@@ -95,16 +102,18 @@ class Hypothesis(Generic[Of]):
             own, best = there, other
         return best
 
-    @property
+    @cached_property
     def open_joints(self) -> tuple[str, ...]:
-        """Joints on which something can still be gained.
+        """Joints on which something can still be gained that is visible beside the discrepancy.
 
         More than laws that explain the rest leave by not being quite exact.
         """
-        costs = self.problem.joint_costs(self.fit.residual) - 1.0
-        least = LEAST_DISCREPANCY**2 + INEXACT_SHARE * (self.nominal - 1.0)
-        rows = zip(self.problem.joints, costs > least, strict=True)
-        return tuple(joint for joint, is_open in rows if is_open)
+        joints = self.problem.joints
+        exact = INEXACT_SHARE * (self.nominal - 1.0)
+        inexact = self.problem.joint_costs(self.fit.residual) - 1.0 > exact
+        rooms = room_by_joint(self.problem.blocks, self.predictive, len(joints))
+        rows = zip(joints, rooms, inexact, strict=True)
+        return tuple(joint for joint, left, more in rows if left.clear and more)
 
 
 def nominal_hypothesis(problem: P) -> Hypothesis[P]:

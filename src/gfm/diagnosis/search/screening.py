@@ -66,7 +66,7 @@ def screen(before: Hypothesis, candidates: Sequence[Place], sample_s: float) -> 
         candidates: Where effects may act.
         sample_s: Recorded time on which they are looked at, s.
     """
-    sample = before.problem.sample(sample_s)
+    sample = before.problem.sample(sample_s, left=before.fit.residual)
     part = before.problem.subset(sample)
     base = _rows_of(before, sample)
     basis = np.linalg.qr(base.jacobian)[0]
