@@ -29,7 +29,7 @@ run: $(VENV)/.installed  ## close the loop once on this machine (RUN_ARGS=--help
 	$(BIN)/gfm run $(RUN_ARGS)
 
 test: $(VENV)/.installed  ## run the tests
-	$(BIN)/python -m pytest -m "not slow and not containers"
+	$(BIN)/python -m pytest -m "not slow and not containers" --numprocesses 2 --dist loadgroup
 
 test-slow: $(VENV)/.installed  ## run the tests that take longer
 	$(BIN)/python -m pytest -m "slow and not containers"

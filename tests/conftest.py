@@ -28,6 +28,16 @@ MEASURED = DATA / "measured"
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Keeps together, where tests are shared out, those of a module: they share what it takes long
+    to make. Those that start services go one after the other: each needs the machine in time.
+    """
+    for item in items:
+        module = item.nodeid.split("::", maxsplit=1)[0]
+        group = "services" if module.startswith("tests/integration") else module
+        item.add_marker(pytest.mark.xdist_group(group))
+
+
 @pytest.fixture(scope="session")
 def data() -> Path:
     """The recordings at hand, outside the repository: as for `measured`."""
