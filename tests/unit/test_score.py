@@ -311,6 +311,17 @@ def test_leaving_a_part_out_by_the_jacobian_is_the_same_as_fitting_without_it():
     np.testing.assert_allclose(told, blocks.spectrum(exact), rtol=0.01, atol=0.02)
 
 
+def test_what_one_part_alone_tells_stands_though_its_fit_ended_a_little_beside_the_best():
+    """Other parts say nothing of the amount: nothing of it is to be had from them."""
+    rng, layout = np.random.default_rng(0), recorded(recordings=4, segments=4)
+    column = np.zeros((layout.size, 1))
+    column[400:800, 0] = rng.standard_normal(400)
+    best = fitted(100.0 * column[:, 0] + rng.standard_normal(layout.size), column)
+    beside = replace(best, residual=best.residual - 0.01 * column[:, 0])
+    told = [predictive(blocks_of(layout), one).spectrum for one in (best, beside)]
+    np.testing.assert_allclose(told[1], told[0], atol=0.1)
+
+
 def test_a_score_leaves_the_fit_as_it_is():
     rng, layout = np.random.default_rng(0), recorded()
     found = fitted(rng.standard_normal(layout.size), rng.standard_normal((layout.size, 2)))

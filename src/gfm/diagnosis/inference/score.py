@@ -122,10 +122,11 @@ def _left_elsewhere(blocks: Blocks, fitted: Fit) -> Array:
     size = np.linalg.norm(jacobian, axis=0) + 1e-9
     columns = jacobian / size
     whole = columns.T @ columns + RIDGE * np.eye(len(size))
+    slope = columns.T @ fitted.residual  # a fit ends a little beside the best
     for part in np.unique(blocks.fold):
         rows = blocks.fold == part
         own = columns[rows]
-        target = own.T @ fitted.residual[rows]
+        target = own.T @ fitted.residual[rows] - slope
         change = own @ np.linalg.lstsq(whole - own.T @ own, target, rcond=None)[0]
         left[rows] += change / weights[rows]
     return left
