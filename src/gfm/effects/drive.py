@@ -158,8 +158,9 @@ class TorqueSaturation(Effect):
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
         # A fit finds a limit from above, where it cuts off too little: nothing below looks like it.
-        # The motion takes less than the drive gives by what friction takes, and by smoothing.
-        shares = (1.5, 1.25, 1.1, 1.0, 0.96, 0.9, 0.8, 0.7, 0.5)
+        # Each cuts off twice as much as the one before. The motion takes less than the drive gives
+        # by what friction takes, and by smoothing.
+        shares = (1.5, 1.25, 1.12, 1.06, 1.03, 1.0, 0.985, 0.97, 0.94, 0.88, 0.75, 0.5)
         return [[{"limit": share * scales.servo_nm}] for share in shares]
 
     @override
