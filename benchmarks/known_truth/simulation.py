@@ -228,12 +228,12 @@ class _Robots:
         rows = np.flatnonzero(self._at[np.arange(len(index)), index] == step)
         if not rows.size:
             return
-        drive, _, _ = self._drive(step, self._q, self._v, self._commands.just_before(step))
+        effort, _, _ = self._drive(step, self._q, self._v, self._commands.just_before(step))
         here = index[rows]
         self._measured[0, rows, here] = self._q[rows, : self._joints] + self._has.encoder[rows]
         self._measured[1, rows, here] = self._v[rows, : self._joints]
-        self._measured[2, rows, here] = drive[rows]
-        self._measured[3, rows, here] = (drive + self._compensation(self._q))[rows]
+        self._measured[2, rows, here] = (effort - self._compensation(self._q))[rows]
+        self._measured[3, rows, here] = effort[rows]
         self._next[rows] += 1
 
     def courses(self) -> list[Course]:
@@ -280,8 +280,7 @@ class _Robots:
 
         Also sets the mass matrix.
         """
-        drive, _, _ = self._drive(step, q, v, command)
-        effort = drive + self._compensation(q)
+        effort, _, _ = self._drive(step, q, v, command)
         force, _, _ = self._passive(step, q, v)
         self._add_on_motors(force, effort)
         return force, effort
@@ -290,8 +289,7 @@ class _Robots:
         """Lets one time step pass by the implicit midpoint rule."""
         h, v = self._step_s, self._v
         q = self._q + 0.5 * h * v
-        drive, stiffness, damping = self._drive(step, q, v, self._commands.mean(step))
-        effort = drive + self._compensation(q)
+        effort, stiffness, damping = self._drive(step, q, v, self._commands.mean(step))
         force, stiff, damp = self._passive(step, q, v)
         self._add_on_motors(force, effort)
         motors = self._rows, self._motor
@@ -307,14 +305,18 @@ class _Robots:
         self._v = after
 
     def _drive(self, step: float, q: Array, v: Array, command: Array) -> tuple[Array, Array, Array]:
-        """Returns the servos' torques, and their stiffness and damping, each of shape (B, J)."""
+        """Returns the drives' torques, and their servos' stiffness and damping, each (B, J).
+
+        A servo's torque is limited; of all that a drive gives, the weight that it bears included, a
+        part is lost.
+        """
         for i, j, law in self._strange:
             command[i, j] = law.command(float(command[i, j]))
         angle, speed = q[self._rows, self._motor], v[self._rows, self._motor]
         torque = self._gain * command - self._stiffness * (angle + self._has.encoder)
         torque -= self._damping * speed
         free = np.abs(torque) < self._has.limit
-        torque = np.clip(torque, -self._has.limit, self._has.limit)
+        torque = np.clip(torque, -self._has.limit, self._has.limit) + self._compensation(q)
         lost = self._has.loss * np.abs(torque)
         torque *= 1.0 - np.minimum(lost, _MOST_LOST)
         free &= np.abs(torque) > self._has.dead

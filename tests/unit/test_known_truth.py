@@ -241,6 +241,23 @@ def test_what_a_drive_loses_is_missing_in_its_effort(
     assert gained(course) == pytest.approx(worked, rel=0.01)
 
 
+def test_a_drive_loses_of_the_weight_that_it_bears_as_of_all_else() -> None:
+    robot, loss = replace(PENDULUM, compensated=True), hidden("drive_loss", 0, coefficient=0.1)
+    runs = [drive(robot, "position", *e) for e in ((), (loss,))]
+    right, lossy = simulate(runs, settling_s=0.1)
+    number = (runs[0].measured_at[1:] - 1 - runs[0].first_command_step) // EVERY
+
+    def asked(course: Course) -> Array:
+        off = course.command[number] - course.position[1:]
+        return robot.stiffness * off - robot.servo_damping * course.velocity[1:]
+
+    np.testing.assert_allclose(right.servo[1:], asked(right), atol=1e-9)
+    borne, leant = right.effort - right.servo, np.sin(right.position)
+    weight = float(borne.ravel() @ leant.ravel()) / float(leant.ravel() @ leant.ravel())
+    total = asked(lossy) + weight * np.sin(lossy.position[1:])
+    np.testing.assert_allclose(lossy.effort[1:], total * (1.0 - 0.1 * np.abs(total)), atol=1e-9)
+
+
 def test_coupled_friction_takes_from_one_joint_what_it_gives_the_other() -> None:
     robot = replace(frictionless(PLANAR), servo_damping=np.zeros(2))
     effect = hidden("coupled_friction", 0, 1, viscous=0.5)
@@ -258,7 +275,7 @@ def test_a_saturated_servo_gives_its_limit_and_no_more() -> None:
     robots = (PENDULUM, replace(PENDULUM, compensated=True))
     courses = simulate([drive(r, "position", effect) for r in robots], settling_s=0.1)
     for course in courses:
-        assert np.abs(course.servo).max() == 0.05
+        assert np.abs(course.servo).max() == pytest.approx(0.05)
     # Gravity compensation works beside the limit.
     assert np.abs(courses[1].effort).max() > 0.1
 
