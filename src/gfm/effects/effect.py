@@ -294,9 +294,9 @@ class Effect(ABC):
         return None
 
 
-_REST = np.zeros(1)
-#: To ask whether there is a law.
-_STILL = Motion(position=_REST, velocity=_REST, drive=_REST, other_velocity=_REST)
+_ZERO = np.zeros(1)
+#: A joint at rest that nothing drives, to ask whether there is a law.
+AT_REST = Motion(position=_ZERO, velocity=_ZERO, drive=_ZERO, other_velocity=_ZERO)
 
 #: An effect, by its name, and the joints on which it acts.
 Key: TypeAlias = tuple[str, tuple[str, ...]]
@@ -335,12 +335,12 @@ class EffectInstance:
     @property
     def has_law(self) -> bool:
         """Whether it is a force of position, velocity and drive, which `Effect.torque` tells."""
-        return bool(self.joints) and self.effect.torque(_STILL, self.values) is not None
+        return bool(self.joints) and self.effect.torque(AT_REST, self.values) is not None
 
     @property
     def in_closed_form(self) -> bool:
         """Whether the torque that it adds is told by `added`."""
-        return bool(self.joints) and self.added(_STILL) is not None
+        return bool(self.joints) and self.added(AT_REST) is not None
 
     def added(self, motion: Motion) -> Array | None:
         """Returns the torque that it adds on its (first) joint along a motion, shape (T,), N m.

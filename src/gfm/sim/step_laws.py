@@ -21,18 +21,14 @@ from numpy.typing import NDArray
 from gfm.core import UnknownNameError
 from gfm.core.checks import Array
 from gfm.effects import Effect, EffectInstance, Motion, Values
-
-#: A joint at rest that nothing drives.
-_STILL = Motion(
-    position=np.zeros(1), velocity=np.zeros(1), drive=np.zeros(1), other_velocity=np.zeros(1)
-)
+from gfm.effects.effect import AT_REST
 
 
 def acts_at_every_step(instance: EffectInstance) -> bool:
     """Returns whether an effect's friction or force has to be evaluated at every step."""
     values = {name: np.array([value]) for name, value in instance.values.items()}
     effect = instance.effect
-    told = (effect.extra_friction(_STILL, values), effect.drive_change(_STILL, values))
+    told = (effect.extra_friction(AT_REST, values), effect.drive_change(AT_REST, values))
     return effect.stepwise or any(one is not None for one in told)
 
 
@@ -149,7 +145,7 @@ class StepLaws:
     @cached_property
     def change_drives(self) -> bool:
         """Whether a law changes what drives give."""
-        changes = (law.effect.drive_change(_STILL, law.values) for law in self.laws)
+        changes = (law.effect.drive_change(AT_REST, law.values) for law in self.laws)
         return any(change is not None for change in changes)
 
     def acting(self, now: Moment) -> Acting:
