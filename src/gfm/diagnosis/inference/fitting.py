@@ -5,6 +5,7 @@ Shape letters: N numbers of a residual, P parameters.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -273,6 +274,18 @@ def _step(jacobian: Array, residual: Array, damping: float, low: Array, high: Ar
     target = np.concatenate([-basis.T @ residual, np.zeros(len(size))])
     inside = (np.minimum(low, -1e-12) * size, np.maximum(high, 1e-12) * size)
     return np.asarray(np.clip(lsq_linear(rows, target, inside).x / size, low, high))
+
+
+def times_each(columns: Array, values: Array) -> Array:
+    """Returns how many times each column (N, K) explains most of values (N,), shape (K,).
+
+    Of several, one of which the values say nothing is none (its prior is as wide as itself): a
+    robot that moves in a plane knows nothing of gravity across it.
+    """
+    count = columns.shape[1]
+    prior = np.eye(count) * (math.sqrt(mean_square(values)) if count > 1 else 0.0)
+    rows, told = np.concatenate([columns, prior]), np.append(values, np.zeros(count))
+    return np.asarray(np.linalg.lstsq(rows, told, rcond=1e-6)[0])
 
 
 def without(values: Array, basis: Array) -> Array:

@@ -113,14 +113,13 @@ class Problem(Rollouts):
             left: A residual, shape (N,). A share of the time is for segments of which most is left,
                 wherever they are: what acts now and then shows in few.
         """
-        by_recording = sorted(range(len(self.segments)), key=self._turn)
-        if left is None:
-            return self.first(by_recording, simulated_s, of_each)
-        mean = [float(np.mean(left[rows] ** 2)) for rows in self.slices()]
-        most = sorted(range(len(mean)), key=lambda i: -mean[i])
-        chosen = self.first(most, MOST_LEFT * simulated_s)
-        others = [i for i in by_recording if i not in chosen]
-        return sorted(chosen + self.first(others, (1.0 - MOST_LEFT) * simulated_s, of_each))
+        order, chosen = sorted(range(len(self.segments)), key=self._turn), list[int]()
+        if left is not None:
+            mean = [float(np.mean(left[rows] ** 2)) for rows in self.slices()]
+            chosen = self.first(np.argsort(mean)[::-1].tolist(), MOST_LEFT * simulated_s)
+            simulated_s *= 1.0 - MOST_LEFT
+        others = [i for i in order if i not in chosen]
+        return sorted(chosen + self.first(others, simulated_s, of_each))
 
     def first(self, order: Sequence[int], simulated_s: float, of_each: int = 0) -> list[int]:
         """Returns the first segments, in an order, of about so much time in all: see `sample`."""

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import without
+from gfm.diagnosis.inference.fitting import times_each, without
 from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
 from gfm.effects import EffectInstance
@@ -45,7 +45,7 @@ def read_off(domain: TorqueDomain, place: Place, left: Array, basis: Array) -> I
     """
     for group in place.probes:
         columns = without(np.stack([column(domain, one) for one in group], axis=1), basis)
-        amounts = np.linalg.lstsq(columns, left, rcond=1e-6)[0]
+        amounts = times_each(columns, left)
         values = place.effect.combine([one.values for one in group], amounts.tolist())
         if values is not None:
             one = place.instance(values)

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.fitting import Fit, without
+from gfm.diagnosis.inference.fitting import Fit, times_each, without
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.residuals.outliers import bounded, slopes, unbounded
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
@@ -168,7 +168,7 @@ def weigh(
 
     None where the effect has no such amounts.
     """
-    amplitudes = np.linalg.lstsq(columns, residual, rcond=1e-6)[0]
+    amplitudes = times_each(columns, residual)
     explained = columns @ amplitudes
     values = place.effect.combine([i.values for i in group], [float(a) for a in amplitudes])
     if values is None and place.least:

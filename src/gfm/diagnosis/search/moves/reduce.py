@@ -80,13 +80,12 @@ def rivals_of(instance: EffectInstance, rest: Hypothesis[P], search: Search[P]) 
     link: no step weighs those beside what is simulated quickly.
     """
     taken = {instance.key, *(e.key for e in rest.effects)}
-    known = [
-        tried.new[0]
+    steps = [
+        step
         for step in search.steps
         if step.chosen is not None and instance.key in {e.key for e in step.chosen.new}
-        for tried in step.ranked
-        if len(tried.new) == 1
     ]
+    known = [tried.new[0] for step in steps for tried in step.ranked if len(tried.new) == 1]
     found = [one for one in known if one.key not in taken and goes_beside(rest, one)]
     alike = [
         place
@@ -96,7 +95,8 @@ def rivals_of(instance: EffectInstance, rest: Hypothesis[P], search: Search[P]) 
         and (_near(place, instance) or _does_the_same(place, instance, rest, search))
     ]
     motors = [p for p in alike if p.effect.separates_motor]
-    if rest.effects or not found:  # rivals of then stood beside other effects
+    # Rivals of then stood beside other effects, or were those that the missing torque showed.
+    if rest.effects or not any(step.move is Move.ADD for step in steps):
         quick = [p for p in alike if p not in motors]
         found = [one.instance for one in screen(rest, quick, RIVALS_S)] + found
     best = first_of_each(found, lambda one: one.key)[:RIVALS]
