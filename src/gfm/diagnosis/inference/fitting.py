@@ -5,7 +5,6 @@ Shape letters: N numbers of a residual, P parameters.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -36,6 +35,8 @@ ROUGH = 1e-2
 FARTHER = 2.0
 #: Damping of the first step, and that beyond which no step helps.
 DAMPING, MOST_DAMPING = 1e-3, 1e3
+#: Size of a response, beside the largest of those weighed together, below which nothing is told.
+TINY = 0.05
 
 #: A free parameter: the effect whose it is, and its name.
 Parameter: TypeAlias = tuple[Key, str]
@@ -279,13 +280,13 @@ def _step(jacobian: Array, residual: Array, damping: float, low: Array, high: Ar
 def times_each(columns: Array, values: Array) -> Array:
     """Returns how many times each column (N, K) explains most of values (N,), shape (K,).
 
-    Of several, one of which the values say nothing is none (its prior is as wide as itself): a
-    robot that moves in a plane knows nothing of gravity across it.
+    One that is tiny beside the others is none: a robot that moves in a plane knows nothing of
+    gravity across it.
     """
-    count = columns.shape[1]
-    prior = np.eye(count) * (math.sqrt(mean_square(values)) if count > 1 else 0.0)
-    rows, told = np.concatenate([columns, prior]), np.append(values, np.zeros(count))
-    return np.asarray(np.linalg.lstsq(rows, told, rcond=1e-6)[0])
+    size, times = np.linalg.norm(columns, axis=0), np.zeros(columns.shape[1])
+    told = size >= TINY * size.max()
+    times[told] = np.linalg.lstsq(columns[:, told], values, rcond=1e-6)[0]
+    return times
 
 
 def without(values: Array, basis: Array) -> Array:

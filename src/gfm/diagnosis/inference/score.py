@@ -33,8 +33,9 @@ from gfm.diagnosis.residuals.outliers import slopes, unbounded
 
 #: Steps in which the scale of a cell is found.
 SCALE_STEPS = 12
-#: Ridge that keeps amounts finite where one part of the data alone tells of them.
-RIDGE = 1e-3
+#: Ridge that keeps amounts finite of which the data tell nothing, and the share of what is told of
+#: an amount up to which parts of the data tell nothing of it: there it stands as it was fitted.
+RIDGE, TELLS_NOTHING = 1e-3, 1e-2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,15 +120,16 @@ def _left_elsewhere(blocks: Blocks, fitted: Fit) -> Array:
     if not jacobian.shape[1]:
         return left
     weights = slopes(fitted.residual, blocks.limit)
-    size = np.linalg.norm(jacobian, axis=0) + 1e-9
-    columns = jacobian / size
-    whole = columns.T @ columns + RIDGE * np.eye(len(size))
-    slope = columns.T @ fitted.residual  # a fit ends a little beside the best
+    columns = jacobian / (np.linalg.norm(jacobian, axis=0) + 1e-9)
+    half = np.linalg.cholesky(columns.T @ columns + RIDGE * np.eye(columns.shape[1]))
+    columns = np.linalg.solve(half, columns.T).T  # all parts tell as much of each way to go
     for part in np.unique(blocks.fold):
         rows = blocks.fold == part
         own = columns[rows]
-        target = own.T @ fitted.residual[rows] - slope
-        change = own @ np.linalg.lstsq(whole - own.T @ own, target, rcond=None)[0]
+        share, ways = np.linalg.eigh(own.T @ own)
+        others = 1.0 - share
+        further = np.divide(1.0, others, out=np.zeros_like(others), where=others > TELLS_NOTHING)
+        change = own @ (ways * further) @ (ways.T @ (own.T @ fitted.residual[rows]))
         left[rows] += change / weights[rows]
     return left
 
