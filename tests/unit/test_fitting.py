@@ -12,6 +12,7 @@ from gfm.diagnosis.inference.fitting import (
     derivatives,
     fit,
     measured,
+    times_each,
     without_some,
 )
 from gfm.diagnosis.inference.intervals import half_widths
@@ -249,3 +250,19 @@ def test_steps_that_lead_nowhere_do_not_count():
     begun = [instance("actuator_gain", scale=2.0), instance("viscous_friction", coefficient=2.0)]
     fitted = fit(Banana(), begun)
     assert amounts(fitted.effects) == pytest.approx([1.0, 1.0], rel=0.02)
+
+
+def test_columns_explain_together_what_they_were_made_of():
+    columns = np.random.default_rng(0).standard_normal((200, 3))
+    np.testing.assert_allclose(
+        times_each(columns, columns @ [2.0, 0.0, -1.0]), [2.0, 0.0, -1.0], atol=1e-9
+    )
+
+
+def test_a_column_that_is_tiny_beside_the_others_explains_nothing():
+    rng = np.random.default_rng(0)
+    columns = rng.standard_normal((200, 2)) * [1e-2, 1.0]
+    times = times_each(columns, 3.0 * columns[:, 1] + rng.standard_normal(200))
+    assert times[0] == 0.0
+    assert times[1] == pytest.approx(3.0, abs=0.3)
+    np.testing.assert_array_equal(times_each(np.zeros((9, 1)), np.ones(9)), [0.0])
