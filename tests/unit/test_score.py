@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from gfm.diagnosis.inference import blocks as division
-from gfm.diagnosis.inference import constants, score
+from gfm.diagnosis.inference import constants
 from gfm.diagnosis.inference.blocks import BLOCK_LEAST, OCTAVES_HZ, SegmentShape
 from gfm.diagnosis.inference.constants import (
     CLEARLY,
@@ -353,15 +353,26 @@ def test_what_acts_now_and_then_is_not_blamed_on_what_acts_always():
     assert not np.allclose(predictive(few, found).spectrum, predictive(few, known).spectrum)
 
 
-@pytest.mark.parametrize(("nats", "clear"), [(2.0, False), (7.9, False), (8.1, True)])
-def test_few_nats_are_never_clear(nats, clear):
-    """One of two predictions of the same variance right: the log ratio varies by twice its mean."""
-    told = score._beside_noise(Difference(nats, 0.0))
-    assert told.error == pytest.approx(np.sqrt(2.0 * nats))
-    assert told.clear is clear
+def test_few_nats_are_never_clear():
+    rng, layout = np.random.default_rng(0), recorded()
+    column = np.sin(np.linspace(0.0, 90.0, layout.size))[:, None]
+    noise = rng.standard_normal(layout.size)
+    gains = [
+        gain(layout, size * column[:, 0] + noise, column) for size in np.linspace(1.0, 9.0, 60)
+    ]
+    for told in gains:
+        assert told.error >= np.sqrt(2.0 * abs(told.nats))
+        assert not (told.clear and told.nats < 8.0)
+    assert min(one.nats for one in gains) < 2.0
+    assert any(one.clear for one in gains)
+
+
+@pytest.mark.parametrize("nats", [2.0, 8.0])
+def test_of_two_predictions_one_right_the_log_ratio_varies_by_twice_its_mean(nats):
     rng = np.random.default_rng(0)
     there = rng.standard_normal((20_000, 4)) + np.sqrt(nats / 2.0)
     ratio = 0.5 * (there**2 - (there - np.sqrt(nats / 2.0)) ** 2).sum(axis=1)
+    assert ratio.mean() == pytest.approx(nats, rel=0.05)
     assert np.var(ratio) == pytest.approx(2.0 * ratio.mean(), rel=0.05)
 
 

@@ -164,8 +164,9 @@ def difference(blocks: Blocks, one: Predictive, other: Predictive) -> Difference
     """Returns by how much `one` predicts better than `other`.
 
     The standard error is the largest of three: how far blocks differ from what could be expected of
-    them, what a discrepancy that all blocks have in common lets appear better by chance, and what
-    noise alone makes.
+    them, what a discrepancy that all blocks have in common lets appear better by chance (Vuong
+    1989), and what noise alone makes: where one of two predictions is right, the logarithm of their
+    likelihood ratio has a variance of twice its mean.
     """
     scale = np.minimum(one.scale, other.scale)
     number = effective(blocks, scale)
@@ -176,7 +177,8 @@ def difference(blocks: Blocks, one: Predictive, other: Predictive) -> Difference
     alike = both**2 / np.maximum(sizes[0] * sizes[1], 1e-12)
     common = float(np.sum(share * blocks.count * np.clip(1.0 - alike, 0.0, 1.0)))
     expected = share @ _told_apart(blocks, one.spectrum - other.spectrum, scale).T
-    return _beside_noise(_summed(blocks, by_block, expected, common))
+    nats, apart = float(by_block.sum()), _apart(blocks, by_block, expected)
+    return Difference(nats, math.sqrt(max(apart, common, 2.0 * abs(nats))))
 
 
 def _told_apart(blocks: Blocks, change: Array, scale: Array) -> Array:
@@ -189,20 +191,13 @@ def _told_apart(blocks: Blocks, change: Array, scale: Array) -> Array:
     return 0.5 * (freedom + blocks.count) * np.log1p(blocks.sums(change**2) / left)
 
 
-def _summed(blocks: Blocks, by_block: Array, expected: Array, common: float) -> Difference:
-    """Returns the sum over blocks, shape (B,), with its error: the larger of two estimates.
+def _apart(blocks: Blocks, by_block: Array, expected: Array) -> float:
+    """Returns the square of how far blocks are from what could be expected of them.
 
-    How far blocks are from what could be expected of them, and what (Vuong 1989) as many
-    independent coefficients make. Two hypotheses may differ in few blocks only: what a block should
-    bring goes by its own prediction, at the rate at which other parts of the data brought what
-    theirs said (a ratio estimate, Cochran 1977). Where they say less than its own, that rate counts
-    by their share, and for the rest the one that predicts better brings all that it says.
-
-    Args:
-        blocks: How the residual is divided.
-        by_block: What each brings, nats.
-        expected: What each would bring if one hypothesis were right.
-        common: Square of what is alike in all blocks.
+    Two hypotheses may differ in few blocks only: what one brings, shape (B,), goes by what it would
+    if one of them were right, at the rate at which other parts of the data brought what theirs said
+    (a ratio estimate, Cochran 1977). Where they say less than its own part, that rate counts by
+    their share, and for the rest the one that predicts better brings all that it says.
     """
     part = np.array([blocks.fold[piece.flat[0]] for piece in blocks.pieces])
     own = part[:, None] == part
@@ -210,17 +205,7 @@ def _summed(blocks: Blocks, by_block: Array, expected: Array, common: float) -> 
     right = np.sign(by_block.sum()) * np.maximum(here - elsewhere, 0.0)
     brought = by_block.sum() - own @ by_block + right
     rate = brought / np.maximum(np.maximum(here, elsewhere), 1e-9)
-    apart = float(np.sum((by_block - rate * expected) ** 2))
-    return Difference(float(by_block.sum()), float(np.sqrt(max(apart, common))))
-
-
-def _beside_noise(told: Difference) -> Difference:
-    """Returns a difference with at least the error that noise alone makes.
-
-    Where one of two predictions is right, the logarithm of their likelihood ratio has a variance of
-    twice its mean.
-    """
-    return Difference(told.nats, max(told.error, math.sqrt(2.0 * abs(told.nats))))
+    return float(np.sum((by_block - rate * expected) ** 2))
 
 
 def room(blocks: Blocks, one: Predictive) -> Difference:
