@@ -210,11 +210,16 @@ class Cell:
 
     def command(self, speed: float, *, begins: bool = False) -> Observation:
         """Commands a speed of all joints, rad/s, and returns the answer."""
+        values = np.full(len(JOINT_NAMES), speed)
+        return self.send(CommandKind.VELOCITY, values, begins=begins)
+
+    def send(self, kind: CommandKind, values: Array, *, begins: bool = False) -> Observation:
+        """Commands values of all joints, shape (7,), and returns the answer."""
         self._number = 0 if begins else self._number + 1
         command = Command(
-            kind=CommandKind.VELOCITY,
+            kind=kind,
             joint_names=JOINT_NAMES,
-            values=np.full(len(JOINT_NAMES), speed),
+            values=values,
             stamp_ns=CLOCK.utc_ns(),
             number=self._number,
         )
