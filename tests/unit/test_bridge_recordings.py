@@ -16,11 +16,13 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from gfm.core import Command, CommandKind, ManualClock, Observation, Reason
+from gfm.experiments.recording_words import delay_counts
 from gfm.recording import read_recording
 from gfm.recording.overview import overview
 from gfm.recording.periods import safety, timing
 from gfm.recording.punctuality import delays
 from gfm.recording.raw import read_raw
+from gfm.report.recording import delay_picture, recording_html
 from gfm.sim.sawyer import JOINT_NAMES, sawyer_spec
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.background import AtOnce
@@ -285,6 +287,20 @@ def test_an_overview_has_histograms_of_the_bridge_s_delays(tmp_path: Path) -> No
     assert seen["uneven"].most_ms <= 1.0
     assert seen["heard_to_sent"].most_ms == 0.0
     assert overview(recorded(tmp_path / "lockstep")).punctuality == {}
+
+
+def test_a_recording_s_page_shows_the_bridge_s_delays(tmp_path: Path) -> None:
+    path = recorded(tmp_path, "wall")
+    told = delay_counts(overview(path).punctuality)
+    assert [sum(counts.values()) for counts in told.values()] == [40, 40]
+    figure = delay_picture(told).figure
+    assert [list(bars.y) for bars in figure.data] == [
+        list(counts.values()) for counts in told.values()
+    ]
+    titles = [one.text for one in figure.layout.annotations]
+    assert titles[0].startswith("from a command heard to sent: 0.00 ms (median)")
+    assert "How punctual the bridge was" in recording_html(read_recording(path), told)
+    assert "How punctual" not in recording_html(read_recording(path), {})
 
 
 def test_delays_are_counted_up_to_the_end_of_each_bin() -> None:

@@ -148,10 +148,14 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _plot(arguments: argparse.Namespace) -> None:
+    from gfm.experiments.recording_words import delay_counts
     from gfm.recording import read_recording
+    from gfm.recording.punctuality import punctuality
+    from gfm.recording.raw import read_raw
     from gfm.report.recording import recording_html
 
-    page = recording_html(read_recording(arguments.file, **_topics(arguments)))
+    recording = read_recording(arguments.file, **_topics(arguments))
+    page = recording_html(recording, delay_counts(punctuality(read_raw(arguments.file))))
     out = arguments.out or arguments.file.with_suffix(".html")
     with new_file(out) as place:
         place.write_text(page, encoding="utf-8")

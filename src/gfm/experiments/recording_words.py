@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from gfm.recording.overview import Overview, TopicOverview
-from gfm.recording.punctuality import Delays
+from gfm.recording.punctuality import MEANINGS, Delays
 
 
 def overview_lines(seen: Overview) -> Iterator[str]:
@@ -24,7 +24,7 @@ def overview_lines(seen: Overview) -> Iterator[str]:
             filled = ", ".join(one.filled) or "nothing"
             yield f"  {one.topic}: {filled} of {', '.join(one.joints)}"
     for name, delays in seen.punctuality.items():
-        yield f"  {_PUNCTUAL[name]}: {_delays(delays)}"
+        yield f"  bridge, {MEANINGS[name]}: {_delays(delays)}"
     for record, entries in seen.metadata.items():
         for key, value in entries.items():
             yield f"  {record}: {key} = {value}"
@@ -32,22 +32,30 @@ def overview_lines(seen: Overview) -> Iterator[str]:
         yield f"  attached: {name} ({size} bytes)"
 
 
-_PUNCTUAL = {
-    "heard_to_sent": "bridge, from a command heard to sent",
-    "uneven": "bridge, reports off their median period",
-}
+def delay_counts(punctual: Mapping[str, Delays]) -> dict[str, dict[str, int]]:
+    """Returns how many delays of each kind, in words, were how long."""
+    return {
+        f"{MEANINGS[name]}: {_quantiles(delays)}": {
+            _until(end): count for end, count in delays.bins.items()
+        }
+        for name, delays in punctual.items()
+    }
 
 
 def _delays(delays: Delays) -> str:
-    bins = ", ".join(
-        f"{'over 50' if end == 'over' else f'to {end}'} ms {count}"
-        for end, count in delays.bins.items()
-        if count
-    )
+    bins = (f"{_until(end)} {count}" for end, count in delays.bins.items() if count)
+    return f"{_quantiles(delays)}; {', '.join(bins)}"
+
+
+def _quantiles(delays: Delays) -> str:
     return (
         f"{delays.median_ms:.2f} ms (median), {delays.p99_ms:.2f} ms (99 %), "
-        f"{delays.most_ms:.2f} ms (most); {bins}"
+        f"{delays.most_ms:.2f} ms (most)"
     )
+
+
+def _until(end: str) -> str:
+    return "over 50 ms" if end == "over" else f"to {end} ms"
 
 
 def _rhythm(one: TopicOverview) -> str:

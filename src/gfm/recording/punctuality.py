@@ -13,6 +13,12 @@ from gfm.recording.mcap_file import DAMAGE
 from gfm.recording.periods import ENDS_MS, TIMING, TIMING_TOPIC
 from gfm.recording.raw import RawRecording
 
+#: What `punctuality` returns, by its names.
+MEANINGS = {
+    "heard_to_sent": "from a command heard to sent",
+    "uneven": "reports off their median period",
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Delays:

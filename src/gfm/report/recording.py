@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import cycle
 
@@ -31,7 +31,7 @@ _SIGNALS = {
     CommandKind.VELOCITY: "velocity (rad/s)",
     CommandKind.EFFORT: "effort (N m)",
 }
-_PANEL_PX, _MARGINS_PX = 300, 110
+_PANEL_PX, _DELAYS_PX, _MARGINS_PX = 300, 220, 110
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,11 +53,34 @@ class _Line:
     what: str = "measured"
 
 
-def recording_html(recording: Trajectory) -> str:
-    """Returns the page; it needs nothing beside it."""
+def recording_html(recording: Trajectory, delays: Mapping[str, Mapping[str, int]]) -> str:
+    """Returns the page; it needs nothing beside it.
+
+    Args:
+        recording: What is shown.
+        delays: Of the bridge that wrote it: how many of each kind, in words, were how long;
+            empty where it does not say.
+    """
     return render_page(
-        "recording.html.j2", recording=recording, signals=recording_picture(recording)
+        "recording.html.j2",
+        recording=recording,
+        signals=recording_picture(recording),
+        delays=delay_picture(delays) if delays else None,
     )
+
+
+def delay_picture(delays: Mapping[str, Mapping[str, int]]) -> Picture:
+    """Returns how many delays of each kind were how long: a panel for each kind."""
+    rows = len(delays)
+    figure = make_subplots(rows=rows, cols=1, subplot_titles=list(delays))
+    for row, counts in enumerate(delays.values(), 1):
+        bars = go.Bar(x=list(counts), y=list(counts.values()), marker_color=figures.BLUE)
+        figure.add_trace(bars, row, 1)
+        figure.update_yaxes(title_text="count", row=row, col=1)
+    figures.styled(figure, height=_MARGINS_PX + _DELAYS_PX * rows, legend=False)
+    figure.update_layout(margin_t=64)
+    caption = "Each bar counts what was longer than the bar before it says, and at most this long."
+    return Picture(title="How punctual the bridge was", caption=caption, figure=figure)
 
 
 def recording_picture(recording: Trajectory) -> Picture:
