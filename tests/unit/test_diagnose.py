@@ -12,6 +12,7 @@ from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.output.result import Verdict
 from gfm.effects import EffectInstance, effect_library
 from gfm.signals.smoothing import smooth_states
+from gfm.sim.commands import AFTER, BEFORE
 from pendulum import DAMPING, MODEL, PERIOD_S, STIFFNESS, swung
 
 NOISE = 3e-4
@@ -153,5 +154,5 @@ def test_when_efforts_were_measured_is_told_under_the_effects_that_were_found(la
     viscous = EffectInstance(
         effect=effect_library()["viscous_friction"], joints=("j",), values={"coefficient": 3.0}
     )
-    assert problem.after_command  # the nominal model is far off and says so in either case
-    assert problem.settled([viscous]).after_command is (late == 0)
+    assert problem.in_force == AFTER  # the nominal model is far off and says so in either case
+    assert problem.settled([viscous]).in_force == (AFTER if late == 0 else BEFORE)

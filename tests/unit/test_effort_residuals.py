@@ -9,6 +9,7 @@ import pytest
 from gfm.core import CommandKind
 from gfm.diagnosis.data.segmentation import WHOLE, make_problem
 from gfm.diagnosis.residuals.problem import timed
+from gfm.sim.commands import AFTER, BEFORE
 from pendulum import DAMPING, MODEL, STIFFNESS, swung
 
 SPECS = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
@@ -61,7 +62,9 @@ def test_stamps_that_jitter_are_those_of_one_command(late, jitter_s):
 def test_recordings_without_efforts_say_nothing_of_when_they_were_measured(late):
     silent = [replace(recording(seed, 0.05), effort=None) for seed in (1, 2)]
     runs = [*silent, recording(0, 0.05, late=late)]
-    assert timed(make_problem(SPECS, runs, windows_s=WHOLE), ()).after_command == (late == 0)
+    assert timed(make_problem(SPECS, runs, windows_s=WHOLE), ()).in_force == (
+        AFTER if late == 0 else BEFORE
+    )
 
 
 @pytest.mark.parametrize(("apart_s", "near_s"), [(0.0, 0.001), (0.0005, 0.001), (0.005, 0.0)])

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from disc import DISC
 from gfm.core import CommandKind
 from gfm.effects import EffectInstance, find_effect
+from gfm.sim.commands import AFTER, BEFORE
 from gfm.sim.instants import sensors_at, states_at
 from gfm.sim.plant import make_plant
 from gfm.sim.predict import predict
@@ -53,7 +54,7 @@ def exact_torque():
     return np.array(torque)
 
 
-def told(effects=(), *, text=STIFF, after_command=False, **changes):
+def told(effects=(), *, text=STIFF, in_force=BEFORE, **changes):
     segment = Segment(
         time_s=TIME_S,
         position=np.zeros((len(TIME_S), 1)),
@@ -66,7 +67,7 @@ def told(effects=(), *, text=STIFF, after_command=False, **changes):
         servo_gain=np.ones(1),
     )
     plant = make_plant(mujoco.MjSpec.from_string(text), ("j",), effects)
-    return predict([plant], [replace(segment, **changes)], after_command=after_command)[0][0]
+    return predict([plant], [replace(segment, **changes)], in_force=in_force)[0][0]
 
 
 def test_torques_between_steps_are_those_of_the_exact_motion():
@@ -77,16 +78,14 @@ def test_torques_between_steps_are_those_of_the_exact_motion():
 
 
 def test_a_torque_of_the_same_stamp_is_under_the_command_before_or_after():
-    before, after = (
-        told(time_s=COMMAND_TIME_S, after_command=a).effort[1:, 0] for a in (False, True)
-    )
+    before, after = (told(time_s=COMMAND_TIME_S, in_force=a).effort[1:, 0] for a in (BEFORE, AFTER))
     np.testing.assert_allclose(after - before, KP * np.diff(COMMAND), rtol=1e-6, atol=1e-9)
 
 
 def test_a_torque_keeps_its_own_command_where_stamps_jitter():
     early = {"time_s": COMMAND_TIME_S, "command_time_s": COMMAND_TIME_S - 0.001}
     before, after = (
-        told(**early, same_stamp_s=0.0015, after_command=a).effort[1:, 0] for a in (False, True)
+        told(**early, same_stamp_s=0.0015, in_force=a).effort[1:, 0] for a in (BEFORE, AFTER)
     )
     np.testing.assert_allclose(after - before, KP * np.diff(COMMAND), rtol=1e-6, atol=1e-9)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import accumulate
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,24 @@ AHEAD_S = MOST_S
 #: Time over which commands are averaged at an instant, s: predictions are smooth in a delay, and no
 #: drive tells when it takes a command more exactly.
 UNCERTAIN_S = 5e-4
+#: How exactly stamps are told apart, s.
+EXACT_S = 5e-5
+
+
+class InForce(NamedTuple):
+    """Under which commands efforts are measured, of those of nearly the same stamp.
+
+    Attributes:
+        ahead_s: Up to how much later than an effort such a command may be stamped, s; negative: so
+            much earlier it has to be. Infinite: all of them, or none.
+        within_s: Time over which commands are averaged there, s.
+    """
+
+    ahead_s: float = -np.inf
+    within_s: float = UNCERTAIN_S
+
+
+BEFORE, AFTER = InForce(), InForce(ahead_s=np.inf)
 
 
 def stepping_commands(plant: Plant, segment: Segment, steps: int) -> Array:
@@ -44,13 +63,45 @@ def commands_between(plant: Plant, recording: Trajectory, start: Array, end: Arr
     return np.stack(columns, axis=1)
 
 
-def commands_at(plant: Plant, segment: Segment, at: Array, *, after: bool) -> Array:
-    """Returns the commands in force just before or after given times, shape (T, J).
+def commands_at(plant: Plant, segment: Segment, at: Array, in_force: InForce) -> Array:
+    """Returns the commands under which efforts are measured at given times, shape (T, J).
 
     After delays and lags.
     """
-    columns = [taken.at(at, after=after) for taken in _taken(plant, segment)]
+    ahead_s, within_s = in_force
+    apart_s = float(np.clip(ahead_s, -segment.same_stamp_s, segment.same_stamp_s))
+    beyond_s = 0.5 * within_s * np.sign(ahead_s - apart_s)
+    columns = [taken.at(at + apart_s, beyond_s, within_s) for taken in _taken(plant, segment)]
     return np.stack(columns, axis=1)
+
+
+def since_commands(plant: Plant, segment: Segment, at: Array) -> Array:
+    """Returns how long after the nearest command times are, s, shape (T, J); negative: before it.
+
+    After delays.
+    """
+    columns = [taken.since(at) for taken in _taken(plant, segment)]
+    return np.stack(columns, axis=1)
+
+
+def best_in_force(since_s: Array, before: Array, after: Array) -> InForce:
+    """Returns under which commands efforts are measured that have nearly their stamp.
+
+    Stamps that jitter may tell it apart from one effort to the next.
+
+    Args:
+        since_s: How long after its command each effort is stamped, s, shape (N,).
+        before: How far off a prediction is under the command before that, shape (N,).
+        after: The same under the command itself, shape (N,).
+    """
+    order = np.argsort(since_s)
+    apart = np.diff(since_s[order], prepend=-np.inf, append=np.inf)
+    missed = np.cumsum(np.append(0.0, (before - after)[order]))
+    last = len(order) - int(np.argmin(np.where(apart > EXACT_S, missed, np.inf)[::-1]))
+    if not 0 < last < len(order):
+        return AFTER if last < len(order) else BEFORE
+    middle_s = float(since_s[order][last - 1 : last + 1].mean())
+    return InForce(ahead_s=-middle_s, within_s=min(float(apart[last]), UNCERTAIN_S))
 
 
 def _taken(plant: Plant, commanded: Segment | Trajectory) -> Iterator[_Taken]:
@@ -82,12 +133,18 @@ class _Taken:
         """Returns the mean from each start to its end, shape (T,)."""
         return np.asarray((self.integral(end) - self.integral(start)) / (end - start))
 
-    def at(self, at: Array, *, after: bool) -> Array:
-        """Returns what is taken just before or after given times, shape (T,)."""
+    def at(self, at: Array, beyond_s: float, within_s: float) -> Array:
+        """Returns what is taken at given times, or that much beyond them, shape (T,)."""
         if self.lag_s > 0.0:
             return self._lagging(at)
-        start = at if after else at - UNCERTAIN_S
-        return self.mean(start, start + UNCERTAIN_S)
+        start = at + beyond_s - 0.5 * within_s
+        return self.mean(start, start + within_s)
+
+    def since(self, at: Array) -> Array:
+        """Returns how long after the nearest command times are, s, shape (T,)."""
+        i = self._in_force(at)
+        since, still = at - self.time_s[i], np.append(self.time_s, np.inf)[i + 1] - at
+        return np.where(still < since, -still, since)
 
     def integral(self, at: Array) -> Array:
         """Returns the integral over time up to given times, shape (T,)."""

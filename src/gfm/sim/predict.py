@@ -17,7 +17,7 @@ from mujoco import batch, rollout
 
 from gfm.core.checks import Array
 from gfm.effects import EffectInstance
-from gfm.sim.commands import commands_at, stepping_commands
+from gfm.sim.commands import BEFORE, InForce, commands_at, stepping_commands
 from gfm.sim.compensation import CompensationError, compensation_error
 from gfm.sim.instants import sensors_at, states_at, states_before
 from gfm.sim.late_servos import Feedback, LateServos, late_servos
@@ -52,7 +52,7 @@ class _Job:
 @dataclass(frozen=True, kw_only=True)
 class _Settings:
     threads: int
-    after_command: bool
+    in_force: InForce
     efforts: bool
 
 
@@ -60,7 +60,7 @@ def predict(
     plants: Sequence[Plant],
     segments: Sequence[Segment],
     *,
-    after_command: bool = False,
+    in_force: InForce = BEFORE,
     efforts: bool = True,
     threads: int | None = None,
 ) -> list[list[Prediction]]:
@@ -69,14 +69,11 @@ def predict(
     Args:
         plants: What to simulate.
         segments: What to predict.
-        after_command: Whether efforts are those under the command of the same stamp, not under the
-            one before.
+        in_force: Under which commands of nearly the same stamp efforts are told.
         efforts: Whether to tell them where none were measured, too.
         threads: On how many to simulate; as many as there are processors by default.
     """
-    settings = _Settings(
-        threads=threads or os.cpu_count() or 1, after_command=after_command, efforts=efforts
-    )
+    settings = _Settings(threads=threads or os.cpu_count() or 1, in_force=in_force, efforts=efforts)
     answers: list[list[Prediction | None]] = [[None] * len(segments) for _ in plants]
     for jobs in _batches(plants, segments):
         run = _step_by_step if jobs[0].plant.stepwise else _rollout
@@ -202,13 +199,12 @@ def _controls(jobs: list[_Job], steps: int) -> Array:
     return np.stack([_as_control(job, command) for job, command in zip(jobs, told, strict=True)])
 
 
-def _measured_controls(jobs: list[_Job], after_command: bool) -> list[Array]:
+def _measured_controls(jobs: list[_Job], in_force: InForce) -> list[Array]:
     """Returns the controls under which efforts of every job are measured, shape (T, nu) each."""
 
     def at_measurements(job: _Job) -> Array:
-        apart = (1.0 if after_command else -1.0) * job.segment.same_stamp_s
-        at = job.segment.time_s + job.plant.effort_apart_s + apart
-        return commands_at(job.plant, job.segment, at, after=after_command)
+        at = job.segment.time_s + job.plant.effort_apart_s
+        return commands_at(job.plant, job.segment, at, in_force)
 
     told = _commanded(jobs, at_measurements)
     return [_as_control(*one) for one in zip(jobs, told, strict=True)]
@@ -291,7 +287,7 @@ def _efforts(
     asked = [i for i, job in enumerate(jobs) if settings.efforts or job.segment.effort is not None]
     if not asked:
         return efforts
-    controls = _measured_controls([jobs[i] for i in asked], settings.after_command)
+    controls = _measured_controls([jobs[i] for i in asked], settings.in_force)
     if feedback is not None:
         for i, own in zip(asked, controls, strict=True):
             feedback.write_at(i, jobs[i].segment.time_s + jobs[i].plant.effort_apart_s, own)

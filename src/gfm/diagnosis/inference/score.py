@@ -76,6 +76,11 @@ class Difference(NamedTuple):
         return self.nats > CLEARLY * self.error
 
     @property
+    def visible(self) -> bool:
+        """Whether a difference that large can be clear beside what noise alone makes of it."""
+        return self.nats > 2.0 * CLEARLY**2
+
+    @property
     def same(self) -> bool:
         """Whether both predict the very same: no odds would change by as much as a factor of e."""
         return max(abs(self.nats), self.error) < 1.0

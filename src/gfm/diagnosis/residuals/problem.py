@@ -29,8 +29,9 @@ from gfm.diagnosis.residuals.initial_states import (
 from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
 from gfm.diagnosis.residuals.rollouts import Rollouts
 from gfm.effects import EffectInstance
+from gfm.sim.commands import AFTER, BEFORE, InForce, best_in_force, since_commands
 
-#: Recorded time on which it is told whether efforts came before or after commands, s.
+#: Recorded time on which it is told under which commands efforts were measured, s.
 TIMED_S = 4.0
 #: Share of a sample that is for segments of which most is left.
 MOST_LEFT = 0.25
@@ -76,15 +77,6 @@ class Problem(Rollouts):
         rows = zip(self.state_basis, segments, strict=True)
         basis = tuple(orthonormal(part[: segment.position.size]) for part, segment in rows)
         return replace(self, segments=segments, state_basis=basis)
-
-    def effort_misfit(self, effects: Sequence[EffectInstance]) -> float:
-        """Returns by how much efforts are missed, N m: the medians of all segments, added up."""
-        told = zip(self.segments, self.predictions([effects])[0], strict=True)
-        return sum(
-            float(np.median(np.abs(segment.effort - prediction.effort)))
-            for segment, prediction in told
-            if segment.effort is not None
-        )
 
     def joined(self, other: Problem) -> Problem:
         """Returns the same problem with the segments of another one behind its own."""
@@ -153,9 +145,9 @@ def unsettled(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
 
 
 def timed(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
-    """Returns the problem with efforts taken before or after the command of the same stamp.
+    """Returns the problem with efforts under that command of nearly the same stamp that fits best.
 
-    As they fit better under `effects`.
+    Under `effects`.
     """
     telling = [
         i for i, s in enumerate(problem.segments) if s.same_stamp_s > 0.0 and s.effort is not None
@@ -164,6 +156,18 @@ def timed(problem: Problem, effects: Sequence[EffectInstance]) -> Problem:
         return problem
     few = problem.subset(telling)
     few = few.subset(few.sample(TIMED_S))
-    both = [replace(few, after_command=after) for after in (False, True)]
-    best = min(both, key=lambda one: one.effort_misfit(effects))
-    return replace(problem, after_command=best.after_command)
+    plants = few.plants(effects)
+    since = [
+        since_commands(plants[s.kind], s, s.time_s + plants[s.kind].effort_apart_s)
+        for s in few.segments
+    ]
+    near = [np.abs(one) <= s.same_stamp_s for s, one in zip(few.segments, since, strict=True)]
+
+    def missed(in_force: InForce) -> list[Array]:
+        here = replace(few, in_force=in_force)
+        parts = zip(few.segments, here.whitened(here.predictions([effects])[0]), strict=True)
+        return [np.abs(part[s.position.size :]).reshape(s.position.shape) for s, part in parts]
+
+    told = (since, missed(BEFORE), missed(AFTER))
+    beside = [[one[n] for one, n in zip(parts, near, strict=True)] for parts in told]
+    return replace(problem, in_force=best_in_force(*map(np.concatenate, beside)))

@@ -23,6 +23,7 @@ from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.residuals.simulated import Simulated
 from gfm.effects import EffectInstance
 from gfm.effects.effect import MOTOR_SIDE
+from gfm.sim.commands import BEFORE, InForce
 from gfm.sim.plant import Plant, make_plant
 from gfm.sim.predict import predict
 from gfm.sim.segment import Prediction, Segment, extrapolated
@@ -81,7 +82,7 @@ class Rollouts(SegmentedProblem):
     Attributes:
         specs: The nominal model by command kind.
         noise: Of the sensors.
-        after_command: Whether efforts were measured after the command of the same stamp.
+        in_force: Under which commands of nearly the same stamp efforts were measured.
         stepping: How models are simulated, by command kind; as they say where there is none. Where
             a motor is apart from its link, on short steps: what rings between them is fast.
         still: Joints that the models drive and nobody recorded, and where they are taken to stand
@@ -95,7 +96,7 @@ class Rollouts(SegmentedProblem):
     specs: Mapping[CommandKind, mujoco.MjSpec]
     segments: tuple[Segment, ...]
     noise: Noise
-    after_command: bool = False
+    in_force: InForce = BEFORE
     stepping: Mapping[CommandKind, Stepping] = field(default_factory=dict)
     still: Mapping[str, float] = field(default_factory=dict)
     in_the_air: bool = False
@@ -180,7 +181,7 @@ class Rollouts(SegmentedProblem):
                 predict(
                     self._plants(kind, [candidates[i] for i in asked], way),
                     segments,
-                    after_command=self.after_command,
+                    in_force=self.in_force,
                     efforts=efforts,
                 )
                 for way in ways
@@ -189,7 +190,7 @@ class Rollouts(SegmentedProblem):
             return [list(map(extrapolated, *answers)) for answers in rows]
 
         given = _amounts(self.given)
-        how = (self.specs[kind], *ways, self.after_command, efforts)
+        how = (self.specs[kind], *ways, self.in_force, efforts)
         models = [(*how, given, _amounts(effects)) for effects in candidates]
         return self.simulated.each(models, segments, simulate)
 

@@ -106,8 +106,11 @@ class Hypothesis(Generic[Of]):
     def open_joints(self) -> tuple[str, ...]:
         """Joints on which something can still be gained that is visible beside the discrepancy.
 
-        More than laws that explain the rest leave by not being quite exact.
+        More than laws that explain the rest leave by not being quite exact. None where all of them
+        together leave too little for any difference to be clear.
         """
+        if not self.room.visible:
+            return ()
         joints = self.problem.joints
         exact = INEXACT_SHARE * (self.nominal - 1.0)
         inexact = self.problem.joint_costs(self.fit.residual) - 1.0 > exact

@@ -137,7 +137,7 @@ def recorded(problem: Problem) -> Recorded:
         for s in problem.segments
         if s.same_stamp_s > 0.0 and len(s.command_time_s) > 1
     ]
-    beside = len(periods) == len(problem.segments) and not problem.after_command
+    beside = len(periods) == len(problem.segments) and problem.in_force.ahead_s < 0.0
     alike = beside and not feedback and problem.has_efforts
     return Recorded(
         has_efforts=problem.has_efforts,

@@ -63,7 +63,7 @@ class Intermittent:
         if not (early or best.chosen is None) or not search.goes_on():
             return None
         self.looked_into = True
-        everything = replace(self.everything, after_command=before.problem.after_command)
+        everything = replace(self.everything, in_force=before.problem.in_force)
         far = far_off(everything, before.effects)
         if not far:
             return None
