@@ -9,7 +9,7 @@ import pytest
 from gfm.core import CommandKind
 from gfm.diagnosis.data.segmentation import WHOLE, make_problem
 from gfm.diagnosis.residuals.problem import timed
-from gfm.sim.commands import AFTER, BEFORE
+from gfm.sim.commands import AFTER, BEFORE, InForce, best_in_force
 from pendulum import DAMPING, MODEL, STIFFNESS, swung
 
 SPECS = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
@@ -41,7 +41,10 @@ def recording(seed, noise, jitter_s=0.0, late=0, apart_s=0.0):
 
 def effort_costs(*runs):
     """The mean squared residual of each run's efforts, in units of the noise."""
-    problem = timed(make_problem(SPECS, runs, windows_s=WHOLE), ())
+    return _costs(timed(make_problem(SPECS, runs, windows_s=WHOLE), ()))
+
+
+def _costs(problem):
     residual = problem.residuals([()])[0]
     parts = [residual[rows][segment.position.size :] for segment, rows in _rows(problem)]
     return [float(np.mean(part**2)) for part in parts]
@@ -65,6 +68,43 @@ def test_recordings_without_efforts_say_nothing_of_when_they_were_measured(late)
     assert timed(make_problem(SPECS, runs, windows_s=WHOLE), ()).in_force == (
         AFTER if late == 0 else BEFORE
     )
+
+
+def test_stamps_may_tell_from_one_effort_to_the_next_which_command_it_is_under():
+    """As where both are stamped by a clock that ticks: a drive takes a command at the next tick."""
+    rng = np.random.default_rng(3)
+    run = recording(0, 0.05)
+    tick_ns, clear_ns = 250_000, 20_000
+    apart = rng.integers(-2, 3, len(TIME_S))
+    own = np.maximum(np.arange(len(TIME_S)) - (apart < 1), 0)
+    moved = STIFFNESS * (run.command[own] - run.command)
+    off = tick_ns * apart + np.round(clear_ns * rng.uniform(-1.0, 1.0, len(TIME_S))).astype(int)
+    run = replace(run, effort=run.effort + moved, command_stamp_ns=run.command_stamp_ns - off)
+    problem = timed(make_problem(SPECS, [run], windows_s=WHOLE), ())
+    assert problem.in_force.ahead_s == pytest.approx(-0.5e-9 * tick_ns, abs=2e-9 * clear_ns)
+    either = [replace(problem, in_force=one) for one in (BEFORE, AFTER)]
+    own, before, after = (_costs(one)[0] for one in (problem, *either))
+    assert own < 1.0  # commands that come and go look like noise
+    assert min(before, after) > 3.0 * own
+
+
+@pytest.mark.parametrize(
+    ("since_s", "under_own", "expected"),
+    [
+        ([-1e-4, 0.0, 1e-4], [False, False, False], BEFORE),
+        ([-1e-4, 0.0, 1e-4], [True, True, True], AFTER),
+        ([1e-4, -1e-4, 0.0], [True, False, False], InForce(ahead_s=-5e-5, within_s=1e-4)),
+        ([-2e-3, 2e-3], [False, True], InForce(ahead_s=0.0)),
+        ([0.0, 1e-6, 2e-6], [False, False, True], BEFORE),  # no stamp is as exact
+        ([], [], BEFORE),
+    ],
+)
+def test_the_command_in_force_is_told_by_stamps_that_can_be_told_apart(
+    since_s, under_own, expected
+):
+    own = np.array(under_own, dtype=float)
+    found = best_in_force(np.array(since_s), before=own, after=1.0 - own)
+    assert found == (pytest.approx(expected[0]), pytest.approx(expected[1]))
 
 
 @pytest.mark.parametrize(("apart_s", "near_s"), [(0.0, 0.001), (0.0005, 0.001), (0.005, 0.0)])
