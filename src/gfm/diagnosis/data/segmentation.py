@@ -42,9 +42,9 @@ LEAST_MEASUREMENTS = 8
 Rows: TypeAlias = tuple[int, int]
 #: Of a robot that touches nothing no contacts are looked for, nor islands in what constrains it.
 _ONE_ROBOT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_ISLAND)
-#: Share of a period within which stamps are the same, and the share of commands that have another
-#: one so near unless clocks run free: by chance a fifth of them do.
-NEAR_STAMP, MOSTLY = 0.1, 0.8
+#: Shares of a period: within which stamps are the same; up to which they may be, where they jitter
+#: so far; and the share of stamps that do not jitter farther. Of clocks that run free half do.
+NEAR_STAMP, FAR_STAMP, MOSTLY = 0.1, 0.25, 0.95
 
 
 def make_problem(
@@ -249,12 +249,15 @@ def _same_stamp_s(recording: Trajectory) -> float:
 
     Nothing where clocks run free: there, what is near another is so by chance.
     """
-    command_s, time_s = recording.command_time_s, recording.time_s
-    periods = [float(np.median(np.diff(t))) for t in (command_s, time_s) if len(t) > 1]
-    after = np.clip(np.searchsorted(time_s, command_s), 1, len(time_s) - 1)
-    apart = np.minimum(np.abs(command_s - time_s[after]), np.abs(command_s - time_s[after - 1]))
-    near_s = NEAR_STAMP * min(periods)
-    return near_s if np.mean(apart <= near_s) >= MOSTLY else 0.0
+    series = (recording.command_time_s, recording.time_s)
+    fast, slow = sorted(
+        series, key=lambda t: float(np.median(np.diff(t))) if len(t) > 1 else np.inf
+    )
+    period_s = float(np.median(np.diff(fast)))
+    after = np.clip(np.searchsorted(fast, slow), 1, len(fast) - 1)
+    apart = np.minimum(np.abs(slow - fast[after]), np.abs(slow - fast[after - 1]))
+    near_s = max(NEAR_STAMP * period_s, float(np.quantile(apart, MOSTLY)))
+    return near_s if near_s <= FAR_STAMP * period_s else 0.0
 
 
 def _own_effort_noise(recording: Trajectory, noise: Noise) -> Array | None:
