@@ -114,6 +114,32 @@ def test_stamps_are_the_same_where_they_are_near(apart_s, near_s):
     assert segment.same_stamp_s == pytest.approx(near_s)
 
 
+def test_stamps_are_the_same_as_far_as_they_jitter():
+    run = recording(0, 0.05, jitter_s=5e-4)
+    (segment,) = make_problem(SPECS, [run], windows_s=WHOLE).segments
+    spread_s = 5e-4 * np.sqrt(2.0)  # of both stamps
+    assert segment.same_stamp_s == pytest.approx(1.96 * spread_s, rel=0.1)
+
+
+@pytest.mark.parametrize("slower", [("command",), ("position", "velocity", "effort")])
+def test_stamps_are_those_of_the_slower_of_both(slower):
+    run = recording(0, 0.05)
+    stamps = "command_stamp_ns" if "command" in slower else "stamp_ns"
+    fields = {name: getattr(run, name) for name in (stamps, *slower)}
+    few = {name: None if value is None else value[::4] for name, value in fields.items()}
+    (segment,) = make_problem(SPECS, [replace(run, **few)], windows_s=WHOLE).segments
+    assert segment.same_stamp_s == pytest.approx(0.001)
+
+
+def test_clocks_that_run_free_have_no_stamp_in_common():
+    run = recording(0, 0.05)
+    free = replace(
+        run, command_stamp_ns=run.command_stamp_ns[0] + 7_300_000 * np.arange(len(TIME_S))
+    )
+    (segment,) = make_problem(SPECS, [free], windows_s=WHOLE).segments
+    assert segment.same_stamp_s == 0.0
+
+
 def test_efforts_of_each_recording_have_its_own_noise():
     costs = effort_costs(recording(0, 0.05), recording(1, 0.2))
     assert costs == [pytest.approx(1.0, rel=0.35), pytest.approx(1.0, rel=0.35)]
