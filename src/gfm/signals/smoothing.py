@@ -1,4 +1,4 @@
-"""What can be said of measured signals alone: even sampling, smooth states, rest, sizes, likeness.
+"""What can be said of measured signals alone: stamps, smooth states, rest, sizes, likeness.
 
 Shape letters: T measurements, J joints.
 """
@@ -16,6 +16,9 @@ from gfm.core.checks import Array
 SMOOTHING_S, SMOOTHING_ORDER = 0.09, 3
 #: Time over which a joint has to rest, and speed that may be noise, in standard deviations.
 REST_S, REST_SIGMAS = 0.15, 3.0
+#: Shares of a period: within which stamps are the same; up to which they may be, where they jitter
+#: so far; and the share of stamps that do not jitter farther. Of clocks that run free half do.
+NEAR_STAMP, FAR_STAMP, MOSTLY = 0.1, 0.25, 0.95
 
 
 def evenly(time_s: Array, signal: Array) -> tuple[Array, Array]:
@@ -24,6 +27,25 @@ def evenly(time_s: Array, signal: Array) -> tuple[Array, Array]:
     count = max(round((time_s[-1] - time_s[0]) / period_s), 1) + 1
     grid = time_s[0] + period_s * np.arange(count)
     return grid, np.stack([np.interp(grid, time_s, column) for column in signal.T], axis=1)
+
+
+def same_stamp_s(first_s: Array, second_s: Array) -> float:
+    """Returns how far apart two stamps are that are the same but for their jitter, s.
+
+    Nothing where clocks run free: there, what is near another is so by chance.
+
+    Args:
+        first_s: Stamps of commands, say, increasing, shape (C,).
+        second_s: Those of measurements, shape (T,).
+    """
+    fast, slow = sorted(
+        (first_s, second_s), key=lambda t: float(np.median(np.diff(t))) if len(t) > 1 else np.inf
+    )
+    period_s = float(np.median(np.diff(fast)))
+    after = np.clip(np.searchsorted(fast, slow), 1, len(fast) - 1)
+    apart = np.minimum(np.abs(slow - fast[after]), np.abs(slow - fast[after - 1]))
+    near_s = max(NEAR_STAMP * period_s, float(np.quantile(apart, MOSTLY)))
+    return near_s if near_s <= FAR_STAMP * period_s else 0.0
 
 
 def smooth_states(time_s: Array, position: Array) -> tuple[Array, Array, Array]:

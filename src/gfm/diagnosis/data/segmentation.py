@@ -21,7 +21,7 @@ from gfm.diagnosis.residuals.rollouts import Noise
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance
 from gfm.effects.elements import let_friction_hold
-from gfm.signals.smoothing import smooth_states, starts_at_rest
+from gfm.signals.smoothing import same_stamp_s, smooth_states, starts_at_rest
 from gfm.signals.touching import ENOUGH_AIR_S, Touch, at_ease, in_the_air, resting_pose
 from gfm.sim.commands import AHEAD_S, HISTORY_S
 from gfm.sim.plant import check_joints
@@ -42,9 +42,6 @@ LEAST_MEASUREMENTS = 8
 Rows: TypeAlias = tuple[int, int]
 #: Of a robot that touches nothing no contacts are looked for, nor islands in what constrains it.
 _ONE_ROBOT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_ISLAND)
-#: Shares of a period: within which stamps are the same; up to which they may be, where they jitter
-#: so far; and the share of stamps that do not jitter farther. Of clocks that run free half do.
-NEAR_STAMP, FAR_STAMP, MOSTLY = 0.1, 0.25, 0.95
 
 
 def make_problem(
@@ -244,22 +241,6 @@ def measure_noise(recordings: Sequence[Trajectory]) -> Noise:
     )
 
 
-def _same_stamp_s(recording: Trajectory) -> float:
-    """Returns how far apart a command and a measurement are of the same stamp, s.
-
-    Nothing where clocks run free: there, what is near another is so by chance.
-    """
-    series = (recording.command_time_s, recording.time_s)
-    fast, slow = sorted(
-        series, key=lambda t: float(np.median(np.diff(t))) if len(t) > 1 else np.inf
-    )
-    period_s = float(np.median(np.diff(fast)))
-    after = np.clip(np.searchsorted(fast, slow), 1, len(fast) - 1)
-    apart = np.minimum(np.abs(slow - fast[after]), np.abs(slow - fast[after - 1]))
-    near_s = max(NEAR_STAMP * period_s, float(np.quantile(apart, MOSTLY)))
-    return near_s if near_s <= FAR_STAMP * period_s else 0.0
-
-
 def _own_effort_noise(recording: Trajectory, noise: Noise) -> Array | None:
     """Returns the noise of one recording's efforts, shape (J,): the usual one of those at rest."""
     if recording.effort is None or noise.effort is None:
@@ -283,7 +264,10 @@ def cut(recording: Trajectory, index: int, noise: Noise, rows: Sequence[Rows]) -
     """
     time_s = recording.time_s
     position, velocity, _ = smooth_states(time_s, recording.position)
-    effort_noise, together_s = _own_effort_noise(recording, noise), _same_stamp_s(recording)
+    effort_noise, together_s = (
+        _own_effort_noise(recording, noise),
+        same_stamp_s(recording.command_time_s, recording.time_s),
+    )
     segments = []
     for start, end in rows:
         if end - start < LEAST_MEASUREMENTS:
