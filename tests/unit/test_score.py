@@ -363,6 +363,7 @@ def test_few_nats_are_never_clear():
     for told in gains:
         assert told.error >= np.sqrt(2.0 * abs(told.nats))
         assert not (told.clear and told.nats < 8.0)
+        assert told.visible == (told.nats > 8.0)  # so that what is not visible is never clear
     assert min(one.nats for one in gains) < 2.0
     assert any(one.clear for one in gains)
 
