@@ -88,8 +88,8 @@ _EXPECTED_S = {
 _RESERVE_S, _LEAST_LEARNING_S = 50.0, 20.0
 #: Longest time that is spent on learning, s.
 _MOST_LEARNING_S = 60.0
-#: The task, attempts at each of its goals, and minutes for what their recordings tell.
-_TASK, _TRIALS, _MINUTES = "position_matching", 1, 1.0
+#: The task, how many of its goals, attempts at each, and minutes for what their recordings tell.
+_TASK, _GOALS, _TRIALS, _MINUTES = "position_matching", 5, 2, 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -288,6 +288,7 @@ class _Run:
             drive=DriveRequest(
                 task=_TASK,
                 robot_config=ROBOT,
+                goals=_GOALS,
                 trials=_TRIALS,
                 seed=self._settings.seed,
                 out=out,
