@@ -9,6 +9,7 @@ import pytest
 from gfm.core import CommandKind
 from gfm.diagnosis.data.segmentation import WHOLE, make_problem
 from gfm.diagnosis.residuals.problem import timed
+from gfm.signals.smoothing import same_stamp_s
 from gfm.sim.commands import AFTER, BEFORE, InForce, best_in_force
 from pendulum import DAMPING, MODEL, STIFFNESS, swung
 
@@ -16,10 +17,10 @@ SPECS = {CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}
 TIME_S = np.arange(0.0, 4.0, 0.01)
 
 
-def recording(seed, noise, jitter_s=0.0, late=0, apart_s=0.0):
+def recording(seed, noise, jitter_s=0.0, late=0):
     """A run, with the efforts `noise` N m and all stamps `jitter_s` off.
 
-    Commands come `apart_s` after the measurements; efforts are of `late` commands ago.
+    Efforts are of `late` commands ago.
     """
     rng = np.random.default_rng(seed)
     run = swung(0.3 * np.sin(4.0 * TIME_S), seed=seed, noise=1e-5)
@@ -34,7 +35,7 @@ def recording(seed, noise, jitter_s=0.0, late=0, apart_s=0.0):
     return replace(
         run,
         stamp_ns=off(run.stamp_ns),
-        command_stamp_ns=off(run.command_stamp_ns) + int(1e9 * apart_s),
+        command_stamp_ns=off(run.command_stamp_ns),
         effort=effort + noise * rng.standard_normal(effort.shape),
     )
 
@@ -107,37 +108,26 @@ def test_the_command_in_force_is_told_by_stamps_that_can_be_told_apart(
     assert found == (pytest.approx(expected[0]), pytest.approx(expected[1]))
 
 
-@pytest.mark.parametrize(("apart_s", "near_s"), [(0.0, 0.001), (0.0005, 0.001), (0.005, 0.0)])
-def test_stamps_are_the_same_where_they_are_near(apart_s, near_s):
-    run = recording(0, 0.05, apart_s=apart_s)
-    (segment,) = make_problem(SPECS, [run], windows_s=WHOLE).segments
-    assert segment.same_stamp_s == pytest.approx(near_s)
-
-
 def test_stamps_are_the_same_as_far_as_they_jitter():
-    run = recording(0, 0.05, jitter_s=5e-4)
-    (segment,) = make_problem(SPECS, [run], windows_s=WHOLE).segments
-    spread_s = 5e-4 * np.sqrt(2.0)  # of both stamps
-    assert segment.same_stamp_s == pytest.approx(1.96 * spread_s, rel=0.1)
+    off = np.random.default_rng(0).normal(0.0, 7e-4, (2, len(TIME_S)))
+    spread_s = 7e-4 * np.sqrt(2.0)  # of both
+    assert same_stamp_s(TIME_S + off[0], TIME_S + off[1]) == pytest.approx(1.96 * spread_s, rel=0.1)
 
 
-@pytest.mark.parametrize("slower", [("command",), ("position", "velocity", "effort")])
-def test_stamps_are_those_of_the_slower_of_both(slower):
-    run = recording(0, 0.05)
-    stamps = "command_stamp_ns" if "command" in slower else "stamp_ns"
-    fields = {name: getattr(run, name) for name in (stamps, *slower)}
-    few = {name: None if value is None else value[::4] for name, value in fields.items()}
-    (segment,) = make_problem(SPECS, [replace(run, **few)], windows_s=WHOLE).segments
-    assert segment.same_stamp_s == pytest.approx(0.001)
+@pytest.mark.parametrize(
+    ("apart_s", "near_s"), [(0.0, 0.001), (0.0005, 0.001), (0.002, 0.002), (0.005, 0.0)]
+)
+def test_stamps_are_the_same_where_they_are_near(apart_s, near_s):
+    assert same_stamp_s(TIME_S, TIME_S + apart_s) == pytest.approx(near_s)
+
+
+def test_stamps_are_those_of_the_slower_of_both():
+    for one, other in ((TIME_S[::4], TIME_S), (TIME_S, TIME_S[::4]), (TIME_S[:1], TIME_S)):
+        assert same_stamp_s(one, other) == pytest.approx(0.001)
 
 
 def test_clocks_that_run_free_have_no_stamp_in_common():
-    run = recording(0, 0.05)
-    free = replace(
-        run, command_stamp_ns=run.command_stamp_ns[0] + 7_300_000 * np.arange(len(TIME_S))
-    )
-    (segment,) = make_problem(SPECS, [free], windows_s=WHOLE).segments
-    assert segment.same_stamp_s == 0.0
+    assert same_stamp_s(TIME_S, 0.0073 * np.arange(500)) == 0.0
 
 
 def test_efforts_of_each_recording_have_its_own_noise():
