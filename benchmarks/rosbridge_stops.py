@@ -23,24 +23,20 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from bridge_rig import LIMITS
+from bridge_stops import ALLOWED, commanded, speeds
 from parts import Part, commits, done_parts, print_or_write
 from rosbridge_cell import CLOCK, PERIOD_S, Cell, Seen, end
 
 from gfm.core import CommandKind, RefusedError
 from gfm.core.checks import Array
-from gfm.sim.sawyer import JOINT_NAMES, READY
-from gfm_robot_bridge.sawyer_limits import sawyer_limits
+from gfm.sim.sawyer import JOINT_NAMES
 from gfm_wire import StopRobot
 
-_LIMITS = sawyer_limits()
 _SHARES, _SECONDS = (0.05, 0.5), 0.6
-#: A little more than half is allowed, so that from half of the limit can be stopped at all.
-_ALLOWED = 0.6
 #: Share of a speed limit below which a joint is still, in the mean over so many reports: their
 #: noise is 0.002 rad/s, an eighth of that and less.
 _STILL, _MEAN = 0.01, 5
-#: N m s/rad, by which torques follow a speed.
-_FOLLOWS = 15.0
 #: In a report, between the head and the torso.
 _ARM = slice(1, 8)
 _BEFORE_NS = 100_000_000
@@ -132,7 +128,7 @@ class Tries:
         """Stops a robot behind such a line."""
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-            cell = Cell(folder, stack, line, ("--velocity-share", str(_ALLOWED)))
+            cell = Cell(folder, stack, line, ("--velocity-share", str(ALLOWED)))
             numbers = range(self.first, self.first + self.count)
             stops = [self._tried(cell, forth=number % 2 == 0) for number in numbers]
         names = ("still_s", "way_rad", "share")
@@ -165,26 +161,19 @@ class Tries:
 
 def drive(cell: Cell, kind: CommandKind, share: float) -> None:
     """Drives all joints at a share of their speed limits, away from the ends of their ranges."""
-    middle = (_LIMITS.lower + _LIMITS.upper) / 2.0
-    away = np.where(middle < READY, -1.0, 1.0)
-    speed = share * _LIMITS.velocity * away
+    speed = speeds(share)
     answer = cell.send(CommandKind.VELOCITY, np.zeros(len(JOINT_NAMES)), begins=True)
     target, due_ns = answer.position, CLOCK.now_ns()
     for _ in range(round(_SECONDS / PERIOD_S)):
         target = target + PERIOD_S * speed
-        values = {
-            CommandKind.POSITION: target,
-            CommandKind.VELOCITY: speed,
-            CommandKind.EFFORT: _FOLLOWS * (speed - answer.velocity),
-        }
-        answer = cell.send(kind, values[kind])
+        answer = cell.send(kind, commanded(kind, target, speed, answer.velocity))
         due_ns += round(PERIOD_S * 1e9)
         CLOCK.sleep_until_ns(due_ns)
 
 
 def stopped(seen: list[Seen], began_ns: int) -> Stop:
     """Returns how an arm came to rest that was seen from shortly before the cause on."""
-    speed = np.array([one.velocity for one in seen])[:, _ARM] / _LIMITS.velocity
+    speed = np.array([one.velocity for one in seen])[:, _ARM] / LIMITS.velocity
     mean = np.abs(_means(speed)).max(axis=1)
     ends = np.array([one.at_ns for one in seen])[_MEAN - 1 :]
     moving = ends[mean >= _STILL]

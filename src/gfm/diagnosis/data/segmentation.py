@@ -264,10 +264,8 @@ def cut(recording: Trajectory, index: int, noise: Noise, rows: Sequence[Rows]) -
     """
     time_s = recording.time_s
     position, velocity, _ = smooth_states(time_s, recording.position)
-    effort_noise, together_s = (
-        _own_effort_noise(recording, noise),
-        same_stamp_s(recording.command_time_s, recording.time_s),
-    )
+    effort_noise = _own_effort_noise(recording, noise)
+    together_s = same_stamp_s(recording.command_time_s, time_s)
     segments = []
     for start, end in rows:
         if end - start < LEAST_MEASUREMENTS:
