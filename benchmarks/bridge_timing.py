@@ -29,13 +29,25 @@ from gfm.recording.periods import TIMING, TIMING_TOPIC
 from gfm_wire import RecordDone, RecordStart, RecordStop
 
 _SPEED, _TURNS_S = 0.05, 2.0
-_BUSY = "while True: pass"
+#: Computes a share of every 20 ms.
+_BUSY = """
+import sys, time
+share = float(sys.argv[1])
+while True:
+    until = time.monotonic() + 0.02 * share
+    while time.monotonic() < until:
+        pass
+    if share < 1.0:
+        time.sleep(0.02 * (1.0 - share))
+"""
 
 
-def busy(count: int, stack: ExitStack) -> None:
-    """Starts processes that compute without pause, each in a session of its own."""
+def busy(count: int, share: float, stack: ExitStack) -> None:
+    """Starts processes that compute for a share of their time, each in a session of its own."""
     for _ in range(count):
-        process = subprocess.Popen([sys.executable, "-c", _BUSY], start_new_session=True)
+        process = subprocess.Popen(
+            [sys.executable, "-c", _BUSY, str(share)], start_new_session=True
+        )
         stack.callback(end, process)
 
 
@@ -95,6 +107,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--busy", type=int, default=2, help="processes that compute beside it")
+    parser.add_argument("--share", type=float, default=1.0, help="of the time that each computes")
     parser.add_argument("--realtime", action="store_true", help="as the bridge's flag")
     parser.add_argument("--out", type=Path, help="Markdown to write (default: print)")
     arguments = parser.parse_args()
@@ -103,7 +116,7 @@ def main() -> None:
         cell = Cell(folder, stack, bridge=("--realtime",) if arguments.realtime else ())
         cell.make_ready()
         before = cell.status()
-        busy(arguments.busy, stack)
+        busy(arguments.busy, arguments.share, stack)
         cell.ask("robot/record", RecordStart(name="timing"))
         counts = driven(cell, 60.0 * arguments.minutes)
         status = cell.status()
