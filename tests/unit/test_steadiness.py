@@ -11,10 +11,10 @@ COUNT, BLOCK = 2400, 100
 ONE = np.array([True])
 
 
-def recorded(recordings):
+def recorded(recordings, joints=1):
     """So many recordings that have 24 blocks together, each of them a segment."""
     owners = np.repeat(np.arange(recordings), COUNT // BLOCK // recordings).tolist()
-    return blocks_of([SegmentShape(owner, BLOCK_S, 1, BLOCK) for owner in owners], 1)
+    return blocks_of([SegmentShape(owner, BLOCK_S, 1, BLOCK) for owner in owners], joints)
 
 
 def told(columns, measured, effect=ONE, recordings=4):
@@ -122,3 +122,37 @@ def test_a_bend_that_other_amounts_make_up_for_is_none():
     column, measured = np.concatenate([x, x * np.abs(x)], axis=1), (x + np.abs(x) * x)[:, 0]
     fitted = Fit(effects=(), jacobian=-column, residual=0.1 * measured)
     assert bends(fitted, -column[:, 1:], recorded(4), 0) == pytest.approx(0.0, abs=1e-6)
+
+
+def bent_beside(left_on_others):
+    """A law that should bend on the first of some joints; others leave so much, in noises."""
+    x = speeds()
+    column, measured = np.sign(x) * np.sqrt(np.abs(x)), x[:, 0]
+    column *= measured @ column[:, 0] / (column[:, 0] @ column[:, 0])
+    scale = 3.0 / np.sqrt(np.mean((measured - column[:, 0]) ** 2))
+    left = np.stack(
+        [
+            scale * (measured - column[:, 0]),
+            *(n * noise(k, 1.0) for k, n in enumerate(left_on_others)),
+        ],
+        axis=1,
+    )
+    alone = np.eye(1, len(left.T))
+    fitted = Fit(effects=(), jacobian=-np.kron(scale * column, alone.T), residual=left.ravel())
+    ways = -np.kron(scale * column * np.abs(x) / np.abs(x).max(), alone.T)
+    return bends(fitted, ways, recorded(4, len(left.T)), 0)
+
+
+def test_a_bend_counts_as_far_as_more_is_left_than_on_other_joints():
+    """Three noises are left on the joint: nine in squares, and eight of them beyond noise."""
+    alone = bent_beside(())
+    assert alone > 0.8
+    assert bent_beside((1.0, 1.0, 1.0)) == pytest.approx(alone, rel=0.01)
+    assert bent_beside((2.0, 2.0, 2.0)) == pytest.approx(alone * (1.0 - 3.0 / 9.0), rel=0.03)
+    assert bent_beside((4.0, 4.0, 4.0)) == 0.0
+
+
+def test_one_other_joint_may_be_where_the_same_error_arrives():
+    alone = bent_beside(())
+    assert bent_beside((5.0,)) == pytest.approx(alone)
+    assert bent_beside((5.0, 1.0, 1.0)) == pytest.approx(alone, rel=0.01)

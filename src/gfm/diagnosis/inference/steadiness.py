@@ -53,7 +53,8 @@ def bends(fitted: Fit, ways: Array, blocks: Blocks, joint: int) -> float:
     """Returns how much of what is left on a joint a law leaves that should bend, 0..1.
 
     The share of the squares there that the law explains, to first order, if its amount may change
-    with the state, beside what other amounts of everything would, and beyond chance.
+    with the state, beside what other amounts of everything would, and beyond chance. As much as is
+    left on other joints anyway says nothing of this law: that share of it does not count.
 
     Args:
         fitted: What was fitted, the law among it.
@@ -66,12 +67,23 @@ def bends(fitted: Fit, ways: Array, blocks: Blocks, joint: int) -> float:
     change, covariance = _told(scaled, fitted.residual, [piece.ravel() for piece in blocks.pieces])
     known, own = np.split(scaled, [fitted.jacobian.shape[1]], axis=1)
     beyond = without(own, np.linalg.qr(known)[0])
-    here = np.concatenate([piece[:, :, joint].ravel() for piece in blocks.pieces])
-    square, bend = beyond[here].T @ beyond[here], len(known.T)
+    rows = np.concatenate([piece.reshape(-1, piece.shape[2]) for piece in blocks.pieces])
+    square, bend = beyond[rows[:, joint]].T @ beyond[rows[:, joint]], len(known.T)
     told = float(change[bend:] @ square @ change[bend:])
     chance = float(np.trace(square @ covariance[bend:, bend:]))
-    left = float(fitted.residual[here] @ fitted.residual[here])
-    return float(np.clip((told - chance) / max(left, 1e-9), 0.0, 1.0))
+    costs = np.mean(fitted.residual[rows] ** 2, axis=0)
+    here = max(float(costs[joint]), 1e-9)
+    beyond_usual = 1.0 - _usual(np.delete(costs, joint)) / here
+    return float(np.clip((told - chance) / (here * len(rows)) * beyond_usual, 0.0, 1.0))
+
+
+def _usual(costs: Array) -> float:
+    """Returns what is left on other joints beyond noise, as a mean square.
+
+    The median. Where most is left may be where this joint's own error arrives: it does not count.
+    """
+    some = np.sort(costs)[:-1]
+    return max(float(np.median(some)) - 1.0, 0.0) if len(some) else 0.0
 
 
 def _parts(
