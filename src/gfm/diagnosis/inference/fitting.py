@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Self, TypeAlias
+from typing import NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +35,21 @@ ROUGH = 1e-2
 FARTHER = 2.0
 #: Damping of the first step, and that beyond which no step helps.
 DAMPING, MOST_DAMPING = 1e-3, 1e3
+#: Share of the gain that first order promises, from which on it holds as far as the step went
+#: (Madsen, Nielsen and Tingleff 2004).
+KEPT = 0.25
 #: Size of a response, beside the largest of those weighed together, below which nothing is told.
 TINY = 0.05
 
 #: A free parameter: the effect whose it is, and its name.
 Parameter: TypeAlias = tuple[Key, str]
+
+
+class AtHand(NamedTuple):
+    """An amount, and the derivative by it that was taken there, shape (N,)."""
+
+    value: float
+    column: Array
 
 
 class LeastSquares(ABC):
@@ -115,7 +125,7 @@ def fit(
         effects: With the values to begin with.
         tolerance: Relative gain of a step at which the fit ends.
         known: A fit of some of them to the same problem. Derivatives by its amounts are taken over
-            from there, as long as steps with them gain anything.
+            from there, as long as steps with them gain anything and they still hold in the end.
     """
     if not effects:
         return measured(problem, ())
@@ -129,7 +139,7 @@ def _descended(
     problem: LeastSquares,
     current: tuple[EffectInstance, ...],
     tolerance: float,
-    at_hand: Mapping[Parameter, Array],
+    at_hand: Mapping[Parameter, AtHand],
 ) -> Fit:
     """Returns where steps from the current amounts lead, with derivatives there."""
     values, bounds = amounts(current), bounds_of(current)
@@ -147,20 +157,42 @@ def _descended(
             at_hand = {}
             jacobian = derivatives(problem, current, residual)
             continue
-        damping *= 0.1 if gain > 0.0 else 30.0
+        kept = gain > KEPT * told
+        damping *= 0.1 if kept else 30.0
         if gain > 0.0:
-            steps -= 1
+            steps -= kept
             current, values, residual = candidate, values + step, tried
             jacobian = derivatives(problem, current, residual, at_hand)
             astray, promised = False, 0.0
         elif damping > MOST_DAMPING and promised > ROUGH and not astray:
             damping, astray, steps = DAMPING, True, FIT_STEPS
             jacobian = derivatives(problem, current, residual, over=step)
-        if 0.0 <= gain < tolerance or damping > MOST_DAMPING:
+        if (0.0 <= gain < tolerance and (kept or told < tolerance)) or damping > MOST_DAMPING:
             break
     if astray:
         jacobian = derivatives(problem, current, residual)
-    return Fit(effects=current, jacobian=jacobian, residual=residual)
+    end = Fit(effects=current, jacobian=jacobian, residual=residual)
+    if _outdated(problem, end, at_hand):
+        return _descended(problem, current, tolerance, {})
+    return end
+
+
+def _outdated(problem: LeastSquares, end: Fit, at_hand: Mapping[Parameter, AtHand]) -> bool:
+    """Returns whether derivatives at hand no longer tell what their amounts change.
+
+    They are asked for the change from where they were taken: a centre of mass counts as much as
+    there is mass. A fit to which they led may not be at its end, and what it predicts is wrong.
+    """
+    values, names = amounts(end.effects), _names(end.effects)
+    begun = [at_hand[n].value if n in at_hand else v for n, v in zip(names, values, strict=True)]
+    moved = values - np.array(begun)
+    if not moved.any():
+        return False
+    sets = [end.effects, with_amounts(end.effects, np.array(begun))]
+    here, there = problem.coarse().residuals(sets)
+    change = slopes(end.residual, problem.limits()) * (here - there)
+    most = max(mean_square(change), end.cost)
+    return mean_square(change - end.jacobian @ moved) > ROUGH * most
 
 
 def along_valley(problem: LeastSquares, fitted: Fit) -> Fit:
@@ -226,7 +258,7 @@ def derivatives(
     problem: LeastSquares,
     effects: tuple[EffectInstance, ...],
     residual: Array,
-    at_hand: Mapping[Parameter, Array] = MappingProxyType({}),
+    at_hand: Mapping[Parameter, AtHand] = MappingProxyType({}),
     over: Array | None = None,
 ) -> Array:
     """Returns the derivative of the residual by each free parameter, shape (N, P).
@@ -244,7 +276,7 @@ def derivatives(
         steps = np.where(np.abs(over) > sizes, over, steps)
     new = [i for i, name in enumerate(names) if name not in at_hand]
     moved = [with_amounts(effects, values + step) for step in np.diag(steps)[new]]
-    columns = dict(at_hand)
+    columns = {name: one.column for name, one in at_hand.items()}
     if moved:
         still, *rows = problem.coarse().residuals([effects, *moved])
         columns.update(
@@ -257,10 +289,11 @@ def _names(effects: Sequence[EffectInstance]) -> list[Parameter]:
     return [(effects[i].key, name) for i, name in free_parameters(effects)]
 
 
-def _at_hand(problem: LeastSquares, known: Fit) -> dict[Parameter, Array]:
-    """Returns derivatives of a fit, by numbers that count in full, shape (N,) each."""
+def _at_hand(problem: LeastSquares, known: Fit) -> dict[Parameter, AtHand]:
+    """Returns derivatives of a fit, by numbers that count in full."""
     columns = (known.jacobian / slopes(known.residual, problem.limits())[:, None]).T
-    return dict(zip(_names(known.effects), columns, strict=True))
+    rows = zip(amounts(known.effects).tolist(), columns, strict=True)
+    return dict(zip(_names(known.effects), map(AtHand._make, rows), strict=True))
 
 
 def _step(jacobian: Array, residual: Array, damping: float, low: Array, high: Array) -> Array:

@@ -222,10 +222,12 @@ def exchange(
 ) -> tuple[Hypothesis[P], list[Compared]]:
     """Returns a hypothesis with what rivals say better, and every effect's best rival.
 
-    What replaced another is not exchanged back, and what a few segments judge stays.
+    What made way for another does not come back, or two could replace each other for ever; and what
+    a few segments judge stays.
     """
     told: list[Compared] = []
-    gone: set[Key] = set()
+    exchanged = [step.replaced for step in search.steps if step.move is Move.EXCHANGE]
+    gone = {one.key for one in exchanged if one is not None}
     for key in [e.key for e in here.effects]:
         instance = next((e for e in here.effects if e.key == key), None)
         if instance is None or key in search.held:
