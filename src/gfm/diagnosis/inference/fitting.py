@@ -152,12 +152,12 @@ def _descended(
         tried = problem.residuals([candidate])[0]
         gain = 1.0 - mean_square(tried) / mean_square(residual)
         told = 1.0 - mean_square(residual + jacobian @ step) / mean_square(residual)
-        promised = max(promised, told)
-        if gain < 0.0 and at_hand:
+        kept = gain > KEPT * told
+        if at_hand and not kept:
             at_hand = {}
             jacobian = derivatives(problem, current, residual)
             continue
-        kept = gain > KEPT * told
+        promised = max(promised, told)
         damping *= 0.1 if kept else 30.0
         if gain > 0.0:
             steps -= kept
