@@ -70,7 +70,7 @@ def tried(instance, cost, base=(), gain=100.0, error=10.0):
     )
 
 
-def step(before, *ranked, won=True, move=Move.ADD, replaced=None):
+def step(before, *ranked, won=True, move=Move.ADD, replaced=()):
     chosen = ranked[0] if won else None
     return Step(move=move, before=before, ranked=ranked, chosen=chosen, replaced=replaced)
 
@@ -328,8 +328,8 @@ def test_it_is_said_what_was_taken_out_again_and_why():
     viscous = effect("viscous_friction", coefficient=0.1)
     less = Tried(new=(viscous,), fit=tried(OFFSET, 3.0).fit, gain=Difference(-1.0, 2.0))
     steps = (
-        step(9.0, tried(OFFSET, 3.0), move=Move.EXCHANGE, replaced=spring),
-        Step(move=Move.REMOVE, before=3.0, chosen=less, replaced=viscous),
+        step(9.0, tried(OFFSET, 3.0), move=Move.EXCHANGE, replaced=(spring,)),
+        Step(move=Move.REMOVE, before=3.0, chosen=less, replaced=(viscous,)),
     )
     told = stopping(found_in(*steps, effects=(OFFSET,)))
     assert [row.replaced for row in told.steps] == ["joint spring on j", "viscous friction on j"]

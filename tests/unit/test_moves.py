@@ -25,6 +25,7 @@ from gfm.diagnosis.search.moves.add import (
     best_of,
 )
 from gfm.diagnosis.search.moves.common_errors import common_errors
+from gfm.diagnosis.search.moves.merge import merge
 from gfm.diagnosis.search.moves.missing_torque import borne_out, fewest, missing_torque
 from gfm.diagnosis.search.moves.reduce import (
     _not_told_apart,
@@ -288,7 +289,9 @@ def test_what_says_nothing_is_removed_and_what_is_there_stays(rubbing):
     search = rubbing.search()
     after = remove(both, search)
     assert [e.effect.name for e in after.effects] == ["coulomb_friction"]
-    assert [(s.move, s.replaced.effect.name) for s in search.steps] == [(Move.REMOVE, "armature")]
+    assert [(s.move, s.replaced[0].effect.name) for s in search.steps] == [
+        (Move.REMOVE, "armature")
+    ]
     assert after.effects[0].values["torque"] == pytest.approx(FRICTION, rel=0.03)
 
 
@@ -313,10 +316,39 @@ def test_a_spring_makes_way_for_the_constant_torque_that_it_stands_for(pulled):
     after, told = exchange(here, search)
     assert {e.effect.name for e in after.effects} == {"torque_offset", "viscous_friction"}
     (step,) = search.steps
-    assert (step.move, step.replaced.effect.name) == (Move.EXCHANGE, "joint_spring")
+    assert (step.move, step.replaced[0].effect.name) == (Move.EXCHANGE, "joint_spring")
     assert [one.instance.effect.name for one in told] == ["viscous_friction"]
     offset = next(e for e in after.effects if e.effect.name == "torque_offset")
     assert offset.values["torque"] == pytest.approx(OFFSET, rel=0.02)
+
+
+def test_a_weaker_drive_and_a_spring_make_way_for_the_load_that_they_stand_for():
+    def weight(q, _v):
+        return -0.3 * 9.81 * LENGTH * np.sin(q)
+
+    loaded = Case(runs(torque=weight, inertia=0.3 * LENGTH**2))
+    both = loaded.with_effects(
+        instance("actuator_gain", scale=0.7),
+        instance("joint_spring", stiffness=0.1, rest_angle=0.0),
+    )
+    search = loaded.search("payload", "viscous_friction", "armature")
+    after = merge(both, search)
+    (payload,) = after.effects
+    assert payload.effect.name == "payload"
+    assert payload.values["mass"] == pytest.approx(0.3, rel=0.05)
+    (step,) = search.steps
+    assert step.move is Move.EXCHANGE
+    assert {e.effect.name for e in step.replaced} == {"actuator_gain", "joint_spring"}
+
+
+def test_two_effects_that_are_there_do_not_make_way_for_one():
+    case = Case(runs(torque=lambda q, v: dry(q, v) + OFFSET))
+    both = case.with_effects(
+        instance("coulomb_friction", torque=0.1), instance("torque_offset", torque=0.1)
+    )
+    search = case.search("payload", "viscous_friction", "asymmetric_friction", "joint_spring")
+    assert merge(both, search) is both
+    assert search.steps == []
 
 
 def test_a_right_effect_stays_and_is_told_with_what_was_weighed_beside_it(rubbing):

@@ -87,7 +87,7 @@ def _row(step: Step) -> StepRow:
         gain=0.0 if best is None else best.gain.nats,
         error=0.0 if best is None else best.gain.error,
         chosen=step.chosen is not None,
-        replaced=describe(step.replaced) if step.replaced else "",
+        replaced=", ".join(map(describe, step.replaced)),
         segments=step.segments,
     )
 
@@ -99,11 +99,12 @@ def _in_words(new: Sequence[EffectInstance]) -> str:
 def _taken_out(found: SearchResult) -> tuple[str, ...]:
     left = {e.key for e in (*found.fit.effects, *twins(*found.fit.effects))}
     gone = {
-        describe(step.replaced): "it predicts as well without"
+        describe(one): "it predicts as well without"
         if step.move is Move.REMOVE
         else f"{describe(step.chosen.new[0])} predicts better, or as well and is simpler"
         for step in found.steps
-        if step.replaced and step.chosen and step.replaced.key not in left
+        for one in step.replaced
+        if step.chosen and one.key not in left
     }
     return tuple(f"{words}: {why}" for words, why in gone.items())
 

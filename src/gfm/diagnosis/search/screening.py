@@ -68,7 +68,7 @@ def screen(before: Hypothesis, candidates: Sequence[Place], sample_s: float) -> 
     """
     sample = before.problem.sample(sample_s, left=before.fit.residual)
     part = before.problem.subset(sample)
-    base = _rows_of(before, sample)
+    base = rows_of(before, sample)
     basis = np.linalg.qr(base.jacobian)[0]
     start = replace(base, residual=without(base.residual, basis))
     responses = _responses(part, candidates, base, basis)
@@ -81,7 +81,7 @@ def screen(before: Hypothesis, candidates: Sequence[Place], sample_s: float) -> 
     return sorted(found, key=lambda s: -s.gain.nats)
 
 
-def _rows_of(before: Hypothesis, segments: Sequence[int]) -> Fit:
+def rows_of(before: Hypothesis, segments: Sequence[int]) -> Fit:
     """Returns the fit of a hypothesis on some segments only."""
     slices, fit = before.problem.slices(), before.fit
     rows = np.r_[tuple(slices[i] for i in segments)]
@@ -99,7 +99,7 @@ def _responses(
     residual = without(base.residual, basis)
     weights = slopes(base.residual, problem.limits())[:, None]
     best: dict[tuple[object, ...], tuple[float, EffectInstance, Array]] = {}
-    for place, group, changes in _changes(problem.coarse(), groups, base.effects):
+    for place, group, changes in changes_of(problem.coarse(), groups, base.effects):
         weighed = weigh(place, group, without(weights * changes, basis), residual)
         if weighed is None:
             continue
@@ -113,7 +113,7 @@ def _responses(
     return [(instance, explained) for _, instance, explained in best.values()]
 
 
-def _changes(
+def changes_of(
     problem: SegmentedProblem,
     groups: Sequence[tuple[Place, list[EffectInstance]]],
     effects: Sequence[EffectInstance],

@@ -14,6 +14,7 @@ from functools import partial
 from gfm.diagnosis.inference.amounts import acting
 from gfm.diagnosis.inference.fitting import along_valley, measured
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
+from gfm.diagnosis.search.moves.merge import merge
 from gfm.diagnosis.search.moves.missing_torque import fewest
 from gfm.diagnosis.search.moves.reduce import (
     Compared,
@@ -96,7 +97,8 @@ def _reduced(
     here: Hypothesis[P], search: Search[P], rivals: RivalsOf[P]
 ) -> tuple[Hypothesis[P], list[Compared]]:
     while True:
-        after, compared = exchange(here, search, rivals)
+        merged = merge(here, search)
+        after, compared = exchange(merged, search, rivals)
         last, here = after is here, remove(after, search)
         if last or not search.in_time():
             return here, compared

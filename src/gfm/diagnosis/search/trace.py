@@ -63,7 +63,7 @@ class Step:
     before: float
     ranked: tuple[Tried, ...] = ()
     chosen: Tried | None = None
-    replaced: EffectInstance | None = None
+    replaced: tuple[EffectInstance, ...] = ()
     segments: int = 0
     part: Problem | None = None
 

@@ -40,9 +40,9 @@ def remove(here: Hypothesis[P], search: Search[P]) -> Hypothesis[P]:
     while len(here.effects) > 1:
         removals = _removals(here, whole, search.held)
         step = search.in_its_time(partial(next, removals, None), None)
-        if step is None or step.chosen is None or step.replaced is None:
+        if step is None or step.chosen is None:
             break
-        search.report(f"going on without {describe(step.replaced)}")
+        search.report(f"going on without {describe(step.replaced[0])}")
         search.steps.append(step)
         here = replace(here, fit=step.chosen.fit)
     return here
@@ -57,7 +57,7 @@ def _removals(here: Hypothesis, whole: Hypothesis, kept: Collection[Key]) -> Ite
         without = here.fitted(rest)
         if at_bound(instance) or not (here.over(without).notable or whole.over(without).notable):
             tried = Tried(new=(instance,), fit=without, gain=-here.over(without))
-            yield Step(move=Move.REMOVE, before=here.fit.cost, chosen=tried, replaced=instance)
+            yield Step(move=Move.REMOVE, before=here.fit.cost, chosen=tried, replaced=tried.new)
 
 
 def gains_of_each(here: Hypothesis) -> list[tuple[Difference, EffectInstance]]:
@@ -167,7 +167,7 @@ def _compared(
     """
     others = tuple(e for e in here.effects if e is not instance)
     fits = rivals(instance, replace(here, fit=here.fitted(others)), search)
-    simple = [_simplest(here, one) for one in fits]
+    simple = [simplest(here, one) for one in fits]
     tried = [Tried(new=f.effects[-1:], fit=f, gain=-here.over(f)) for f in simple]
     count = parameters_of([instance], here.fit)
     as_simple = [one for one in tried if one.parameters <= count or one.gain.notable]
@@ -197,7 +197,7 @@ def _beside_best(instance: EffectInstance, rivals: Sequence[Tried], count: int) 
     return Compared(instance=instance, rival=best, more=more)
 
 
-def _simplest(here: Hypothesis, rival: Fit) -> Fit:
+def simplest(here: Hypothesis, rival: Fit) -> Fit:
     """Returns a rival without those of its numbers without which it predicts as well.
 
     As well: to within one standard error, as where effects are removed. They are nought and stay
@@ -226,8 +226,8 @@ def exchange(
     a few segments judge stays.
     """
     told: list[Compared] = []
-    exchanged = [step.replaced for step in search.steps if step.move is Move.EXCHANGE]
-    gone = {one.key for one in exchanged if one is not None}
+    exchanged = [step for step in search.steps if step.move is Move.EXCHANGE]
+    gone = {one.key for step in exchanged for one in step.replaced}
     for key in [e.key for e in here.effects]:
         instance = next((e for e in here.effects if e.key == key), None)
         if instance is None or key in search.held:
@@ -244,7 +244,7 @@ def exchange(
                 before=here.fit.cost,
                 ranked=(pair.rival,),
                 chosen=pair.rival,
-                replaced=instance,
+                replaced=(instance,),
             )
             search.steps.append(step)
             here = replace(here, fit=fit(here.problem, step.effects))
