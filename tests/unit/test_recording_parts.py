@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -155,3 +156,27 @@ def test_commands_of_which_one_half_is_lost_are_left_out(tmp_path: Path, capsys)
     assert "lost: 1 halves of commands" in capsys.readouterr().out
     saved = read_recording(tmp_path / "a_salvaged.mcap")
     assert len(saved.command_stamp_ns) == 19
+
+
+@pytest.mark.parametrize("wished_at_first", [CommandKind.POSITION, CommandKind.VELOCITY])
+def test_what_is_asked_for_in_another_kind_than_what_is_applied_is_no_wish_of_that_kind(
+    tmp_path: Path, wished_at_first: CommandKind
+) -> None:
+    """An arm that bears a load nobody told of is held by positions while speeds are asked for."""
+    with RecordingWriter(tmp_path / "held.mcap") as writer:
+        for step in range(20):
+            stamp_ns = BEGIN_NS + step * 10**7
+            applied = Command(
+                kind=CommandKind.POSITION, joint_names=JOINTS, values=np.ones(2), stamp_ns=stamp_ns
+            )
+            kind = wished_at_first if step == 0 else CommandKind.VELOCITY
+            writer.write_state(stamp_ns, JOINTS, np.zeros(2))
+            writer.write_command(applied)
+            writer.write_requested(replace(applied, kind=kind))
+    told = read_recording(tmp_path / "held.mcap")
+    assert told.command_kind is CommandKind.POSITION
+    if wished_at_first is CommandKind.VELOCITY:
+        assert told.requested is None
+    else:
+        assert told.requested is not None
+        assert np.isnan(told.requested[:, 0]).tolist() == [False, *[True] * 19]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gfm.core import ObjectTrack, RecordingError, Trajectory
+from gfm.core import CommandKind, ObjectTrack, RecordingError, Trajectory
+from gfm.core.checks import Array
 from gfm.core.trajectory import UNCOMMANDED
 from gfm.recording import schemas
 from gfm.recording.mcap_file import McapContent, read_mcap
@@ -80,12 +81,24 @@ def _requested(path: Path, content: McapContent, applied: JointStream) -> JointS
     messages = content.messages.get(topic)
     if not messages:
         return None
-    requested = joint_stream(path, topic, messages, finite=False)
+    requested = joint_stream(path, topic, messages, wished=True)
     if not np.array_equal(requested.stamp_ns, applied.stamp_ns):
         expected = f"one message for each on {applied.topic}, with the same stamp"
         problem = f"{len(requested.stamp_ns)} messages"
         raise RecordingError(f"{path}: topic {topic}", problem, expected)
     return requested
+
+
+def _asked(
+    requested: JointStream | None, kind: CommandKind, joint_names: Sequence[str]
+) -> Array | None:
+    """Returns what was asked for in the kind of what was applied, shape (T, J); None for nothing.
+
+    An arm that bears a load nobody told of is held by positions while a policy asks for speeds.
+    """
+    if requested is None or kind not in requested.fields:
+        return None
+    return requested.ordered(kind, joint_names)
 
 
 def _trajectory(
@@ -121,7 +134,7 @@ def _trajectory(
         command_kind=kind,
         command_stamp_ns=commands.stamp_ns,
         command=commands.ordered(kind, states.joint_names),
-        requested=None if requested is None else requested.ordered(kind, states.joint_names),
+        requested=_asked(requested, kind, states.joint_names),
         servo_gain=_servo_gain(path, content.metadata.get(schemas.SERVO_GAIN_RECORD, {})),
         object_track=_object_track(path, content.messages.get(schemas.OBJECT_POSE, [])),
         metadata=metadata,

@@ -67,7 +67,7 @@ class JointStream:
 
 
 def joint_stream(
-    path: Path, topic: str, messages: Sequence[Any], *, finite: bool = True
+    path: Path, topic: str, messages: Sequence[Any], *, wished: bool = False
 ) -> JointStream:
     """Returns the arrays of one topic.
 
@@ -75,7 +75,8 @@ def joint_stream(
         path: The file, for messages.
         topic: The topic, for messages.
         messages: sensor_msgs/msg/JointState, at least one.
-        finite: Refuse NaN and infinity.
+        wished: Whether that is what somebody asked for, not what happened: NaN and infinity are
+            taken, and a field may be empty in some messages, where it is NaN.
     """
     where = f"{path}: topic {topic}"
     stamp_ns = stamps_of(where, messages)
@@ -84,9 +85,9 @@ def joint_stream(
         problem = f"first message names joints {list(names)}"
         raise RecordingError(f"{where}: field name", problem, "each joint once, at least one")
     orders = _orders(where, names, messages)
-    fields = {str(kind): _field(where, kind, messages, orders) for kind in CommandKind}
+    fields = {str(kind): _field(where, kind, messages, orders, gaps=wished) for kind in CommandKind}
     filled = {kind: values for kind, values in fields.items() if values is not None}
-    if finite:
+    if not wished:
         for kind, values in filled.items():
             _check_finite(where, kind, values, names)
     return JointStream(path=path, topic=topic, joint_names=names, stamp_ns=stamp_ns, fields=filled)
@@ -156,20 +157,25 @@ def _field(
     kind: CommandKind,
     messages: Sequence[Any],
     orders: dict[tuple[str, ...], list[int]],
+    *,
+    gaps: bool,
 ) -> Array | None:
-    """Returns one field, shape (T, J), or None where every message leaves it empty."""
+    """Returns one field, shape (T, J), or None where every message leaves it empty.
+
+    Where only some do, and gaps are allowed, it is NaN there.
+    """
     size = len(messages[0].name)
     rows = [getattr(message, kind) for message in messages]
     wrong = [i for i, row in enumerate(rows) if len(row) not in (0, size)]
     empty = [i for i, row in enumerate(rows) if len(row) == 0]
-    if wrong or 0 < len(empty) < len(rows):
+    if wrong or (0 < len(empty) < len(rows) and not gaps):
         i = wrong[0] if wrong else empty[0]
         problem = f"message {i} has {len(rows[i])} values for {size} joints"
         expected = f"{size} values in every message, or none in any"
         raise RecordingError(f"{where}: field {kind}", problem, expected)
-    if empty:
+    if len(empty) == len(rows):
         return None
-    values = np.array([list(row) for row in rows], np.float64)
+    values = np.array([list(row) or [np.nan] * size for row in rows], np.float64)
     if len(orders) == 1:
         return values
     columns = np.array([orders[tuple(message.name)] for message in messages])
