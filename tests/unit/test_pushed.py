@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind, ObjectTrack, Trajectory
-from gfm.diagnosis.data.segmentation import WHOLE, all_segments, make_problem
+from gfm.diagnosis.data.segmentation import WHOLE, airborne, all_segments, make_problem
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.output.result import Verdict
 from gfm.diagnosis.search.candidates import places
 from gfm.effects import EffectInstance, find_effect
 from gfm.effects.plugins import USUAL_SCALES
+from gfm.signals.torque_domain import torque_domain
 from gfm.signals.touching import CLEARANCE_M, Touch, resting_pose
 
 SLIDER_KG, BLOCK_KG, GAIN, FRICTION = 2.0, 0.5, 40.0, 0.4
@@ -130,6 +131,24 @@ def test_a_robot_is_judged_by_its_motion_in_the_air():
         assert not any(touch.at(run, row) for row in rows_of(run, segment))
     # The model is right there: contacts, softer than those of the truth, have no part in it.
     assert np.mean(problem.residuals([()]) ** 2) < 1.5
+
+
+def test_what_pushes_back_is_no_torque_that_is_missing_in_the_air():
+    run = recording(0, BLOCK_KG)
+    touch = Touch(SPECS[CommandKind.VELOCITY], run.joint_names)
+    pieces = airborne(SPECS, [run])
+    assert sum(piece.duration_s for piece in pieces) > 4.0
+    for piece in pieces:
+        rows = np.searchsorted(run.stamp_ns, piece.stamp_ns)
+        np.testing.assert_array_equal(piece.position, run.position[rows])
+        assert piece.command is run.command
+        assert not any(touch.at(run, int(row)) for row in rows)
+    problem = make_problem(SPECS, [run], windows_s=WHOLE)
+    everywhere, free = (
+        np.sqrt(np.mean((domain.missing() / domain.noise) ** 2))
+        for domain in (torque_domain(problem, [run]), torque_domain(problem, pieces))
+    )
+    assert everywhere > 2.0 * free
 
 
 def test_a_robot_that_is_hardly_ever_in_the_air_is_judged_by_all_there_is():

@@ -10,7 +10,14 @@ import mujoco
 import numpy as np
 
 from gfm.core import CommandKind, Trajectory
-from gfm.diagnosis.data.segmentation import LONG, SHORT, all_segments, make_problem, prepared
+from gfm.diagnosis.data.segmentation import (
+    LONG,
+    SHORT,
+    airborne,
+    all_segments,
+    make_problem,
+    prepared,
+)
 from gfm.diagnosis.inference.fitting import fit
 from gfm.diagnosis.output.claims import credible, named_effects
 from gfm.diagnosis.output.result import NamedEffect
@@ -99,7 +106,9 @@ def find_by_itself(
     if lack:
         return Found(recordings=recordings, short=short, long=long, lack=lack)
     everything = all_segments(specs, recordings, short.noise, given=given, placed=known)
-    result = search(short, long, everything, recordings, report, time_left, known)
+    # What pushes back at the robot is no torque that the model lacks.
+    free = airborne(specs, recordings, (*given, *known)) if short.in_the_air else ()
+    result = search(short, long, everything, recordings, report, time_left, known, free)
     found = credible(result)
     if short.in_the_air and not known and any(one.effect.displaces for one in found):
         report("cutting anew: the robot was elsewhere than it reports")

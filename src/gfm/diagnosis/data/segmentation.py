@@ -6,6 +6,7 @@ Shape letters: T measurements of a segment, J joints.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import TypeAlias
 
@@ -141,6 +142,36 @@ def all_segments(
         still={name: at for one in still.values() for name, at in one.items()},
         in_the_air=in_the_air,
     )
+
+
+def airborne(
+    specs: Mapping[CommandKind, mujoco.MjSpec],
+    recordings: Sequence[Trajectory],
+    placed: Sequence[EffectInstance] = (),
+) -> list[Trajectory]:
+    """Returns the pieces of recordings in which a robot touches nothing, with all their commands.
+
+    Args:
+        specs: The nominal models by command kind.
+        recordings: What is cut.
+        placed: Effects that say where the robot is.
+    """
+    pieces = []
+    for run in recordings:
+        touching = Touch(specs[run.command_kind], run.joint_names, placed).along(run)
+        for start, end in in_the_air(touching, run):
+            rows = slice(start, end)
+            effort = None if run.effort is None else run.effort[rows]
+            if end - start >= LEAST_MEASUREMENTS:
+                piece = replace(
+                    run,
+                    stamp_ns=run.stamp_ns[rows],
+                    position=run.position[rows],
+                    velocity=None,
+                    effort=effort,
+                )
+                pieces.append(piece)
+    return pieces
 
 
 def _rows(

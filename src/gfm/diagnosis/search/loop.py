@@ -50,6 +50,7 @@ def search(
     report: Callable[[str], None],
     time_left: Callable[[], float] = lambda: 1.0,
     known: Sequence[EffectInstance] = (),
+    free: Sequence[Trajectory] = (),
 ) -> SearchResult[Problem]:
     """Returns what recordings support.
 
@@ -62,8 +63,11 @@ def search(
         report: Told what is happening, in words.
         time_left: The share of the time for searching that is left.
         known: Effects to begin with.
+        free: Pieces of them in which the robot touches nothing: those that bear witness of amounts.
     """
     here, under_way = _begun(problem, recordings, report, time_left)
+    if free:
+        under_way.witness = torque_domain(problem, free, TORQUES)
     if known:
         here = settled_hypothesis(here.problem, known, here.nominal)
     everything = replace(everything, stepping=problem.stepping, clock=problem.clock)

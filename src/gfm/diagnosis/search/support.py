@@ -35,7 +35,8 @@ def support(
     nats = {instance.key: gain.nats for gain, instance in gains}
     nothing = dict[Key, Nameless]()
     nameless = search.in_its_time(partial(nameless_laws, here, search, nats), nothing)
-    unlike = search.torques.disagreement(here.effects) if search.torques else {}
+    witness = search.witness or search.torques
+    unlike = witness.disagreement(here.effects) if witness else {}
     told = {}
     for without, instance in gains:
         beside = rivals.get(instance.key, Compared(instance=instance))

@@ -31,6 +31,7 @@ class Search(Generic[P]):
         candidates: What may be missing, and where.
         report: Told what is happening, in words.
         torques: The recordings as torques under the nominal model, where they can be seen so.
+        witness: The same of those that bear witness of amounts: where nothing is touched.
         after: Returns the hypothesis to which a step leads from another.
         in_time: Whether there is time left to weigh rivals.
         goes_on: Whether there is time left for steps.
@@ -42,6 +43,7 @@ class Search(Generic[P]):
     candidates: Sequence[Place] = ()
     report: Callable[[str], None]
     torques: TorqueDomain | None = None
+    witness: TorqueDomain | None = None
     after: Callable[[Hypothesis[P], Step], Hypothesis[P]] = refitted
     in_time: Callable[[], bool] = lambda: True
     goes_on: Callable[[], bool] = lambda: True
