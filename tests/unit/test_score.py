@@ -322,18 +322,6 @@ def test_what_one_part_alone_tells_stands_though_its_fit_ended_a_little_beside_t
     np.testing.assert_allclose(told[1], told[0], atol=0.1)
 
 
-def test_a_fit_that_ended_beside_the_best_predicts_little_worse():
-    """Other parts tell little of the amount: what is left of the slope is not of their telling."""
-    rng, layout = np.random.default_rng(0), recorded(recordings=4, segments=4)
-    column = 0.15 * rng.standard_normal((layout.size, 1))
-    column[400:800, 0] = rng.standard_normal(400)
-    best = fitted(100.0 * column[:, 0] + rng.standard_normal(layout.size), column)
-    beside = replace(best, residual=best.residual - column[:, 0])
-    blocks = blocks_of(layout)
-    lost = difference(blocks, predictive(blocks, best), predictive(blocks, beside))
-    assert 0.0 < lost.nats < 1.0  # 6.4 if other parts had to tell of the slope
-
-
 def test_a_score_leaves_the_fit_as_it_is():
     rng, layout = np.random.default_rng(0), recorded()
     found = fitted(rng.standard_normal(layout.size), rng.standard_normal((layout.size, 2)))

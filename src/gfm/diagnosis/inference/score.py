@@ -28,7 +28,7 @@ from gfm.diagnosis.inference.constants import (
     DEGREES_OF_FREEDOM,
     WRONG_ALIKE,
 )
-from gfm.diagnosis.inference.fitting import Fit, always, without
+from gfm.diagnosis.inference.fitting import Fit, always
 from gfm.diagnosis.residuals.outliers import slopes, unbounded
 
 #: Steps in which the scale of a cell is found.
@@ -128,16 +128,13 @@ def _left_elsewhere(blocks: Blocks, fitted: Fit) -> Array:
     columns = jacobian / (np.linalg.norm(jacobian, axis=0) + 1e-9)
     half = np.linalg.cholesky(columns.T @ columns + RIDGE * np.eye(columns.shape[1]))
     columns = np.linalg.solve(half, columns.T).T  # all parts tell as much of each way to go
-    # A fit ends a little before the least: parts of it would tell of that, too, and of nothing else
-    # where they tell little. That slope is none of theirs.
-    still = without(fitted.residual, columns)
     for part in np.unique(blocks.fold):
         rows = blocks.fold == part
         own = columns[rows]
         share, ways = np.linalg.eigh(own.T @ own)
         others = 1.0 - share
         further = np.divide(1.0, others, out=np.zeros_like(others), where=others > TELLS_NOTHING)
-        change = own @ (ways * further) @ (ways.T @ (own.T @ still[rows]))
+        change = own @ (ways * further) @ (ways.T @ (own.T @ fitted.residual[rows]))
         left[rows] += change / weights[rows]
     return left
 
