@@ -160,17 +160,17 @@ def airborne(
     for run in recordings:
         touching = Touch(specs[run.command_kind], run.joint_names, placed).along(run)
         for start, end in in_the_air(touching, run):
-            rows = slice(start, end)
-            effort = None if run.effort is None else run.effort[rows]
-            if end - start >= LEAST_MEASUREMENTS:
-                piece = replace(
-                    run,
-                    stamp_ns=run.stamp_ns[rows],
-                    position=run.position[rows],
-                    velocity=None,
-                    effort=effort,
-                )
-                pieces.append(piece)
+            if end - start < LEAST_MEASUREMENTS:
+                continue
+            here = slice(start, end)
+            piece = replace(
+                run,
+                stamp_ns=run.stamp_ns[here],
+                position=run.position[here],
+                velocity=None,
+                effort=None if run.effort is None else run.effort[here],
+            )
+            pieces.append(piece)
     return pieces
 
 

@@ -3,8 +3,9 @@
 One step after another adds what predicts clearly better: what the missing torque shows
 (`moves.missing_torque`); one effect (`moves.add`); common errors, where no single effect gains
 much; or what acts now and then only. What became superfluous is removed, and what something else
-says better is exchanged. It ends where what can still be gained is not visible beside the
-discrepancy of a right model, where nothing gains anything, or where its time is over.
+says better is exchanged: one for several (`moves.merge`), one for one (`moves.reduce`). It ends
+where what can still be gained is not visible beside the discrepancy of a right model, where nothing
+gains anything, or where its time is over.
 """
 
 from __future__ import annotations

@@ -54,8 +54,13 @@ def _merged(here: Hypothesis[P], search: Search[P]) -> Step | None:
         tried = Tried(new=fitted.effects[-1:], fit=fitted, gain=-here.over(fitted))
         more = tried.parameters > parameters_of(several, here.fit)
         if not (more or (-tried.gain).notable or at_bound(tried.new[0])):
-            move, before = Move.EXCHANGE, here.fit.cost
-            return Step(move=move, before=before, ranked=(tried,), chosen=tried, replaced=several)
+            return Step(
+                move=Move.EXCHANGE,
+                before=here.fit.cost,
+                ranked=(tried,),
+                chosen=tried,
+                replaced=several,
+            )
     return None
 
 
