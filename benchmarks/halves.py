@@ -28,7 +28,7 @@ from gfm.api.models import load_specs
 from gfm.api.recordings import read_recordings
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.segmentation import LONG, make_problem
+from gfm.diagnosis.data.segmentation import LONG, all_segments, prepared
 from gfm.diagnosis.found import SETTLED_S
 from gfm.diagnosis.inference.amounts import amounts, free_parameters
 from gfm.diagnosis.inference.constants import ADEQUATE_RATIO
@@ -77,7 +77,7 @@ def told_by(
     """Returns what some recordings say of effects, those fitted to them that act all the time."""
     rare = [one for one in effects if one.effect.intermittent]
     effects = [one for one in effects if one not in rare]
-    problem = make_problem(specs, recordings, given=rare, windows_s=LONG, most_s=SETTLED_S)
+    problem = prepared(all_segments(specs, recordings, given=rare, windows_s=LONG), SETTLED_S)
     nominal = nominal_hypothesis(problem).nominal
     here = settled_hypothesis(problem, effects, nominal)
     fitted = here.fit

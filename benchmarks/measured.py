@@ -31,7 +31,7 @@ from gfm.api.models import load_specs
 from gfm.api.recordings import read_recordings
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.segmentation import WHOLE, make_problem
+from gfm.diagnosis.data.segmentation import WHOLE, all_segments, prepared
 from gfm.diagnosis.evidence.plots import torque_left
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import EffectInstance, find_effect
@@ -188,7 +188,7 @@ def written(
     """Returns a set's part of the page."""
     rig, specs = RIGS[name], load_specs([model])
     recordings = read_recordings(held)
-    problem = make_problem(specs, recordings, windows_s=WHOLE)
+    problem = prepared(all_segments(specs, recordings, windows_s=WHOLE))
     document = json.loads(report.read_text())
     error = document["error"]
     models = {"nominal": [], "corrected": read_effects(report), "published": rig.published(data)}

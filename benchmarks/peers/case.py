@@ -14,7 +14,7 @@ from gfm.api.models import load_specs
 from gfm.api.recordings import read_recordings
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.data.segmentation import all_segments, prepared
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.effects import EffectInstance, find_effect
 
@@ -44,7 +44,7 @@ class Case:
 
     def held_out_error(self, specs: Specs, effects: Sequence[EffectInstance] = ()) -> float:
         """Returns the position RMSE of open-loop rollouts of a model, rad."""
-        problem = make_problem(specs, self.held_out, self.problem.noise)
+        problem = prepared(all_segments(specs, self.held_out, self.problem.noise))
         errors = np.concatenate([e.ravel() for e in problem.position_errors(effects)])
         return float(np.sqrt(np.mean(errors**2)))
 
@@ -54,7 +54,7 @@ def load(folder: Path) -> Case:
     specs = load_specs(sorted(folder.glob("*.xml")))
     training = read_recordings(sorted(folder.glob("train_*.mcap")))
     held_out = read_recordings(sorted(folder.glob("held_*.mcap")))
-    problem = make_problem(specs, training)
+    problem = prepared(all_segments(specs, training))
     return Case(specs=specs, training=training, problem=problem, held_out=held_out)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind, Trajectory
-from gfm.diagnosis.data.segmentation import WHOLE, make_problem
+from gfm.diagnosis.data.segmentation import WHOLE, all_segments, prepared
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.output.result import Diagnosis, Verdict
 
@@ -32,7 +32,7 @@ def errors_after(
     specs: dict[CommandKind, mujoco.MjSpec], held: list[Trajectory], found: Diagnosis
 ) -> list[np.ndarray]:
     effects = [one.instance() for one in found.effects]
-    return make_problem(specs, held, windows_s=WHOLE).position_errors(effects)
+    return prepared(all_segments(specs, held, windows_s=WHOLE)).position_errors(effects)
 
 
 def in_minutes(minutes: float) -> Callable[[], float]:

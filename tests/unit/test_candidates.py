@@ -8,7 +8,7 @@ import pytest
 
 from disc import DISC, followed
 from gfm.core import CommandKind, Trajectory
-from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.data.segmentation import all_segments, prepared
 from gfm.diagnosis.search.candidates import cogging_orders, joint_scales
 from gfm.signals.torque_domain import torque_views
 from gfm.signals.torques import TorqueView
@@ -80,7 +80,7 @@ def test_the_size_of_a_servo_is_what_was_measured_of_it():
     spec = mujoco.MjSpec.from_string(CARRIED.format(by_drive="false"))
     takes = (0.1 + 2.0 * 0.5**2) * 3.0**2
     held = recorded(position, effort=np.full_like(position, 0.1 * takes))
-    problem = make_problem({CommandKind.EFFORT: spec}, [held])
+    problem = prepared(all_segments({CommandKind.EFFORT: spec}, [held]))
     for recording, size in ((held, 0.1 * takes), (replace(held, effort=None), takes)):
         (scales,) = joint_scales(problem, torque_views(problem, [recording]))
         assert scales.servo_nm == pytest.approx(size, rel=0.01)
@@ -100,7 +100,7 @@ def test_the_size_of_a_servo_leaves_out_what_its_gravity_compensation_gives(by_d
     """An arm held level by its compensation, and turned to and fro a little by its servo."""
     recording = recorded(0.01 * np.sin(3.0 * TIME_S)[:, None])
     spec = mujoco.MjSpec.from_string(CARRIED.format(by_drive=by_drive))
-    problem = make_problem({CommandKind.EFFORT: spec}, [recording])
+    problem = prepared(all_segments({CommandKind.EFFORT: spec}, [recording]))
     (scales,) = joint_scales(problem, torque_views(problem, [recording]))
     servo_nm = (0.1 + 2.0 * 0.5**2) * 0.01 * 3.0**2
     assert scales.servo_nm == pytest.approx(servo_nm, rel=0.05)
@@ -119,7 +119,7 @@ def test_a_right_model_lacks_no_torque(gain):
     recording = recorded(position, time_s=time_s, commands=command, gain=gain)
     text = DISC.format(step=0.002, integrator="RK4", inertia=inertia, kp=kp, kv=kv)
     specs = {CommandKind.POSITION: mujoco.MjSpec.from_string(text)}
-    (view,) = torque_views(make_problem(specs, [recording]), [recording])
+    (view,) = torque_views(prepared(all_segments(specs, [recording])), [recording])
     steady = slice(100, -100)  # smoothing has both sides
     stepped = np.std(torque[steady] - view.drive[steady])
     assert np.std(view.missing[steady]) < 0.2 * stepped

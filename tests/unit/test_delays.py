@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.data.segmentation import all_segments, prepared
 from gfm.diagnosis.inference.amounts import at_bound
 from gfm.diagnosis.inference.fitting import fit
 from gfm.diagnosis.residuals.problem import timed
@@ -54,7 +54,7 @@ def names(found):
 
 @cache
 def problem(place):
-    return make_problem(SPECS, [late_run(WAVES + STEPS, PLACES[place], seed=1)])
+    return prepared(all_segments(SPECS, [late_run(WAVES + STEPS, PLACES[place], seed=1)]))
 
 
 def fitted(here, name):
@@ -107,7 +107,7 @@ def test_an_offset_of_clocks_is_a_late_command_in_every_channel():
 )
 def test_a_spring_is_told_from_a_late_servo_by_how_it_rings(late, right, wrong):
     ringing = 0.4 * (np.floor((TIME_S + 0.3) / 0.53) % 2) * (TIME_S > 0.0)
-    here = make_problem(SPECS, [late_run(ringing[:190], late, seed=3)])
+    here = prepared(all_segments(SPECS, [late_run(ringing[:190], late, seed=3)]))
     starts = {"joint_elasticity": (40.0, 90.0, 200.0), "servo_delay": (0.004,)}
     cost = {
         name: min(fit(timed(here, (one,)), (one,)).cost for one in (instance(name, s) for s in own))
@@ -194,11 +194,11 @@ def test_a_problem_says_what_of_delays_it_could_tell():
     assert recorded(here.positions_alone()) == WITHOUT
     spec = {CommandKind.EFFORT: mujoco.MjSpec.from_string(MOTOR)}
     torques = late_run(0.3 * WAVES, Late(command=0.005), seed=2, feedback=False)
-    seen = recorded(make_problem(spec, [torques]))
+    seen = recorded(prepared(all_segments(spec, [torques])))
     assert not seen.has_feedback
     assert seen.command_period_s == pytest.approx(PERIOD_S)
     free = replace(torques, command_stamp_ns=torques.command_stamp_ns + 5_000_000)
-    assert recorded(make_problem(spec, [free])).command_period_s == 0.0
+    assert recorded(prepared(all_segments(spec, [free]))).command_period_s == 0.0
 
 
 @pytest.mark.parametrize(
@@ -206,7 +206,9 @@ def test_a_problem_says_what_of_delays_it_could_tell():
 )
 def test_torques_of_the_command_before_may_be_early_or_late(late, told_apart):
     spec = {CommandKind.EFFORT: mujoco.MjSpec.from_string(MOTOR)}
-    here = make_problem(spec, [late_run(0.5 * WAVES + STEPS, late, seed=2, feedback=False)])
+    here = prepared(
+        all_segments(spec, [late_run(0.5 * WAVES + STEPS, late, seed=2, feedback=False)])
+    )
     names = ("command_delay", "position_delay")
     problems = {name: timed(here, [instance(name, 0.005)]) for name in names}
     cost = {

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind, ConfigError, Trajectory, UnknownNameError
-from gfm.diagnosis.data.segmentation import in_model_order, make_problem
+from gfm.diagnosis.data.segmentation import all_segments, in_model_order, prepared
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.output.result import Verdict
 from gfm.effects import EffectInstance, effect_library
@@ -150,7 +150,9 @@ def test_when_efforts_were_measured_is_told_under_the_effects_that_were_found(la
     q, v, _ = smooth_states(run.time_s, run.position)
     in_force = np.roll(run.command, late, axis=0)
     run = replace(run, effort=STIFFNESS * (in_force - q) - DAMPING * v)
-    problem = make_problem({CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}, [run])
+    problem = prepared(
+        all_segments({CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}, [run])
+    )
     viscous = EffectInstance(
         effect=effect_library()["viscous_friction"], joints=("j",), values={"coefficient": 3.0}
     )

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.data.segmentation import WHOLE, make_problem
+from gfm.diagnosis.data.segmentation import WHOLE, all_segments, prepared
 from gfm.diagnosis.inference.fitting import fit
 from gfm.effects import EffectInstance, Motion, find_effect
 from gfm.sim.plant import make_plant
@@ -39,8 +39,8 @@ def test_small_torques_are_lost_and_others_are_smaller_by_as_much():
 
 
 def test_the_same_as_another_integrator_says_and_its_amount_is_recovered():
-    problem = make_problem(
-        {CommandKind.POSITION: SPEC}, [recording(0), recording(1)], windows_s=WHOLE
+    problem = prepared(
+        all_segments({CommandKind.POSITION: SPEC}, [recording(0), recording(1)], windows_s=WHOLE)
     )
     assert problem.settled(()).residuals([()])[0].std() > 2.0
     fitted = fit(problem.settled([dead(DEAD)]), [dead(0.1)])
@@ -49,7 +49,9 @@ def test_the_same_as_another_integrator_says_and_its_amount_is_recovered():
 
 
 def test_efforts_are_measured_behind_the_dead_zone():
-    problem = make_problem({CommandKind.POSITION: SPEC}, [recording(0, zone=0.0)], windows_s=WHOLE)
+    problem = prepared(
+        all_segments({CommandKind.POSITION: SPEC}, [recording(0, zone=0.0)], windows_s=WHOLE)
+    )
     plain, without = (
         predict([make_plant(SPEC, ("j",), effects)], problem.segments, efforts=True)[0][0]
         for effects in ([], [dead(1e3)])

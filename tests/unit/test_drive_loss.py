@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.data.segmentation import WHOLE, make_problem
+from gfm.diagnosis.data.segmentation import WHOLE, all_segments, prepared
 from gfm.diagnosis.inference.fitting import fit
 from gfm.effects import EffectInstance, Motion, find_effect
 from gfm.effects.drive import MOST_LOST
@@ -41,7 +41,7 @@ def test_what_is_lost_grows_with_the_square_and_is_a_half_at_most():
 
 
 def test_the_same_as_another_integrator_says_and_its_amount_is_recovered():
-    problem = make_problem(SPECS, [recording(0), recording(1)], windows_s=WHOLE)
+    problem = prepared(all_segments(SPECS, [recording(0), recording(1)], windows_s=WHOLE))
     assert problem.settled(()).residuals([()])[0].std() > 2.0
     fitted = fit(problem.settled([lost(LOSS)]), [lost(0.05)])
     assert fitted.effects[0].values["coefficient"] == pytest.approx(LOSS, rel=0.05)
@@ -49,7 +49,7 @@ def test_the_same_as_another_integrator_says_and_its_amount_is_recovered():
 
 
 def test_efforts_are_measured_with_the_loss():
-    problem = make_problem(SPECS, [recording(0, loss=0.0)], windows_s=WHOLE)
+    problem = prepared(all_segments(SPECS, [recording(0, loss=0.0)], windows_s=WHOLE))
     (segment,) = problem.segments
     ((told,),) = predict([make_plant(SPEC, ("j",), [lost(0.6)])], [segment])
     position = told.position[:, 0]

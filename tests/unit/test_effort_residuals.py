@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.data.segmentation import WHOLE, make_problem
+from gfm.diagnosis.data.segmentation import WHOLE, all_segments, prepared
 from gfm.diagnosis.residuals.problem import timed
 from gfm.signals.smoothing import same_stamp_s
 from gfm.sim.commands import AFTER, BEFORE, InForce, best_in_force
@@ -42,7 +42,7 @@ def recording(seed, noise, jitter_s=0.0, late=0):
 
 def effort_costs(*runs):
     """The mean squared residual of each run's efforts, in units of the noise."""
-    return _costs(timed(make_problem(SPECS, runs, windows_s=WHOLE), ()))
+    return _costs(timed(prepared(all_segments(SPECS, runs, windows_s=WHOLE)), ()))
 
 
 def _costs(problem):
@@ -66,7 +66,7 @@ def test_stamps_that_jitter_are_those_of_one_command(late, jitter_s):
 def test_recordings_without_efforts_say_nothing_of_when_they_were_measured(late):
     silent = [replace(recording(seed, 0.05), effort=None) for seed in (1, 2)]
     runs = [*silent, recording(0, 0.05, late=late)]
-    assert timed(make_problem(SPECS, runs, windows_s=WHOLE), ()).in_force == (
+    assert timed(prepared(all_segments(SPECS, runs, windows_s=WHOLE)), ()).in_force == (
         AFTER if late == 0 else BEFORE
     )
 
@@ -81,7 +81,7 @@ def test_stamps_may_tell_from_one_effort_to_the_next_which_command_it_is_under()
     moved = STIFFNESS * (run.command[own] - run.command)
     off = tick_ns * apart + np.round(clear_ns * rng.uniform(-1.0, 1.0, len(TIME_S))).astype(int)
     run = replace(run, effort=run.effort + moved, command_stamp_ns=run.command_stamp_ns - off)
-    problem = timed(make_problem(SPECS, [run], windows_s=WHOLE), ())
+    problem = timed(prepared(all_segments(SPECS, [run], windows_s=WHOLE)), ())
     assert problem.in_force.ahead_s == pytest.approx(-0.5e-9 * tick_ns, abs=2e-9 * clear_ns)
     either = [replace(problem, in_force=one) for one in (BEFORE, AFTER)]
     own, before, after = (_costs(one)[0] for one in (problem, *either))
@@ -137,5 +137,7 @@ def test_efforts_of_each_recording_have_its_own_noise():
 
 def test_efforts_that_never_change_have_the_noise_of_other_recordings():
     still = replace(recording(0, 0.05), effort=np.zeros((len(TIME_S), 1)))
-    first, second = make_problem(SPECS, [still, recording(1, 0.05)], windows_s=WHOLE).segments
+    first, second = prepared(
+        all_segments(SPECS, [still, recording(1, 0.05)], windows_s=WHOLE)
+    ).segments
     assert first.effort_noise == pytest.approx(second.effort_noise)

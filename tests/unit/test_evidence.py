@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.data.segmentation import all_segments, prepared
 from gfm.diagnosis.evidence.plots import MISFIT, law_plots, profile_plots
 from gfm.diagnosis.output.result import (
     ErrorSummary,
@@ -36,7 +36,7 @@ def runs():
 
 @pytest.fixture(scope="module")
 def problem(runs):
-    return make_problem({CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}, runs)
+    return prepared(all_segments({CommandKind.POSITION: mujoco.MjSpec.from_string(MODEL)}, runs))
 
 
 def instance(name, *joints, **values):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.data.segmentation import WHOLE, make_problem
+from gfm.diagnosis.data.segmentation import WHOLE, all_segments, prepared
 from gfm.diagnosis.evidence.adequacy import energy_by, slow_share
 from gfm.diagnosis.evidence.domains import Agreement, two_domains
 from gfm.diagnosis.evidence.energy import energy_balance
@@ -50,13 +50,13 @@ def rubbing():
 
 
 def chain_of(runs, effects, found=None):
-    problem = make_problem(SPECS, runs, windows_s=WHOLE)
+    problem = prepared(all_segments(SPECS, runs, windows_s=WHOLE))
     errors = (problem.position_errors(()), problem.position_errors(effects))
     return evidence_chain(problem, runs, found, effects, errors)
 
 
 def domain_of(runs, specs=SPECS):
-    return torque_domain(make_problem(specs, runs), runs)
+    return torque_domain(prepared(all_segments(specs, runs)), runs)
 
 
 def fit_leaving(cost, *effects):

@@ -16,7 +16,7 @@ from gfm.api.films.rerun_file import sticks, write_rrd
 from gfm.api.films.shapes import drawable
 from gfm.api.films.view import OPENING, RATIO, camera_axes, make_view, moving_points
 from gfm.core import CommandKind, ConfigError
-from gfm.diagnosis.data.segmentation import WHOLE, make_problem
+from gfm.diagnosis.data.segmentation import WHOLE, all_segments, prepared
 from gfm.diagnosis.output.errors import rollout_errors
 from gfm.diagnosis.output.motion import Motion
 from gfm.effects import EffectInstance, find_effect
@@ -48,7 +48,7 @@ def drag():
 
 
 def motion_along(runs, effects):
-    problem = make_problem({CommandKind.POSITION: spec()}, runs, windows_s=WHOLE)
+    problem = prepared(all_segments({CommandKind.POSITION: spec()}, runs, windows_s=WHOLE))
     return rollout_errors(problem, effects).worst(runs)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.data.segmentation import all_segments, make_problem
+from gfm.diagnosis.data.segmentation import all_segments, prepared
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.output.result import Verdict
 from gfm.diagnosis.search.moves.intermittent import far_off
@@ -68,5 +68,5 @@ def test_friction_beside_a_table_is_found_and_nothing_stands_for_the_table():
 
 def test_no_segment_is_far_off_where_the_model_is_right():
     runs = [recording(seed, lambda _q, _v: 0.0) for seed in range(2)]
-    noise = make_problem(SPECS, runs).noise
+    noise = prepared(all_segments(SPECS, runs)).noise
     assert far_off(all_segments(SPECS, runs, noise), ()) == []

@@ -6,7 +6,7 @@ import pytest
 
 from disc import DISC, followed
 from gfm.core import CommandKind, Trajectory
-from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.data.segmentation import all_segments, prepared
 from gfm.diagnosis.inference.fitting import fit, measured
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis
@@ -49,7 +49,7 @@ def recorded(seed):
 
 @pytest.fixture(scope="module")
 def problem():
-    return make_problem(SPECS, [recorded(seed) for seed in range(2)])
+    return prepared(all_segments(SPECS, [recorded(seed) for seed in range(2)]))
 
 
 def delay(by_s):

@@ -9,7 +9,7 @@ import pytest
 
 from gfm.core import CommandKind
 from gfm.core.deadline import OutOfTimeError
-from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.data.segmentation import all_segments, prepared
 from gfm.diagnosis.inference.constants import UNWEIGHED
 from gfm.diagnosis.inference.fitting import Fit, fit, measured
 from gfm.diagnosis.inference.score import Difference
@@ -70,7 +70,7 @@ class Case:
     """Recordings, the problem of explaining them, and hypotheses about it."""
 
     def __init__(self, recordings):
-        self.problem = make_problem(SPECS, recordings).robust(())
+        self.problem = prepared(all_segments(SPECS, recordings)).robust(())
         views = torque_views(self.problem, recordings)
         (self.scales,) = joint_scales(self.problem, views)
         self.torques = torque_domain(self.problem, recordings)

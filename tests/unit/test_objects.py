@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 from gfm.core import CommandKind, ConfigError, ObjectTrack, Trajectory
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.objects.examine import examine_object
-from gfm.diagnosis.objects.track import track_of
 from gfm.diagnosis.output.result import Verdict
+from gfm.signals.object_track import track_of
 from slide import MASS, MU, REST_Z, SLIDE
 
 PERIOD_S, NOISE_M, NOISE_RAD = 1 / 60, 5e-4, 5e-3

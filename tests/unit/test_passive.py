@@ -9,7 +9,7 @@ import pytest
 from gfm.api.recordings import without_strangers
 from gfm.core import CommandKind, Trajectory
 from gfm.core.trajectory import UNCOMMANDED
-from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.data.segmentation import all_segments, prepared
 from gfm.diagnosis.diagnose import diagnose
 from gfm.sim.passive import passive_joints, with_idle_drives
 
@@ -85,7 +85,7 @@ def test_a_joint_without_drive_is_one_whose_drive_is_off():
     assert told.servo_gain == {"pole": 0.0}
     assert {a.name for a in specs[CommandKind.EFFORT].actuators} == {"cart", "pole"}
     assert len(SPECS[CommandKind.EFFORT].actuators) == 1
-    problem = make_problem(specs, [told])
+    problem = prepared(all_segments(specs, [told]))
     assert problem.driven == ("cart",)
     left = problem.position_errors(())
     np.testing.assert_allclose(np.sqrt(np.mean(np.concatenate(left) ** 2)), NOISE, rtol=0.1)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind, ObjectTrack, Trajectory
-from gfm.diagnosis.data.segmentation import WHOLE, airborne, all_segments, make_problem
+from gfm.diagnosis.data.segmentation import WHOLE, airborne, all_segments, prepared
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.output.result import Verdict
 from gfm.diagnosis.search.candidates import places
@@ -124,7 +124,7 @@ def test_segments_begin_in_the_air_with_the_object_at_rest():
 def test_a_robot_is_judged_by_its_motion_in_the_air():
     run = recording(0, BLOCK_KG)
     touch = Touch(SPECS[CommandKind.VELOCITY], run.joint_names)
-    problem = make_problem(SPECS, [run], windows_s=WHOLE)
+    problem = prepared(all_segments(SPECS, [run], windows_s=WHOLE))
     assert not problem.pushing
     assert sum(segment.time_s[-1] for segment in problem.segments) > 4.0
     for segment in problem.segments:
@@ -136,14 +136,14 @@ def test_a_robot_is_judged_by_its_motion_in_the_air():
 def test_what_pushes_back_is_no_torque_that_is_missing_in_the_air():
     run = recording(0, BLOCK_KG)
     touch = Touch(SPECS[CommandKind.VELOCITY], run.joint_names)
-    pieces = airborne(SPECS, [run])
+    pieces = airborne([run], all_segments(SPECS, [run]))
     assert sum(piece.duration_s for piece in pieces) > 4.0
     for piece in pieces:
         rows = np.searchsorted(run.stamp_ns, piece.stamp_ns)
         np.testing.assert_array_equal(piece.position, run.position[rows])
         assert piece.command is run.command
         assert not any(touch.at(run, int(row)) for row in rows)
-    problem = make_problem(SPECS, [run], windows_s=WHOLE)
+    problem = prepared(all_segments(SPECS, [run], windows_s=WHOLE))
     everywhere, free = (
         np.sqrt(np.mean((domain.missing() / domain.noise) ** 2))
         for domain in (torque_domain(problem, [run]), torque_domain(problem, pieces))
@@ -163,7 +163,7 @@ def test_a_robot_that_is_hardly_ever_in_the_air_is_judged_by_all_there_is():
         command_stamp_ns=stamps,
         command=run.command[pushing],
     )
-    assert make_problem(SPECS, [short], windows_s=WHOLE).pushing
+    assert prepared(all_segments(SPECS, [short], windows_s=WHOLE)).pushing
     assert not all_segments(SPECS, [short], touching=True).segments
 
 
@@ -188,8 +188,8 @@ def test_contact_is_told_by_where_the_links_are():
         assert touch.at(still, 0) is touches
     (all_of_it,) = all_segments(SPECS, [still], windows_s=WHOLE).segments
     assert all_of_it.time_s[-1] == pytest.approx(still.duration_s)
-    assert make_problem(SPECS, [run]).in_the_air
-    assert not all_segments(SPECS, [still], windows_s=WHOLE).in_the_air
+    assert prepared(all_segments(SPECS, [run])).air
+    assert not all_segments(SPECS, [still], windows_s=WHOLE).air
 
 
 def test_where_no_pose_was_taken_around_a_time_the_nearest_counts():

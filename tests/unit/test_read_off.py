@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind, Trajectory
-from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.data.segmentation import all_segments, prepared
 from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.search.candidates import Place, joint_scales
 from gfm.diagnosis.search.hypothesis import FAR_OFF, nominal_hypothesis
@@ -68,7 +68,7 @@ def recorded(seed):
 
 
 RUNS = [recorded(seed) for seed in range(3)]
-PROBLEM = make_problem({CommandKind.EFFORT: mujoco.MjSpec.from_string(DISC)}, RUNS)
+PROBLEM = prepared(all_segments({CommandKind.EFFORT: mujoco.MjSpec.from_string(DISC)}, RUNS))
 (SCALES,) = joint_scales(PROBLEM, torque_views(PROBLEM, RUNS))
 TORQUES = torque_domain(PROBLEM, RUNS)
 FRICTION = instance("coulomb_friction", torque=0.1)

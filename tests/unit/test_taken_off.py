@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from gfm.core import CommandKind
-from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.data.segmentation import all_segments, prepared
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.inference.fitting import fit
 from gfm.diagnosis.search.candidates import Place
-from gfm.diagnosis.search.nominal_parameters import KEPT, least_amounts
 from gfm.diagnosis.search.screening import weigh
 from gfm.effects import EffectInstance, find_effect
+from gfm.effects.nominal_parameters import KEPT, least_amounts
 from gfm.effects.plugins import USUAL_SCALES
 from pendulum import MODEL, PERIOD_S, ROTOR, swung
 
@@ -66,7 +66,7 @@ def test_a_damping_that_the_model_has_too_much_of_is_named_alone(runs):
 
 
 def test_no_more_is_taken_off_than_every_model_has(runs):
-    problem = make_problem(SPECS, runs[:1])
+    problem = prepared(all_segments(SPECS, runs[:1]))
     said, none = SPECS[CommandKind.POSITION], mujoco.MjSpec.from_string(MODEL)
     assert least_amounts([said], PLACE.effect, ["j"]) == {"coefficient": -SAID_DAMPING}
     assert least_amounts([said, none], PLACE.effect, ["j"]) == {}

@@ -1,5 +1,7 @@
 """What a recording says of itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -25,3 +27,15 @@ def test_the_period_is_the_usual_time_between_measurements():
 
 def test_a_command_holds_from_its_stamp_on_and_the_first_one_before_it():
     np.testing.assert_array_equal(RUN.held_command, RUN.command[[0, 0, 1, 1]])
+
+
+@pytest.mark.parametrize("rows", [slice(1, 3), np.array([False, True, True, False])])
+def test_a_part_of_the_measurements_keeps_all_commands(rows):
+    whole = replace(RUN, position=np.arange(8.0).reshape(4, 2), effort=np.ones((4, 2)))
+    part = whole.measured_at(rows)
+    np.testing.assert_array_equal(part.stamp_ns, RUN.stamp_ns[1:3])
+    np.testing.assert_array_equal(part.position, whole.position[1:3])
+    assert part.velocity is None
+    assert part.effort is not None
+    assert part.effort.shape == (2, 2)
+    assert part.command is whole.command

@@ -159,12 +159,8 @@ def _part(
     recording: Trajectory, label: str, states: np.ndarray, commands: np.ndarray
 ) -> Trajectory:
     return replace(
-        recording,
+        recording.measured_at(states),
         name=f"{recording.name} ({label} part)",
-        stamp_ns=recording.stamp_ns[states],
-        position=recording.position[states],
-        velocity=None if recording.velocity is None else recording.velocity[states],
-        effort=None if recording.effort is None else recording.effort[states],
         command_stamp_ns=recording.command_stamp_ns[commands],
         command=recording.command[commands],
         requested=None if recording.requested is None else recording.requested[commands],

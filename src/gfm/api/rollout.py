@@ -10,7 +10,7 @@ from gfm.api.recordings import check_together, without_strangers
 from gfm.api.refusals import check_usable
 from gfm.api.sources import Sources, read_files
 from gfm.core import ConfigError
-from gfm.diagnosis.data.segmentation import WHOLE, in_model_order, make_problem
+from gfm.diagnosis.data.segmentation import WHOLE, all_segments, in_model_order, prepared
 from gfm.diagnosis.output.errors import rollout_errors
 from gfm.recording.schemas import COMMAND, JOINT_STATES
 from gfm.sim.passive import with_idle_drives
@@ -67,7 +67,7 @@ def rollout_error(
     check_together(nominal.specs, read)
     check_usable(nominal.specs, read, [])
     specs, runs = with_idle_drives(nominal.specs, in_model_order(nominal.specs, runs))
-    problem = make_problem(specs, runs, given=nominal.effects, windows_s=WHOLE)
+    problem = prepared(all_segments(specs, runs, given=nominal.effects, windows_s=WHOLE))
     errors = rollout_errors(problem, (), as_measured=as_measured)
     return RolloutError(
         rmse=errors.summary.before,

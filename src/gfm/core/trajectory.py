@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gfm.core.checks import Array, Stamps, check_shapes
 from gfm.core.robot import CommandKind
@@ -134,6 +135,16 @@ class Trajectory:
     def gains(self) -> Array:
         """The factor on each joint's servo gain, 0 where its drive was off, shape (J,)."""
         return np.array([self.servo_gain.get(name, 1.0) for name in self.joint_names])
+
+    def measured_at(self, rows: slice | NDArray[np.bool_]) -> Trajectory:
+        """Returns the recording with some of its measurements, and all of its commands."""
+        return replace(
+            self,
+            stamp_ns=self.stamp_ns[rows],
+            position=self.position[rows],
+            velocity=None if self.velocity is None else self.velocity[rows],
+            effort=None if self.effort is None else self.effort[rows],
+        )
 
     def with_joints(self, names: Sequence[str]) -> Trajectory:
         """Returns the recording with these of its joints, in this order.

@@ -18,9 +18,9 @@ from gfm.diagnosis.output.changes import Changes, SetAmount, sentence_on_changes
 from gfm.diagnosis.output.claims import credible
 from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.diagnosis.search.naming import twin_of
-from gfm.diagnosis.search.nominal_parameters import said_already
 from gfm.diagnosis.search.sets import OverSets, Sets
 from gfm.effects import EffectInstance, Key
+from gfm.effects.nominal_parameters import said_already
 
 #: Standard errors of an interval that covers 95 %.
 COVERS = 1.96

@@ -18,7 +18,6 @@ from gfm.diagnosis.data.segmentation import (
     all_segments,
     check_recordings,
     in_model_order,
-    make_problem,
     prepared,
 )
 from gfm.diagnosis.evidence import plots
@@ -141,8 +140,10 @@ def _judged(
         thing: What they lack of the object.
     """
     given, result, effects = found.long.given, found.result, tuple(e.instance() for e in named)
-    held = make_problem(
-        beside, holdout, found.short.noise, given=given, windows_s=WHOLE, placed=effects
+    held = prepared(
+        all_segments(
+            beside, holdout, found.short.noise, given=given, windows_s=WHOLE, placed=effects
+        )
     )
     errors = rollout_errors(held, effects)
     verdict = Verdict.INSUFFICIENT_DATA if found.lack else verdict_on(errors.summary, named)

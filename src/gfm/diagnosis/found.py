@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 
 import mujoco
@@ -15,7 +16,6 @@ from gfm.diagnosis.data.segmentation import (
     SHORT,
     airborne,
     all_segments,
-    make_problem,
     prepared,
 )
 from gfm.diagnosis.inference.fitting import fit
@@ -91,26 +91,19 @@ def find_by_itself(
         known: Effects with which recordings are cut and the search begins.
     """
     report("measuring the nominal model")
-    short = make_problem(specs, recordings, given=given, placed=known, most_s=SEARCHED_S)
-    long, lack = short, _lacking(recordings)
+    cutting = partial(all_segments, specs, recordings, given=given, placed=known)
+    everything = cutting()
+    long = short = prepared(everything, SEARCHED_S)
     if any(LONG[kind] > SHORT[kind] for kind in specs):
-        long = make_problem(
-            specs,
-            recordings,
-            short.noise,
-            given=given,
-            windows_s=LONG,
-            placed=known,
-            most_s=SETTLED_S,
-        )
+        long = prepared(cutting(short.noise, windows_s=LONG), SETTLED_S)
+    lack = _lacking(recordings)
     if lack:
         return Found(recordings=recordings, short=short, long=long, lack=lack)
-    everything = all_segments(specs, recordings, short.noise, given=given, placed=known)
     # What pushes back at the robot is no torque that the model lacks.
-    free = airborne(specs, recordings, (*given, *known)) if short.in_the_air else ()
+    free = airborne(recordings, everything)
     result = search(short, long, everything, recordings, report, time_left, known, free)
     found = credible(result)
-    if short.in_the_air and not known and any(one.effect.displaces for one in found):
+    if short.air and not known and any(one.effect.displaces for one in found):
         report("cutting anew: the robot was elsewhere than it reports")
         return find_by_itself(recordings, specs, given, report, time_left, found)
     return Found(recordings=recordings, short=short, long=result.problem, results=(result,))

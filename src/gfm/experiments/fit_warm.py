@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from gfm.core import Trajectory
 from gfm.core.checks import Array, Array32
 from gfm.diagnosis.data.segmentation import measure_noise
-from gfm.diagnosis.objects.track import plane_noise, track_of
 from gfm.envs.fit_problem import FitProblem, counted_scale, explored_difference
 from gfm.envs.following import ObjectErrors, moving_windows, object_errors, with_recordings
 from gfm.envs.object_forces import object_forces
@@ -33,6 +32,7 @@ from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings, fit_proble
 from gfm.envs.warm_start import example_states, warm_start_examples
 from gfm.rl.policy_numpy import GaussianPolicy
 from gfm.rl.regression import Mask, RegressionSettings, fit_policy
+from gfm.signals.object_track import plane_noise, track_of
 from gfm.sim.hybrid import HybridModel
 from gfm.sim.residual import residual_forces
 from gfm.sim.rollout import rollout_errors

@@ -19,7 +19,7 @@ import numpy as np
 
 from gfm.core import CommandKind, ConfigError, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.segmentation import WHOLE, make_problem
+from gfm.diagnosis.data.segmentation import WHOLE, all_segments, prepared
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.residuals.rollouts import Noise
 from gfm.effects import EffectInstance
@@ -166,7 +166,7 @@ def make_test(
         BadInputError: models and recordings do not belong together.
     """
     started = tuple(from_first_command(replace(r, effort=None)) for r in recordings)
-    problem = make_problem(specs, started, noise, given=given, windows_s=WHOLE)
+    problem = prepared(all_segments(specs, started, noise, given=given, windows_s=WHOLE))
     if len(problem.segments) != len(started):
         kinds = ", ".join(sorted({r.command_kind for r in recordings}))
         raise ConfigError(f"{kinds} commands: expected position or velocity commands of servos")
@@ -175,18 +175,7 @@ def make_test(
 
 def from_first_command(recording: Trajectory) -> Trajectory:
     """Returns the recording without what was measured before its first command."""
-    keep = recording.stamp_ns >= recording.command_stamp_ns[0]
-
-    def kept(values: Array | None) -> Array | None:
-        return None if values is None else values[keep]
-
-    return replace(
-        recording,
-        stamp_ns=recording.stamp_ns[keep],
-        position=recording.position[keep],
-        velocity=kept(recording.velocity),
-        effort=kept(recording.effort),
-    )
+    return recording.measured_at(recording.stamp_ns >= recording.command_stamp_ns[0])
 
 
 def setpoints(recording: Trajectory) -> Array | None:

@@ -18,12 +18,12 @@ from scipy.optimize import minimize
 
 from gfm.core import CommandKind, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.data.segmentation import all_segments, prepared
 from gfm.diagnosis.inference.amounts import amounts, bounds_of, with_amounts
 from gfm.diagnosis.inference.fitting import derivatives
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.nominal_parameters import least_amounts
 from gfm.effects import EffectInstance, find_effect
+from gfm.effects.nominal_parameters import least_amounts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ def identify(
     """
     chosen = _alternating(recordings, most_s)
     positions = [replace(recording, effort=None) for recording in chosen]
-    problem = make_problem(specs, positions, given=given)
+    problem = prepared(all_segments(specs, positions, given=given))
     nominal = _nominal(problem)
     start, (low, high) = amounts(nominal), bounds_of(nominal)
     before = _errors(problem, nominal)

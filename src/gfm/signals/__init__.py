@@ -1,4 +1,4 @@
-"""What recordings show by themselves: smooth states, torques, lateness, touches, doubts.
+"""What recordings show by themselves: states, torques, an object's place, touches, lateness.
 
 Nothing is searched here: whoever reads recordings, a diagnosis or an import, asks these first.
 """

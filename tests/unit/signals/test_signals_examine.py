@@ -8,7 +8,7 @@ import pytest
 
 from gfm.core import CommandKind
 from gfm.diagnosis.data.findings import all_findings
-from gfm.diagnosis.data.segmentation import make_problem
+from gfm.diagnosis.data.segmentation import all_segments, prepared
 from gfm.signals.examine import doubts, findings_of
 
 MODEL = """
@@ -44,7 +44,7 @@ def waves(make):
 def findings(recordings, **parts: str):
     text = MODEL.format(**({"wrist": "", "servo": ""} | parts))
     specs = {CommandKind.POSITION: mujoco.MjSpec.from_string(text)}
-    return all_findings(make_problem(specs, recordings), recordings, [])
+    return all_findings(prepared(all_segments(specs, recordings)), recordings, [])
 
 
 def test_nothing_is_doubtful_in_good_recordings(waves):

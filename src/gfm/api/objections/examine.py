@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from gfm.api.objections import channels, units
 from gfm.api.objections.efforts import wrong_effort
 from gfm.api.objections.objection import Objection
@@ -31,19 +29,8 @@ def objection_to(recording: Trajectory, plant: Plant) -> Objection | None:
     )
     if objection is not None:
         return objection
-    head = _head(recording)
+    head = recording.measured_at(slice(MOST_ROWS))
     energy = units.surplus_energy(head, plant)
     if energy is not None or recording.effort is None:
         return energy
     return wrong_effort(head, views_of(head, plant))
-
-
-def _head(recording: Trajectory) -> Trajectory:
-    rows = slice(MOST_ROWS)
-    return replace(
-        recording,
-        stamp_ns=recording.stamp_ns[rows],
-        position=recording.position[rows],
-        velocity=None if recording.velocity is None else recording.velocity[rows],
-        effort=None if recording.effort is None else recording.effort[rows],
-    )

@@ -6,7 +6,6 @@ Shape letters: T measurements of a segment, J joints.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import TypeAlias
 
@@ -43,26 +42,6 @@ LEAST_MEASUREMENTS = 8
 Rows: TypeAlias = tuple[int, int]
 #: Of a robot that touches nothing no contacts are looked for, nor islands in what constrains it.
 _ONE_ROBOT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_ISLAND)
-
-
-def make_problem(
-    specs: Mapping[CommandKind, mujoco.MjSpec],
-    recordings: Sequence[Trajectory],
-    noise: Noise | None = None,
-    *,
-    given: Sequence[EffectInstance] = (),
-    windows_s: Mapping[CommandKind, float] = SHORT,
-    placed: Sequence[EffectInstance] = (),
-    most_s: float = float("inf"),
-) -> Problem:
-    """Returns the problem of explaining `recordings` by the models `specs`, with `given` in them.
-
-    Arguments beside `most_s`, which is that of `prepared`, and errors as of `all_segments`.
-    """
-    return prepared(
-        all_segments(specs, recordings, noise, given=given, windows_s=windows_s, placed=placed),
-        most_s,
-    )
 
 
 def prepared(problem: Problem, most_s: float = float("inf")) -> Problem:
@@ -118,21 +97,17 @@ def all_segments(
         kind: accurately_simulated(with_still_joints(spec, still[kind]))
         for kind, spec in specs.items()
     }
-    noise, segments, in_the_air = noise or measure_noise(recordings), list[Segment](), False
+    noise, segments = noise or measure_noise(recordings), list[Segment]()
+    air = dict[int, list[Rows]]()
     for kind, spec in accurate.items():
         own = {i: one for i, one in enumerate(recordings) if one.command_kind is kind}
-        rows, contact_free = _rows(
-            Touch(spec, joints, (*given, *placed)),
-            own,
-            windows_s[kind],
-            SHORT[kind],
-            touching=touching,
-        )
-        if contact_free:
+        touch = Touch(spec, joints, (*given, *placed))
+        rows, free = _rows(touch, own, windows_s[kind], SHORT[kind], touching=touching)
+        if free or not own:
             spec.option.disableflags |= _ONE_ROBOT
-        kept = sum(end - start for i in own for start, end in rows[i])
-        in_the_air |= contact_free and kept < sum(len(run.time_s) for run in own.values())
+        air |= free
         segments += [one for i, run in own.items() for one in cut(run, i, noise, rows[i])]
+    whole = all(air[i] == [(0, len(recordings[i].time_s))] for i in air)
     return Problem(
         specs=accurate,
         joints=joints,
@@ -140,44 +115,26 @@ def all_segments(
         noise=noise,
         given=tuple(given),
         still={name: at for one in still.values() for name, at in one.items()},
-        in_the_air=in_the_air,
+        air={} if whole else air,
     )
 
 
-def airborne(
-    specs: Mapping[CommandKind, mujoco.MjSpec],
-    recordings: Sequence[Trajectory],
-    placed: Sequence[EffectInstance] = (),
-) -> list[Trajectory]:
-    """Returns the pieces of recordings in which a robot touches nothing, with all their commands.
-
-    Args:
-        specs: The nominal models by command kind.
-        recordings: What is cut.
-        placed: Effects that say where the robot is.
-    """
-    pieces = []
-    for run in recordings:
-        touching = Touch(specs[run.command_kind], run.joint_names, placed).along(run)
-        for start, end in in_the_air(touching, run):
-            if end - start < LEAST_MEASUREMENTS:
-                continue
-            here = slice(start, end)
-            piece = replace(
-                run,
-                stamp_ns=run.stamp_ns[here],
-                position=run.position[here],
-                velocity=None,
-                effort=None if run.effort is None else run.effort[here],
-            )
-            pieces.append(piece)
-    return pieces
+def airborne(recordings: Sequence[Trajectory], problem: Problem) -> list[Trajectory]:
+    """Returns the pieces of recordings by which a robot is judged that touches things elsewhere."""
+    return [
+        recordings[i].measured_at(slice(start, end))
+        for i, pieces in problem.air.items()
+        for start, end in pieces
+        if end - start >= LEAST_MEASUREMENTS
+    ]
 
 
 def _rows(
     touch: Touch, runs: Mapping[int, Trajectory], window_s: float, short_s: float, *, touching: bool
-) -> tuple[dict[int, list[Rows]], bool]:
-    """Returns the rows of each recording's segments, and whether the robot is in the air there.
+) -> tuple[dict[int, list[Rows]], dict[int, list[Rows]]]:
+    """Returns the rows of each recording's segments, and of the pieces of which these are a part.
+
+    The latter where the robot is judged by its motion in the air.
 
     Where it touches something, each begins with it in the air, if it can, and an object at rest.
     Nothing is followed for long then: what is touched a little earlier is soon elsewhere.
@@ -190,16 +147,16 @@ def _rows(
         return {
             i: [rows for piece in air[i] for rows in windows(run, piece, window_s)]
             for i, run in runs.items()
-        }, True
+        }, air
     if touching and not judges:
-        return {i: [] for i in runs}, False
+        return {i: [] for i in runs}, {}
     at_rest = {}
     for i, run in runs.items():
         ends = [end for _, end in windows(run, (0, len(run.time_s)), min(window_s, short_s))]
         at_rest[i] = list(pairwise(at_ease(touch, run, np.array([0, *ends])).tolist()))
     if touching:
         at_rest = {i: [(a, b) for a, b in at_rest[i] if touches[i][a:b].any()] for i in runs}
-    return at_rest, False
+    return at_rest, {}
 
 
 def windows(recording: Trajectory, piece: Rows, window_s: float) -> list[Rows]:

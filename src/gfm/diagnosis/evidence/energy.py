@@ -18,10 +18,10 @@ import numpy as np
 from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.search.naming import Placed
-from gfm.diagnosis.search.nominal_parameters import covers
 from gfm.effects import EffectInstance
 from gfm.effects.effect import sign
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
+from gfm.effects.nominal_parameters import covers
 from gfm.signals.torque_domain import TorqueDomain, without_law
 from gfm.sim.kinematics import along
 from gfm.sim.plant import Plant

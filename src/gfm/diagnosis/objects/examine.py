@@ -13,7 +13,6 @@ from gfm.core.checks import Array
 from gfm.diagnosis.objects.find import find, friction_cost, seen_and_unseen
 from gfm.diagnosis.objects.problem import ObjectProblem, predicted
 from gfm.diagnosis.objects.segments import Scene, cut
-from gfm.diagnosis.objects.track import plane_noise, track_of
 from gfm.diagnosis.output.claims import credible, named_effects
 from gfm.diagnosis.output.errors import error_summary
 from gfm.diagnosis.output.result import ErrorSummary, EvidencePlot, NamedEffect, Series
@@ -21,6 +20,7 @@ from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance
 from gfm.effects.objects import free_body
 from gfm.excitation.blind_spots import BlindSpot
+from gfm.signals.object_track import plane_noise, track_of
 from gfm.sim.object_stage import make_stage, run
 
 #: Segments that are looked at, at most.

@@ -23,10 +23,10 @@ from gfm.core.checks import Array
 from gfm.diagnosis.inference.amounts import free_parameters
 from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.objects.segments import ObjectSegment, own_velocity
-from gfm.diagnosis.objects.track import in_plane, turned
 from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.effects import EffectInstance
+from gfm.signals.object_track import in_plane, turned
 from gfm.sim.object_stage import Stage, make_stage, run
 
 #: Steps with which the effect of the initial state is measured: m, m, rad, and per second.

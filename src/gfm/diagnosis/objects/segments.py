@@ -19,8 +19,8 @@ from scipy.interpolate import BSpline
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.objects.track import Track, in_plane, turned
 from gfm.effects.effect import MOTOR_SIDE
+from gfm.signals.object_track import Track, in_plane, turned
 from gfm.sim.object_stage import Setting, Stage, clearance, place
 from gfm.sim.smoothing import smoothing_spline
 

@@ -5,17 +5,14 @@ MJCF shows what was changed in it: above every new line stands what was there be
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
-from difflib import SequenceMatcher
-from pathlib import Path
+from collections.abc import Sequence
 
 import mujoco
 
 from gfm.diagnosis.output.result import ModelPair, NamedEffect, ParameterEstimate
 from gfm.effects import EffectInstance
 from gfm.effects.elements import let_friction_hold
-from gfm.sim.drive_names import name_as_found
+from gfm.sim.mjcf_text import annotated, written
 from gfm.sim.plant import compensations, native_spec
 from gfm.sim.read_back import check_claims, check_read_back
 from gfm.sim.step_laws import acts_at_every_step
@@ -31,7 +28,6 @@ DISCRETE = (
     "shorter steps: on one of T the model is T/2 late."
 )
 BEFORE = "As before:"
-_ELEMENT = re.compile(r'<(\w+)(?:.*? name="([^"]*)")?')
 
 
 def corrected_model(
@@ -111,19 +107,7 @@ def _corrected_xml(
 def _xml(spec: mujoco.MjSpec) -> str:
     if spec.comment.strip().startswith((HEADLINE, BEFORE)):  # MuJoCo keeps a file's first comment
         spec.comment = ""
-    _make_findable(spec)
-    name_as_found(spec)
-    spec.compile()
-    return str(spec.to_xml())
-
-
-def _make_findable(spec: mujoco.MjSpec) -> None:
-    """Lets `spec` find its meshes and pictures from any folder."""
-    folder = Path(spec.modelfiledir).resolve()
-    if spec.meshes or spec.hfields or spec.skins:
-        spec.meshdir = str(folder / spec.meshdir)
-    if spec.textures:
-        spec.texturedir = str(folder / spec.texturedir)
+    return written(spec)
 
 
 def _line(effect: NamedEffect, beside: Sequence[NamedEffect]) -> str:
@@ -138,48 +122,3 @@ def _line(effect: NamedEffect, beside: Sequence[NamedEffect]) -> str:
 def _amount(name: str, one: ParameterEstimate) -> str:
     sure = "" if one.ci95 is None else f" [{one.ci95[0]:.4g}, {one.ci95[1]:.4g}]"
     return f"{name} {one.value:.5g}{sure} {'' if one.unit == '1' else one.unit}".rstrip()
-
-
-def annotated(before: str, after: str) -> str:
-    """Returns `after` with a comment at every line that is not in `before`.
-
-    Args:
-        before: As MuJoCo writes MJCF: one element on a line.
-        after: The same.
-    """
-    old, new = before.splitlines(), after.splitlines()
-    lines: list[str] = []
-    for kind, a, b, c, d in SequenceMatcher(None, old, new, autojunk=False).get_opcodes():
-        lines += new[c:d] if kind == "equal" else _changed(old[a:b], new[c:d])
-    return "\n".join(lines) + "\n"
-
-
-def _changed(old: Sequence[str], new: Sequence[str]) -> Iterator[str]:
-    """Yields the new lines, each below the old one of the same element, and what is gone.
-
-    Lines that are added one after the other have one comment.
-    """
-    before = {key: line for line in old if (key := _element(line)) is not None}
-    adding = False
-    for line in new:
-        key = _element(line)
-        was = None if key is None else before.pop(key, None)
-        if was is not None:
-            yield _comment(line, f"nominal: {was.strip()}")
-        elif key is not None and not adding:
-            yield _comment(line, "added")
-        adding = was is None and (adding or key is not None)
-        yield line
-    for line in before.values():
-        yield _comment(line, f"taken out: {line.strip()}")
-
-
-def _element(line: str) -> tuple[str, str] | None:
-    """Returns kind and name of the element that begins on a line; None where none does."""
-    found = _ELEMENT.match(line.strip())
-    return None if found is None else (found[1], found[2] or "")
-
-
-def _comment(beside: str, words: str) -> str:
-    indent = beside[: len(beside) - len(beside.lstrip())]
-    return f"{indent}<!-- {words.replace('--', '- -')} -->"

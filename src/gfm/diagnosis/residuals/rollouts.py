@@ -87,7 +87,8 @@ class Rollouts(SegmentedProblem):
             a motor is apart from its link, on short steps: what rings between them is fast.
         still: Joints that the models drive and nobody recorded, and where they are taken to stand
             still, rad or m.
-        in_the_air: Whether segments in which the robot touches something are left out.
+        air: First row, and the one behind the last, of the pieces of each recording in which the
+            robot touches nothing, if segments are of those only; empty if they are of all.
         rough: Whether they are simulated faster and less exactly.
         clock: Breaks off what takes too long.
         simulated: What was predicted before.
@@ -99,7 +100,7 @@ class Rollouts(SegmentedProblem):
     in_force: InForce = BEFORE
     stepping: Mapping[CommandKind, Stepping] = field(default_factory=dict)
     still: Mapping[str, float] = field(default_factory=dict)
-    in_the_air: bool = False
+    air: Mapping[int, Sequence[tuple[int, int]]] = field(default_factory=dict)
     rough: bool = False
     clock: Clock = field(default_factory=Clock)
     simulated: Simulated = field(default_factory=Simulated)

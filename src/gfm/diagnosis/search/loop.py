@@ -28,11 +28,11 @@ from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.intermittent import Intermittent, gain_in
 from gfm.diagnosis.search.moves.missing_torque import missing_torque
 from gfm.diagnosis.search.naming import equals_of, fitly_named, looked_for, recorded, twins
-from gfm.diagnosis.search.nominal_parameters import least_amounts
 from gfm.diagnosis.search.steps import end, run
 from gfm.diagnosis.search.trace import SearchResult, Step, parts_of
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Scope, effect_library
+from gfm.effects.nominal_parameters import least_amounts
 from gfm.signals.torque_domain import torque_domain, torque_views
 
 #: Share of the time that is kept for rivals of what was found.
@@ -71,7 +71,7 @@ def search(
         under_way.witness = torque_domain(problem, free, TORQUES)
     if known:
         here = settled_hypothesis(here.problem, known, here.nominal)
-    everything = replace(everything, stepping=problem.stepping, clock=problem.clock)
+    everything = replace(everything, stepping=problem.stepping)
     rarely = Intermittent(everything=everything, candidates=under_way.candidates)
     under_way.candidates = [p for p in rarely.candidates if not p.effect.intermittent]
     moves = (missing_torque, add, common_errors, rarely, add_costly, _motors_beside)
@@ -127,7 +127,7 @@ def _begun(
     views = torque_views(problem, recordings)
     scales = joint_scales(problem, views)
     library = [effect for effect in effect_library().values() if effect.twin is None]
-    if problem.in_the_air:  # what the robot runs onto is left out
+    if problem.air:  # what the robot runs onto is left out
         library = [effect for effect in library if not effect.intermittent]
     pushing = problem.pushing
     under_way = Search(
