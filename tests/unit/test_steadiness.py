@@ -77,6 +77,16 @@ def test_a_part_that_tells_nothing_of_an_effect_does_not_contradict():
     assert told(x, 2.0 * x[:, 0] + noise(0)) < 0.02
 
 
+def test_a_part_that_tells_little_of_an_effect_hardly_ever_contradicts():
+    """By chance, what it would say is another amount, and no clear one."""
+    shares = []
+    for seed in range(40):
+        x = np.random.default_rng(seed).standard_normal((COUNT, 1))
+        x[np.arange(COUNT) // BLOCK % 2 == 0] *= 0.01
+        shares.append(told(x, 2.0 * x[:, 0] + noise(seed, 1.0)))
+    assert np.mean(np.array(shares) > 0.1) <= 0.05
+
+
 def test_one_effect_is_told_beside_another_that_does_not_hold():
     rng = np.random.default_rng(0)
     x = np.stack([speeds()[:, 0], rng.standard_normal(COUNT)], axis=1)

@@ -18,10 +18,10 @@ from gfm.diagnosis.data.segmentation import (
     all_segments,
     prepared,
 )
-from gfm.diagnosis.inference.fitting import fit
 from gfm.diagnosis.output.claims import credible, named_effects
 from gfm.diagnosis.output.result import NamedEffect
 from gfm.diagnosis.residuals.problem import Problem
+from gfm.diagnosis.search.hypothesis import in_turn
 from gfm.diagnosis.search.loop import search, search_object
 from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance
@@ -65,7 +65,8 @@ class Found:
 def _named(result: SearchResult, *, keep_suspects: bool) -> tuple[NamedEffect, ...]:
     effects = list(result.fit.effects) if keep_suspects else credible(result)
     if len(effects) < len(result.fit.effects):
-        result = replace(result, fit=fit(result.problem, effects))
+        problem, fitted = in_turn(result.problem, effects)
+        result = replace(result, problem=problem, fit=fitted)
     return named_effects(result, result.fit.effects)
 
 

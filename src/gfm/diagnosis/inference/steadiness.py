@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.blocks import Blocks
+from gfm.diagnosis.inference.constants import CLEARLY
 from gfm.diagnosis.inference.fitting import Fit, without
 from gfm.diagnosis.inference.score import RIDGE
 
@@ -26,8 +27,9 @@ def apart(fitted: Fit, blocks: Blocks, own: NDArray[np.bool_], response: Array) 
 
     To first order around amounts that were fitted to all of them; the most of three pairs of parts:
     recordings (blocks, where there is one) in turn, the early and the late half of each, and where
-    the effect does little and where it does much. What chance makes of a difference is taken off
-    its square (as DerSimonian and Laird 1986 do between studies).
+    the effect does little and where it does much. Where it is clear; what chance makes of it is
+    taken off its square (as DerSimonian and Laird 1986 do between studies). A part in which the
+    effect does next to nothing is sure of no amount.
 
     Args:
         fitted: The effect, and what else the parts know of.
@@ -44,8 +46,9 @@ def apart(fitted: Fit, blocks: Blocks, own: NDArray[np.bool_], response: Array) 
         told = [_told(scaled, fitted.residual, [rows[i] for i in part]) for part in parts]
         change = (told[0][0] - told[1][0])[own]
         covariance = (told[0][1] + told[1][1])[np.ix_(own, own)]
-        beyond = max(float(change @ square @ change) - float(np.trace(square @ covariance)), 0.0)
-        shares.append(float(np.sqrt(beyond / max(size, 1.0))))
+        differs, chance = float(change @ square @ change), float(np.trace(square @ covariance))
+        if differs > CLEARLY**2 * chance:
+            shares.append(float(np.sqrt((differs - chance) / max(size, 1.0))))
     return max(shares)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Generic, TypeAlias, TypeVar
 
 from gfm.core.deadline import Clock, OutOfTimeError
@@ -61,6 +62,14 @@ class Search(Generic[P]):
         """What a few segments judge, and by how much they predict better with it."""
         chosen = [step.chosen for step in self.steps if step.segments]
         return {one.new[0].key: one.gain for one in chosen if one is not None}
+
+    def led_to(self, here: Hypothesis[P], step: Step) -> Hypothesis[P]:
+        """Returns the hypothesis to which a step leads that chose something.
+
+        As it was weighed where there is no time to look for initial states that suit it.
+        """
+        weighed = here if step.chosen is None else replace(here, fit=step.chosen.fit)
+        return self.in_its_time(partial(self.after, here, step), weighed)
 
     def in_its_time(self, made: Callable[[], T], otherwise: T, *, step: bool = False) -> T:
         """Returns what takes long to make, or something else where its time is over.

@@ -10,7 +10,6 @@ Shape letters: N numbers of a residual.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import combinations
 
@@ -18,7 +17,7 @@ import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.amounts import at_bound
-from gfm.diagnosis.inference.fitting import Fit, fit, without
+from gfm.diagnosis.inference.fitting import Fit, without
 from gfm.diagnosis.residuals.outliers import bounded, slopes, unbounded
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, parameters_of
@@ -42,7 +41,7 @@ def merge(here: Hypothesis[P], search: Search[P]) -> Hypothesis[P]:
         several = ", ".join(map(describe, step.replaced))
         search.report(f"exchange: {describe(step.effects[-1])} in the place of {several}")
         search.steps.append(step)
-        here = replace(here, fit=fit(here.problem, step.effects))
+        here = search.led_to(here, step)
     return here
 
 

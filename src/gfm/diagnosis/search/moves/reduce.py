@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from gfm.diagnosis.inference.amounts import amounts, at_bound, with_amounts
-from gfm.diagnosis.inference.fitting import Fit, fit, without_some
+from gfm.diagnosis.inference.fitting import Fit, without_some
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, parameters_of
@@ -45,7 +45,7 @@ def remove(here: Hypothesis[P], search: Search[P]) -> Hypothesis[P]:
         search.report(f"going on without {describe(step.replaced[0])}")
         search.steps.append(step)
         here = replace(here, fit=step.chosen.fit)
-    return here
+    return here if here is whole else search.led_to(here, search.steps[-1])
 
 
 def _removals(here: Hypothesis, whole: Hypothesis, kept: Collection[Key]) -> Iterator[Step]:
@@ -247,7 +247,7 @@ def exchange(
                 replaced=(instance,),
             )
             search.steps.append(step)
-            here = replace(here, fit=fit(here.problem, step.effects))
+            here = search.led_to(here, step)
         else:
             told.append(pair)
     return here, told
