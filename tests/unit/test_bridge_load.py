@@ -15,6 +15,7 @@ from gfm.core.checks import Array
 from gfm.sim.sawyer import JOINT_NAMES, READY
 from gfm.transport import MemoryHub, MemoryTransport
 from gfm_robot_bridge.config import BridgeConfig
+from gfm_robot_bridge.guard import Guard
 from gfm_robot_bridge.limiter import Limiter
 from gfm_robot_bridge.limits import Limits
 from gfm_robot_bridge.load import Balance, Loaded, LoadObserver
@@ -161,10 +162,10 @@ ONE = CONFIG.bounds(
 class Joint:
     """A limiter, and a joint at which a load of -10 N m pulls: by -0.2 rad/s in velocity mode."""
 
-    def __init__(self) -> None:
+    def __init__(self, pull: float = 10.0, guard: Guard | None = None) -> None:
         observer = LoadObserver(OneKilogram(), servo_gain=50.0, unnoticed_nm=0.5)
-        observer.take([report(0.0, 0.0, 10.0)])
-        self.limiter = Limiter(ONE, UnitMasses(), PERIOD_S, observer=observer)
+        observer.take([report(0.0, 0.0, pull)])
+        self.limiter = Limiter(ONE, UnitMasses(), PERIOD_S, guard, observer)
         self.position, self.velocity = np.zeros(1), np.zeros(1)
 
     @property
@@ -217,6 +218,24 @@ def test_positions_of_a_loaded_arm_come_to_rest_as_positions() -> None:
         before, periods = joint.velocity, periods + 1
     assert joint.velocity == pytest.approx(0.0)
     assert periods > 3
+
+
+@pytest.mark.parametrize("sinks", [True, False])
+def test_the_stop_that_is_made_is_the_one_that_was_looked_at(
+    monkeypatch: pytest.MonkeyPatch, sinks: bool
+) -> None:
+    def reason(_guard: Guard, _plan: Plan, _load: object, stays: bool = False) -> Reason:
+        return Reason.LOAD | Reason.COLLISION if sinks and not stays else Reason.NONE
+
+    monkeypatch.setattr(Guard, "__init__", lambda _guard: None)
+    monkeypatch.setattr(Guard, "look", lambda _guard, _seen: None)
+    monkeypatch.setattr(Guard, "reason", reason)
+    joint = Joint(2.0, Guard())  # type: ignore[call-arg]
+    for _ in range(20):
+        assert not joint.send(CommandKind.POSITION, 2.0).reason & Reason.COLLISION
+    plan = joint.limiter.stopped(joint.seen)
+    assert plan is not None
+    assert plan.kind is (CommandKind.POSITION if sinks else CommandKind.VELOCITY)
 
 
 def test_a_loaded_arm_that_is_held_up_is_let_go_of() -> None:
@@ -277,20 +296,23 @@ def test_what_the_robot_was_told_that_it_carries_is_no_load() -> None:
 class Served:
     """A bridge, a simulated Sawyer in lockstep, and a driver."""
 
-    def __init__(self, folder: Path, *effects: GivenEffect, observed: bool = True) -> None:
+    def __init__(
+        self, folder: Path, *effects: GivenEffect, observed: bool = True, at: Array = READY
+    ) -> None:
         hub, self.clock = MemoryHub(), ManualClock()
         config = BridgeConfig(
             name="bridge", recordings=str(folder), clock=RobotClock.LOCKSTEP, task="position"
         )
         transport = MemoryTransport(hub, name="bridge", clock=self.clock)
+        self.observer = sawyer_load(BridgeConfig(name="bridge"))
         sawyer = SimulatedSawyer(transport, self.clock, robot_clock=RobotClock.LOCKSTEP)
         self.bridge = BridgeService(
             config, sawyer, transport, self.clock, guard=sawyer_guard(config, sawyer),
-            observer=sawyer_load(BridgeConfig(name="bridge")) if observed else None,
+            observer=self.observer if observed else None,
         )  # fmt: skip
         self.robot = SimulatedService(
             SimulatedConfig(name="robot", clock=RobotClock.LOCKSTEP),
-            SimulatedRobot(READY, effects=given(effects)),
+            SimulatedRobot(at, effects=given(effects)),
             MemoryTransport(hub, name="robot", clock=self.clock),
             self.clock,
         )
@@ -341,6 +363,21 @@ def test_a_loaded_arm_that_is_held_above_the_basket_is_led_up(tmp_path: Path) ->
     for _ in range(100):
         seen = served.command(CommandKind.POSITION, up)
     assert seen.position[1] < held.position[1] - 0.2
+
+
+def test_a_light_load_does_not_keep_an_arm_that_stands_low_from_being_led_up(
+    tmp_path: Path,
+) -> None:
+    """While it is stopped by speeds it would sink by 8 mm: it is stopped as positions."""
+    low = READY + 0.115 * np.eye(7)[1]
+    served = Served(tmp_path, payload(0.5), at=low)
+    for _ in range(10):
+        held = served.command(CommandKind.POSITION, low)
+    assert 0.5 < np.abs(served.observer.torque).max() < 3.0
+    up = held.position - 0.2 * np.eye(7)[1]
+    for _ in range(60):
+        seen = served.command(CommandKind.POSITION, up)
+    assert seen.position[1] < held.position[1] - 0.15
 
 
 def test_a_bridge_that_observes_no_load_stops_it_when_a_clearance_is_lost(tmp_path: Path) -> None:

@@ -103,7 +103,7 @@ class Guard:
         """Lets things be as near as they are: what a stop still costs belongs to its loss."""
         self._least = np.minimum(self._least, self._distances(seen.position))
 
-    def reason(self, plan: Plan, load: Load | None = None) -> Reason:
+    def reason(self, plan: Plan, load: Load | None = None, stays: bool = False) -> Reason:
         """Returns why a plan is not to be told; nothing where it may be.
 
         What acts on the joints may be friction, which ends with the motion, or a load, which does
@@ -112,8 +112,8 @@ class Guard:
         Args:
             plan: To be told.
             load: That the robot does not know of; None for none.
+            stays: Whether positions would be stopped as positions.
         """
-        stays = load is not None and load.stays
         if reason := self._reason(plan, None, stays):
             return reason
         return Reason.NONE if load is None else by_load(self._reason(plan, load.torque, stays))

@@ -63,7 +63,7 @@ class Limiter:
         self._kind: CommandKind | None = None
         self._last = np.zeros_like(bounds.lower)
         self._speed = np.zeros_like(bounds.lower)
-        self._braking = False
+        self._braking = self._stays = False
         self._stood_s = 0.0
 
     @property
@@ -123,7 +123,7 @@ class Limiter:
         """Returns the next part of a stop: a ramp to rest, then holding; None where it holds."""
         if self.holds:
             return None
-        if (load := self._load) is not None and load.stays and self._is_followed(seen):
+        if self._stays and self._is_followed(seen):
             return self._slow_down()
         if not self._at_rest(seen.velocity):
             return self._brake(seen)
@@ -140,23 +140,36 @@ class Limiter:
 
         The stop is safe: it was looked at before what is in force now was told.
         """
-        plan = self._towards(kind, values, seen)
+        plan, load = self._towards(kind, values, seen), self._load
         if self._guard is None:
-            return self._taken(plan)
+            return self._taken(plan, stays=load is not None and load.stays)
         self._guard.look(seen)
-        load = self._load
-        too_near = self._guard.reason(plan, load)
+        too_near, stays = self._looked_at(plan, self._guard)
         if not too_near:
-            return self._taken(plan)
+            return self._taken(plan, stays)
         reason = plan.reason | too_near
         sinking = None
         if load is not None and kind is CommandKind.VELOCITY:
             sinking = load.sinking
         speed = self._guard.corrected(self._speed_of(plan, seen), sinking)
         nearly = self._towards(kind, self._values_of(kind, speed, seen), seen)
-        if not self._guard.reason(nearly, load):
-            return replace(self._taken(nearly), reason=reason)
+        too_near, stays = self._looked_at(nearly, self._guard)
+        if not too_near:
+            return replace(self._taken(nearly, stays), reason=reason)
         return replace(self._at_standstill(seen), reason=reason)
+
+    def _looked_at(self, plan: Plan, guard: Guard) -> tuple[Reason, bool]:
+        """Returns why a plan is not to be told, and whether positions are stopped as positions.
+
+        A stop by speeds is quicker, but under a load an arm sinks meanwhile. Where that would bring
+        it too near, the stop that is looked at, and made, is one as positions.
+        """
+        load = self._load
+        stays = load is not None and load.stays
+        reason = guard.reason(plan, load, stays)
+        if stays or plan.kind is not CommandKind.POSITION or Reason.LOAD not in reason:
+            return reason, stays
+        return guard.reason(plan, load, stays=True), True
 
     def _towards(self, kind: CommandKind, values: Array, seen: Observation) -> Plan:
         match kind:
@@ -167,12 +180,12 @@ class Limiter:
             case CommandKind.EFFORT:
                 return self._to_torque(values, seen)
 
-    def _taken(self, plan: Plan) -> Plan:
-        """Takes note of a plan that is told."""
+    def _taken(self, plan: Plan, stays: bool) -> Plan:
+        """Takes note of a plan that is told, and of how it would be stopped."""
         last = plan.values[-1]
         if plan.kind is CommandKind.POSITION:
             self._speed = (last - self._last) / self._period_s
-        self._kind, self._last, self._braking = plan.kind, last, False
+        self._kind, self._last, self._braking, self._stays = plan.kind, last, False, stays
         return plan
 
     def _speed_of(self, plan: Plan, seen: Observation) -> Array:
