@@ -9,13 +9,18 @@ import signal
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partialmethod
+from io import StringIO
 from pathlib import Path
+from typing import cast
 
 import mujoco
 import numpy as np
 import pytest
+from rich.console import Console
 
 from gfm.cli import main
 from gfm.core import (
@@ -28,17 +33,17 @@ from gfm.core import (
     Reason,
     RefusedError,
 )
-from gfm.core.checks import Array32
+from gfm.core.checks import Array, Array32
 from gfm.envs.matching import Matching
 from gfm.envs.matching_task import POSE_MATCHING, POSITION_MATCHING
 from gfm.envs.matching_view import MatchingView
 from gfm.experiments.attempt_files import Kept
-from gfm.experiments.attempt_start import ABOVE_M, AttemptStart
+from gfm.experiments.attempt_start import ABOVE_M, AsideError, AttemptStart
 from gfm.experiments.attempt_view import RobotView
 from gfm.experiments.attempts import Attempt, AttemptRunner, planned
-from gfm.experiments.drive_policy import drive_policy
+from gfm.experiments.drive_policy import attempts_made, drive_policy
 from gfm.experiments.drive_request import DriveRequest
-from gfm.experiments.driver import Driver
+from gfm.experiments.driver import Driver, KeptError
 from gfm.experiments.evaluate import EvaluationRequest, load_arm, policy_for
 from gfm.experiments.payload import carrying
 from gfm.experiments.person import Person
@@ -58,7 +63,7 @@ from gfm_robot_bridge.simulated.config import SimulatedConfig
 from gfm_robot_bridge.simulated.hidden import HiddenEffect
 from gfm_robot_bridge.simulated.tracker import Tracker
 from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
-from gfm_wire import RobotClock, SetPayload, StopRobot, decode
+from gfm_wire import RobotClock, ScaleSpeed, SetPayload, StopRobot, decode
 
 POSITION = POSITION_MATCHING.name
 VIEW = RobotView(load_arm(EvaluationRequest(task=POSITION)))
@@ -320,6 +325,72 @@ def test_without_a_person_nobody_puts_the_object_back(
         attempts(connected(tmp_path), standing).make(0, 0, "nobody")
 
 
+def puts_aside(monkeypatch: pytest.MonkeyPatch, times: int) -> list[Array]:
+    """Lets the robot put the object 5 cm aside so often; returns the list of where it was to be."""
+    asked: list[Array] = []
+    puts = SimulatedSawyer.place_object
+
+    def place(robot: SimulatedSawyer, pose: Array) -> bool:
+        asked.append(pose)
+        return puts(robot, pose + 0.05 * np.eye(7)[1] if len(asked) <= times else pose)
+
+    monkeypatch.setattr(SimulatedSawyer, "place_object", place)
+    return asked
+
+
+def test_an_object_that_lies_aside_is_put_back_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = puts_aside(monkeypatch, 2)
+    assert attempts(connected(tmp_path)).make(0, 0, "third") is not None
+    assert len(asked) == 3
+
+
+def test_an_object_that_never_lies_in_its_place_is_said_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    puts_aside(monkeypatch, 99)
+    with pytest.raises(AsideError, match=r"put back 3 times and is seen 4\.\d cm and \d degrees"):
+        attempts(connected(tmp_path)).make(0, 0, "aside")
+    assert not list(tmp_path.iterdir())
+
+
+class Aside:
+    """Makes attempts; the object lies aside before those whose numbers are given."""
+
+    def __init__(self, *numbers: int) -> None:
+        self._numbers, self._asked = numbers, 0
+
+    def make(self, goal: int, trial: int, recording: str) -> Attempt:
+        self._asked += 1
+        if self._asked in self._numbers:
+            raise AsideError("the object lies aside")
+        return replace(attempt(goal, trial), recording=recording)
+
+
+def made(runner: Aside, count: int) -> tuple[list[int], str]:
+    """Returns the goals of what is made, in order, and what is said."""
+    console = Console(file=StringIO(), width=200)
+    left = deque((goal, 0) for goal in range(count))
+    names = attempts_made(cast("AttemptRunner", runner), left, lambda goal, _: str(goal), console)
+    goals = [one.goal for one in names]
+    assert not left
+    return goals, cast("StringIO", console.file).getvalue()
+
+
+def test_an_attempt_that_cannot_begin_is_put_off_to_the_end() -> None:
+    goals, said = made(Aside(2, 3, 6), 4)
+    assert goals == [0, 3, 1, 2]
+    assert said.splitlines() == [
+        f"goal {goal}: put off: the object lies aside" for goal in (2, 3, 3)
+    ]
+
+
+def test_three_that_cannot_begin_one_after_the_other_end_it() -> None:
+    with pytest.raises(AsideError, match="lies aside"):
+        made(Aside(2, 3, 4), 4)
+
+
 def test_a_robot_that_stops_answering_ends_an_attempt(tmp_path: Path) -> None:
     rig = Rig(tmp_path)
 
@@ -375,6 +446,40 @@ def test_a_stop_on_the_way_to_an_attempt_is_gone_on_after_but_not_for_ever(
         assert made is not None
         assert made.outcome == "reached"
     assert not left
+
+
+def test_a_way_that_the_bridge_slows_down_is_gone_to_its_end(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    person = MemoryTransport(rig.hub, name="person", clock=rig.time)
+    person.request("robot/speed", ScaleSpeed(scale=0.2), timeout_s=1.0)
+    raised = VIEW.raised(READY, ABOVE_M)
+    assert rig.driver.go_to(JOINT_NAMES, raised, 0.05)
+    np.testing.assert_allclose(rig.driver.newest.position, raised, atol=2e-3)
+
+
+def test_a_way_on_which_somebody_stops_the_arm_lasts_until_it_may_go_on(tmp_path: Path) -> None:
+    rig, typing = Rig(tmp_path), Typing({300: "q"})
+    person = MemoryTransport(rig.hub, name="person", clock=rig.time)
+    person.request("robot/speed", ScaleSpeed(scale=0.0), timeout_s=1.0)
+    raised = VIEW.raised(READY, ABOVE_M)
+    assert not rig.driver.go_to(JOINT_NAMES, raised, 0.05, typing.person.interrupts)
+    assert typing.asked == 300
+
+
+def test_a_way_that_the_bridge_does_not_let_the_arm_go_is_an_error(tmp_path: Path) -> None:
+    driver = connected(tmp_path)
+    driver.place_object(np.array([0.6, 0.12, 0.08, 1.0, 0.0, 0.0, 0.0]))  # aside
+    beneath = READY + 0.3 * np.eye(7)[1]
+    words = r"keeps the arm 0\.1\d rad from where it is led \(.*collision\)"
+    with pytest.raises(KeptError, match=words):
+        driver.go_to(JOINT_NAMES, beneath, 0.05)
+
+
+def test_an_attempt_does_not_begin_where_the_arm_is_kept_elsewhere(tmp_path: Path) -> None:
+    driver = connected(tmp_path)
+    driver.place_object(np.array([0.6, 0.12, 0.08, 1.0, 0.0, 0.0, 0.0]))  # aside
+    with pytest.raises(KeptError):
+        start(driver).reach(READY + 0.3 * np.eye(7)[1], np.zeros(7))
 
 
 def tool_height(driver: Driver) -> float:

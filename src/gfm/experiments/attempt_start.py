@@ -14,7 +14,7 @@ from gfm.core.checks import Array
 from gfm.envs.arm import CONTROL_PERIOD_S
 from gfm.envs.matching_task import MatchingTask
 from gfm.experiments.attempt_view import RobotView
-from gfm.experiments.driver import WAY_SHARE, Driver
+from gfm.experiments.driver import WAY_SHARE, Driver, KeptError
 from gfm.experiments.person import Person
 from gfm.sim.kinematics import body_axes, yaw_of
 from gfm.sim.sawyer import JOINT_NAMES
@@ -28,12 +28,19 @@ _LIES_S = 0.3
 _LOW_M, _LIFT_M_S, _LIFT_S = 0.1, 0.1, 1.5
 #: A way that is straight in the joints dips by some 3 cm: it first leads so far above its end, m.
 ABOVE_M = 0.1
-#: How often the arm goes on where the bridge stops it on its way to an attempt.
+#: How often the arm goes on where the bridge stops it on its way to an attempt, or keeps it there.
 _STOPS = 2
+#: How often the object is put back until it is seen in its place.
+_PUTS = 3
 #: How long a robot may take to be driven again, s.
 _WAIT_S = 1.0
 #: How far from its place the object may have been put: m, and rad where its yaw matters.
 _ASIDE_M, _TURNED_RAD = 0.02, 0.35
+
+
+@final
+class AsideError(RefusedError):
+    """The object was put back, more than once, and is seen elsewhere."""
 
 
 @final
@@ -53,7 +60,8 @@ class AttemptStart:
     def reach(self, joints: Array, pose: Array, stops: int = _STOPS) -> bool:
         """Returns whether arm and object are where they begin; False where that was broken off.
 
-        Where the bridge stops the arm on the way, that is begun again, from where it is held.
+        Where the bridge stops the arm on the way, or keeps it from going on, that is begun again,
+        from where it is held.
 
         Args:
             joints: rad, shape (J,).
@@ -62,17 +70,25 @@ class AttemptStart:
 
         Raises:
             BadInputError: nobody can put the object back.
-            RefusedError: the bridge says no, or the object is not seen where it was put.
+            AsideError: the object is not seen where it was put.
+            KeptError: the bridge does not let the arm come there.
+            RefusedError: the bridge says no.
         """
         try:
             return self.lead_above_basket(joints) and self._object_put_back(pose)
         except RefusedError as error:
-            if not stops or not str(error).startswith(PROTECTIVE_STOP):
+            stopped = isinstance(error, KeptError) or str(error).startswith(PROTECTIVE_STOP)
+            if not stops or not stopped:
                 raise
         return self.reach(joints, pose, stops - 1)
 
     def lead_above_basket(self, joints: Array) -> bool:
-        """Returns whether the arm is at joints, rad, (J,); False where that was broken off."""
+        """Returns whether the arm is at joints, rad, (J,); False where that was broken off.
+
+        Raises:
+            KeptError: the bridge does not let it come there.
+            RefusedError: the bridge says no.
+        """
         ways = (self._view.raised(joints, ABOVE_M), joints)
         return self.lift() and all(
             self._driver.go_to(JOINT_NAMES, way, CONTROL_PERIOD_S, self._person.interrupts)
@@ -111,11 +127,18 @@ class AttemptStart:
 
     def _object_put_back(self, pose: Array) -> bool:
         """Returns whether the object lies where it shall begin; False where that was broken off."""
-        if self._driver.place_object(pose):
+        problem = ""
+        for _ in range(_PUTS):
+            if not self._driver.place_object(pose):
+                return self._put_back_by_hand()
             self.stand(_LIES_S)
-            if problem := self._not_in_place(pose):
-                raise RefusedError(f"the object was put back and is {problem}")
-            return True
+            problem = self._not_in_place(pose)
+            if not problem:
+                return True
+        raise AsideError(f"the object was put back {_PUTS} times and is {problem}")
+
+    def _put_back_by_hand(self) -> bool:
+        """Returns whether a person put the object back; False where that was broken off."""
         middle = np.array([*self._task.rest_position, 1.0, 0.0, 0.0, 0.0])
         request = "put the object at the basket's centre, unturned"
         while self._person.confirms(request, self.rest):

@@ -108,7 +108,8 @@ class AttemptRunner:
 
         Raises:
             BadInputError: nobody can put the object back, or the policy's actions are not finite.
-            RefusedError: the bridge says no, or the object is not seen where it was put.
+            AsideError: the object is not seen where it was put.
+            RefusedError: the bridge says no, or keeps the arm from where the attempt begins.
             UnreachableError: the robot or its bridge does not answer.
         """
         rng = np.random.default_rng([self._seed, goal, trial])

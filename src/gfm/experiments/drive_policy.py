@@ -5,9 +5,11 @@ from __future__ import annotations
 import shutil
 import signal
 import sys
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -21,6 +23,7 @@ from gfm.envs.matching import Matching
 from gfm.envs.matching_task import TASKS
 from gfm.envs.outcomes import Outcome
 from gfm.experiments.attempt_files import RESULT, Kept
+from gfm.experiments.attempt_start import AsideError
 from gfm.experiments.attempts import Attempt, AttemptRunner, planned
 from gfm.experiments.drive_request import DriveRequest
 from gfm.experiments.drive_robot import robot_of
@@ -37,6 +40,8 @@ from gfm.service import StopSignal
 from gfm.sim.sawyer import JOINT_NAMES
 
 _WAIT_S = 30.0
+#: So many attempts one after the other are put off at most.
+_PUT_OFF = 3
 #: In a folder in which no attempt came to its end.
 _LEFT = ("certs", "logs", "recordings", "sealed.json")
 _SIMULATED = {"sim": "on a simulated robot", "drake": "on a simulated robot in Drake"}
@@ -73,7 +78,8 @@ def drive_policy(request: DriveRequest, console: Console | None = None) -> Drive
     arm = load_arm(EvaluationRequest(task=request.task, model=request.model))
     policy = policy_for(path, read_weights(path), Matching(task, arm, 1).spec)
     kept = Kept(request.out, request.about(path))
-    left = [one for one in planned(request.goals, request.trials) if one not in kept.done]
+    plan = planned(request.goals, request.trials)
+    left = deque(one for one in plan if one not in kept.done)
     clock, console = MonotonicClock(), console or Console()
 
     def all_made(driver: Driver, person: Person) -> None:
@@ -81,17 +87,11 @@ def drive_policy(request: DriveRequest, console: Console | None = None) -> Drive
             task, arm, policy.mean_action, driver, seed=request.seed, person=person
         )
         attempts.begin()
-        began_ns = clock.now_ns()
-        for number, (goal, trial) in enumerate(left, start=1):
-            made = None
-            while made is None:
-                made = attempts.make(goal, trial, _free_name(request, clock, goal, trial))
-                if made is None and not attempts.resumes():
-                    return
+        began_ns, before = clock.now_ns(), len(kept.attempts)
+        for made in attempts_made(attempts, left, partial(_free_name, request, clock), console):
             kept.add(made)
-            each_s = 1e-9 * (clock.now_ns() - began_ns) / number
-            left_s = each_s * (len(left) - number)
-            console.print(_line(made, len(kept.attempts), request, left_s))
+            each_s = 1e-9 * (clock.now_ns() - began_ns) / (len(kept.attempts) - before)
+            console.print(_line(made, len(kept.attempts), request, each_s * len(left)))
 
     interrupted = _driven(request, clock, arm.zero, all_made) if left else False
     report = _report(request, path, kept) if kept.attempts else None
@@ -101,6 +101,46 @@ def drive_policy(request: DriveRequest, console: Console | None = None) -> Drive
     if interrupted:
         raise KeyboardInterrupt
     return Driven(attempts=kept.attempts, report=report)
+
+
+def attempts_made(
+    attempts: AttemptRunner,
+    left: deque[tuple[int, int]],
+    name: Callable[[int, int], str],
+    console: Console,
+) -> Iterator[Attempt]:
+    """Yields attempts as they are made, until none is left or a person ends it.
+
+    Where the object does not come to lie where an attempt begins, that one is put off to the end:
+    another one begins elsewhere.
+
+    Args:
+        attempts: Makes them.
+        left: Goal and trial of each, first the next one; those that are made are taken out.
+        name: Returns the name of a recording, by goal and trial.
+        console: Where to say what is put off.
+
+    Raises:
+        AsideError: several were put off one after the other.
+    """
+    put_off = 0
+    while left:
+        goal, trial = left[0]
+        try:
+            made = attempts.make(goal, trial, name(goal, trial))
+        except AsideError as error:
+            put_off += 1
+            if put_off == _PUT_OFF:
+                raise
+            console.print(f"goal {goal + 1}: put off: {error}")
+            left.rotate(-1)
+            continue
+        if made is not None:
+            left.popleft()
+            put_off = 0
+            yield made
+        elif not attempts.resumes():
+            return
 
 
 def _check_own(out: Path) -> None:

@@ -17,6 +17,7 @@ from gfm.core import (
     Command,
     CommandKind,
     Observation,
+    Reason,
     RefusedError,
     UnreachableError,
 )
@@ -44,12 +45,33 @@ WAY_SHARE = 0.35
 _HOLD_SHARE = 0.05
 _SHORTEST_APPROACH_S = 0.5
 _SETTLE_S = 0.6
+#: An arm that is told to be so near to the end of its way, rad, is there: to what it is told its
+#: servos bring it, less what they give way by under a load.
+_THERE_RAD = 0.005
+#: Where it came no nearer for so long, s, by so much, rad, the bridge keeps it where it is.
+_KEPT_S, _NEARER_RAD = 1.0, 1e-4
 _POLL_NS = 100_000
 _RETRY_NS = 500_000_000
 #: By how much the bridge's period may differ from the one asked for.
 _PERIOD_TOLERANCE = 0.2
 #: Over so many periods it is measured before anything moves.
 _RATE_PERIODS = 20
+
+
+@final
+class KeptError(RefusedError):
+    """The bridge does not let the arm go where it is led: how far from there it is kept, and why.
+
+    Args:
+        left_rad: Of the joint that is farthest.
+        reason: Of the last command.
+    """
+
+    def __init__(self, left_rad: float, reason: Reason) -> None:
+        why = ", ".join(str(one.name).lower() for one in reason) or "nothing is said of why"
+        super().__init__(
+            f"the bridge keeps the arm {left_rad:.2f} rad from where it is led ({why})"
+        )
 
 
 @final
@@ -165,13 +187,18 @@ class Driver:
         """Goes somewhere and comes to rest there; returns False where that was broken off.
 
         It begins a session: a driver that wrote files meanwhile was too silent for the last one.
-        The way begins at the positions that the arm is told, see `hold`.
+        The way begins at the positions that the arm is told, see `hold`. Where the bridge lets the
+        arm go on more slowly, it lasts until the arm is there.
 
         Args:
             joint_names: J of them.
             position: rad, shape (J,).
             period_s: Of the bridge.
             interrupts: Asked before every command whether to break off.
+
+        Raises:
+            KeptError: the bridge does not let it come there.
+            RefusedError: the bridge says no.
         """
         self._number = 0
         while (start := self.held) is None:
@@ -185,7 +212,9 @@ class Driver:
                 return False
             target = start + minimum_jerk(np.array((time_s + period_s) / duration_s)) * way
             self.command(CommandKind.POSITION, joint_names, target, speed_share=WAY_SHARE)
-        return True
+        return self._is_there(position) or self._arrives(
+            joint_names, position, period_s, interrupts
+        )
 
     def check_rate(self, joint_names: tuple[str, ...], period_s: float) -> None:
         """Holds the arm for a moment, by which the bridge's control period is measured.
@@ -275,6 +304,36 @@ class Driver:
             done = self._ask("robot/record", RecordStop())
             if isinstance(done, RecordDone):
                 told.append(done)
+
+    def _arrives(
+        self,
+        joint_names: tuple[str, ...],
+        position: Array,
+        period_s: float,
+        interrupts: Callable[[], bool],
+    ) -> bool:
+        """Goes on to the end of a way on which the bridge slowed the arm down; as `go_to`."""
+        nearest, kept_s, rests_s = self._left(position), 0.0, 0.0
+        while rests_s < _SETTLE_S:
+            if interrupts():
+                return False
+            self.command(CommandKind.POSITION, joint_names, position, speed_share=WAY_SHARE)
+            left, reason = self._left(position), Reason(self.newest.reason)
+            rests_s = rests_s + period_s if left <= _THERE_RAD else 0.0
+            goes_on = rests_s > 0.0 or left < nearest - _NEARER_RAD or Reason.SCALED in reason
+            nearest = min(left, nearest)
+            kept_s = 0.0 if goes_on else kept_s + period_s
+            if kept_s >= _KEPT_S:
+                raise KeptError(left, reason)
+        return True
+
+    def _left(self, position: Array) -> float:
+        """Returns how far it is to a position, rad, (J,), from where the arm is told to be."""
+        at = self.newest.position if self.held is None else self.held
+        return float(np.abs(position - at).max())
+
+    def _is_there(self, position: Array) -> bool:
+        return self.held is not None and self._left(position) <= _THERE_RAD
 
     def _ask(self, key: str, message: Message) -> Message:
         pending = self._transport.request(key, message, timeout_s=20.0)
