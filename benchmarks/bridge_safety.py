@@ -59,6 +59,7 @@ def _payload(mass: float) -> GivenEffect:
 
 #: What robots may hide.
 HIDDEN = {
+    "payload_half_kg": _payload(0.5),
     "payload_1kg": _payload(1.0),
     "payload_3kg": _payload(3.0),
     "gain": GivenEffect(effect="actuator_gain", joints=("right_j1",), parameters={"scale": 1.2}),

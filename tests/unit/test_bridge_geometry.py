@@ -267,6 +267,16 @@ def test_it_foresees_that_a_position_is_arrived_at() -> None:
     assert 0.29 < stopped[-1][1] < 0.3
 
 
+def test_it_foresees_that_setpoints_go_on_where_the_arm_lags_behind_them() -> None:
+    braking, slowing = np.full(2, 7.0), np.full(2, 5.0)
+    models = {kind: slides(kind).compile() for kind in CommandKind}
+    foresight = Foresight(models, braking, slowing, 0.035, 0.235)
+    plan = Plan(kind=CommandKind.POSITION, values=np.array([[0.0, 0.29]]), spacing_s=0.02)
+    still, falls = np.zeros(2), np.array([0.0, -0.3])
+    _, stopped = foresight.paths(np.array([0.0, 0.3]), still, plan, slowing=falls)
+    np.testing.assert_allclose(stopped[-1], [0.0, 0.29 - 0.3**2 / (2.0 * 5.0)], atol=1.5e-3)
+
+
 # What is let through
 
 

@@ -224,8 +224,8 @@ def test_positions_of_a_loaded_arm_come_to_rest_as_positions() -> None:
 def test_the_stop_that_is_made_is_the_one_that_was_looked_at(
     monkeypatch: pytest.MonkeyPatch, sinks: bool
 ) -> None:
-    def reason(_guard: Guard, _plan: Plan, _load: object, stays: bool = False) -> Reason:
-        return Reason.LOAD | Reason.COLLISION if sinks and not stays else Reason.NONE
+    def reason(_guard: Guard, _plan: Plan, _load: object, slowing: Array | None) -> Reason:
+        return Reason.LOAD | Reason.COLLISION if sinks and slowing is None else Reason.NONE
 
     monkeypatch.setattr(Guard, "__init__", lambda _guard: None)
     monkeypatch.setattr(Guard, "look", lambda _guard, _seen: None)

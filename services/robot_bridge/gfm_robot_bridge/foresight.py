@@ -59,7 +59,7 @@ class Foresight:
         velocity: Array,
         plan: Plan,
         torque: Array | None = None,
-        stays: bool = False,
+        slowing: Array | None = None,
     ) -> Iterator[Array]:
         """Yields where the arm would be if it were told a plan, rad, shape (N, J) each.
 
@@ -71,7 +71,8 @@ class Foresight:
             velocity: At first, rad/s, shape (J,).
             plan: What it is told.
             torque: Of a load on the joints, all the while the same, N m, shape (J,); None for none.
-            stays: Whether positions are stopped as positions.
+            slowing: Speed of the setpoints from which positions are stopped as positions, rad/s,
+                shape (J,); None where they are stopped by speeds.
         """
         for data in self._data.values():
             data.qfrc_applied[:] = 0.0 if torque is None else torque
@@ -80,9 +81,9 @@ class Foresight:
             yield self._told(position, velocity, plan, told_s + _ARRIVES_S)
         else:
             told = self._told(position, velocity, plan, self._patience_s)
-            yield np.concatenate([told, *self._stopped(plan.kind, torque is not None, stays)])
+            yield np.concatenate([told, *self._stopped(plan.kind, torque is not None, slowing)])
         told = self._told(position, velocity, plan, self._next_s)
-        yield np.concatenate([told, *self._stopped(plan.kind, torque is not None, stays)])
+        yield np.concatenate([told, *self._stopped(plan.kind, torque is not None, slowing)])
 
     def _told(self, position: Array, velocity: Array, plan: Plan, for_s: float) -> Array:
         """Returns where a plan leads whose last setpoint stays in force."""
@@ -92,14 +93,14 @@ class Foresight:
         setpoints = plan.values[np.minimum(numbers, len(plan.values) - 1)]
         return self._followed(plan.kind, setpoints)
 
-    def _stopped(self, kind: CommandKind, sinks: bool, stays: bool) -> Iterator[Array]:
+    def _stopped(self, kind: CommandKind, sinks: bool, slowing: Array | None) -> Iterator[Array]:
         """Yields where a stop leads from there: its speeds are ramped down by their setpoints.
 
         An arm that sinks is made to hold its position then, and gives way to its load once more.
         Positions come to rest as positions where they are to stay that.
         """
-        if stays and kind is CommandKind.POSITION:
-            yield self._slowed()
+        if slowing is not None and kind is CommandKind.POSITION:
+            yield self._slowed(slowing)
             return
         before, data = self._data[kind], self._data[CommandKind.VELOCITY]
         first = before.qvel.copy()
@@ -113,10 +114,14 @@ class Foresight:
         if sinks:
             yield self._held()
 
-    def _slowed(self) -> Array:
-        """Returns where an arm goes whose positions come to rest as evenly as they may."""
+    def _slowed(self, first: Array) -> Array:
+        """Returns where an arm goes whose positions come to rest as evenly as they may.
+
+        Args:
+            first: At which they go, rad/s, shape (J,): an arm that still gains speed lags behind.
+        """
         data = self._data[CommandKind.POSITION]
-        first, until_s = data.qvel.copy(), float((np.abs(data.qvel) / self._slowing).max())
+        until_s = float((np.abs(first) / self._slowing).max())
         lost = self._slowing * _STEP_S * np.arange(round((until_s + _ARRIVES_S) / _STEP_S))[:, None]
         way = _STEP_S * np.cumsum(first - np.clip(first, -lost, lost), axis=0)
         return self._followed(CommandKind.POSITION, data.ctrl + way)

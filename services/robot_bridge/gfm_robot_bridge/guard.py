@@ -103,7 +103,7 @@ class Guard:
         """Lets things be as near as they are: what a stop still costs belongs to its loss."""
         self._least = np.minimum(self._least, self._distances(seen.position))
 
-    def reason(self, plan: Plan, load: Load | None = None, stays: bool = False) -> Reason:
+    def reason(self, plan: Plan, load: Load | None = None, slowing: Array | None = None) -> Reason:
         """Returns why a plan is not to be told; nothing where it may be.
 
         What acts on the joints may be friction, which ends with the motion, or a load, which does
@@ -112,11 +112,11 @@ class Guard:
         Args:
             plan: To be told.
             load: That the robot does not know of; None for none.
-            stays: Whether positions would be stopped as positions.
+            slowing: As of `Foresight.paths`.
         """
-        if reason := self._reason(plan, None, stays):
+        if reason := self._reason(plan, None, slowing):
             return reason
-        return Reason.NONE if load is None else by_load(self._reason(plan, load.torque, stays))
+        return Reason.NONE if load is None else by_load(self._reason(plan, load.torque, slowing))
 
     def corrected(self, speed: Array, sinking: Array | None = None) -> Array:
         """Returns speeds that come no nearer than there is time for, rad/s, shape (J,).
@@ -143,8 +143,8 @@ class Guard:
             speed += rows[worst] * lack[worst] / np.sqrt(size[worst])
         return speed
 
-    def _reason(self, plan: Plan, torque: Array | None, stays: bool) -> Reason:
-        for path in self._foresight.paths(self._position, self._velocity, plan, torque, stays):
+    def _reason(self, plan: Plan, torque: Array | None, slowing: Array | None) -> Reason:
+        for path in self._foresight.paths(self._position, self._velocity, plan, torque, slowing):
             if reason := self._reason_on(path):
                 return reason
         return Reason.NONE

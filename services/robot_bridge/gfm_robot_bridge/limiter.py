@@ -165,11 +165,14 @@ class Limiter:
         it too near, the stop that is looked at, and made, is one as positions.
         """
         load = self._load
+        if plan.kind is not CommandKind.POSITION:
+            return guard.reason(plan, load), False
+        speed = (plan.values[-1] - self._last) / self._period_s
         stays = load is not None and load.stays
-        reason = guard.reason(plan, load, stays)
-        if stays or plan.kind is not CommandKind.POSITION or Reason.LOAD not in reason:
+        reason = guard.reason(plan, load, speed if stays else None)
+        if stays or Reason.LOAD not in reason:
             return reason, stays
-        return guard.reason(plan, load, stays=True), True
+        return guard.reason(plan, load, speed), True
 
     def _towards(self, kind: CommandKind, values: Array, seen: Observation) -> Plan:
         match kind:
