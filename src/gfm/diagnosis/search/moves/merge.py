@@ -18,7 +18,7 @@ import numpy as np
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.amounts import at_bound
 from gfm.diagnosis.inference.fitting import Fit, without
-from gfm.diagnosis.residuals.outliers import bounded, slopes, unbounded
+from gfm.diagnosis.residuals.outliers import slopes
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, parameters_of
 from gfm.diagnosis.search.moves.add import takes_long
@@ -83,16 +83,15 @@ def _proposed(
     part, base = here.problem.subset(sample), rows_of(here, sample)
     sets = [[e for e in base.effects if e not in several] for several in groups]
     still, *gone = part.coarse().residuals([base.effects, *sets])
-    full, limits = unbounded(base.residual, part.limits()), part.limits()
-    weights = slopes(base.residual, limits)[:, None]
+    weights = slopes(base.residual, part.limits())
     probes = [(place, group) for place in places for group in place.probes]
     changes = [
-        (place, group, weights * columns)
+        (place, group, weights[:, None] * columns)
         for place, group, columns in changes_of(part.coarse(), probes, base.effects)
     ]
     found = []
     for several, rest, left in zip(groups, sets, gone, strict=True):
-        best = _best_for(_of(base, rest), bounded(full + left - still, limits), changes)
+        best = _best_for(_of(base, rest), base.residual + weights * (left - still), changes)
         found += [(best[0], several, best[1])] if best else []
     return [(several, one) for _, several, one in sorted(found, key=lambda each: each[0])]
 

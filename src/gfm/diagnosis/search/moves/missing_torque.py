@@ -41,10 +41,12 @@ def missing_torque(
     before: Hypothesis[P], search: Search[P], _best: Step | None = None
 ) -> Step | None:
     """Returns the step that adds the effects that the missing torque shows; None for none."""
-    if search.torques is None or not search.goes_on():
+    domains = [one for one in (search.torques, search.witness) if one is not None]
+    if not (domains and search.goes_on()):
         return None
     search.report(f"looking at the missing torque (misfit {before.fit.cost:.3g})")
-    new = shown(search.torques, before, search.candidates)
+    sets = [shown(one, before, search.candidates) for one in domains]
+    new = borne_out(before, sets) if len(sets) > 1 else sets[0]
     if not new:
         return None
     search.report(f"fitting {describe(new[0])}" + f" and {len(new) - 1} more" * (len(new) > 1))
