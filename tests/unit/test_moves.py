@@ -625,6 +625,26 @@ def test_what_is_late_is_shown_with_what_acts_beside_it():
     assert late["command_delay"]["delay"] == pytest.approx(0.03, rel=0.02)
 
 
+def test_what_the_motion_in_the_air_shows_is_proposed_too():
+    """Elsewhere something pushes back, and stands for other effects."""
+
+    def lacks(q, v):
+        return OFFSET + dry(q, v)
+
+    both = Case(runs(torque=lacks))
+    pushed = torque_domain(both.problem, runs(torque=lambda q, v: lacks(q, v) + np.sin(7.0 * q)))
+    names = ("coulomb_friction", "torque_offset", "viscous_friction", "joint_spring")
+    elsewhere, there = (
+        missing_torque(both.with_effects(), both.search(*names, torques=pushed, witness=witness))
+        for witness in (None, both.torques)
+    )
+    assert elsewhere is None or elsewhere.chosen.fit.cost > 10.0
+    assert told_by(there) == {
+        "torque_offset": {"torque": pytest.approx(OFFSET, rel=0.02)},
+        "coulomb_friction": {"torque": pytest.approx(FRICTION, rel=0.02)},
+    }
+
+
 def test_rollouts_say_how_many_of_the_effects_that_are_shown_there_are(rubbing):
     friction = instance("coulomb_friction", torque=FRICTION)
     beside = instance("torque_offset", torque=1e-4)

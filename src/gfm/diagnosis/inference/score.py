@@ -23,11 +23,7 @@ import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.blocks import OCTAVES_HZ, Blocks
-from gfm.diagnosis.inference.constants import (
-    CLEARLY,
-    DEGREES_OF_FREEDOM,
-    WRONG_ALIKE,
-)
+from gfm.diagnosis.inference.constants import CLEARLY, DEGREES_OF_FREEDOM, WRONG_ALIKE
 from gfm.diagnosis.inference.fitting import Fit, always
 from gfm.diagnosis.residuals.outliers import slopes, unbounded
 

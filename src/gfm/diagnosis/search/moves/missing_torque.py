@@ -40,13 +40,16 @@ SHOWN, NEAR, MOST = 0.1, 4, 6
 def missing_torque(
     before: Hypothesis[P], search: Search[P], _best: Step | None = None
 ) -> Step | None:
-    """Returns the step that adds the effects that the missing torque shows; None for none."""
+    """Returns the step that adds the effects that the missing torque shows; None for none.
+
+    Of a robot that touches something, that of its motion in the air proposes, too: what pushes back
+    is none that the model lacks.
+    """
     domains = [one for one in (search.torques, search.witness) if one is not None]
     if not (domains and search.goes_on()):
         return None
     search.report(f"looking at the missing torque (misfit {before.fit.cost:.3g})")
-    sets = [shown(one, before, search.candidates) for one in domains]
-    new = borne_out(before, sets) if len(sets) > 1 else sets[0]
+    new = borne_out(before, [shown(one, before, search.candidates) for one in domains])
     if not new:
         return None
     search.report(f"fitting {describe(new[0])}" + f" and {len(new) - 1} more" * (len(new) > 1))
