@@ -11,13 +11,7 @@ import mujoco
 import numpy as np
 
 from gfm.core import CommandKind, Trajectory
-from gfm.diagnosis.data.segmentation import (
-    LONG,
-    SHORT,
-    airborne,
-    all_segments,
-    prepared,
-)
+from gfm.diagnosis.data.segmentation import LONG, SHORT, airborne, all_segments, prepared
 from gfm.diagnosis.output.claims import credible, named_effects
 from gfm.diagnosis.output.result import NamedEffect
 from gfm.diagnosis.residuals.problem import Problem

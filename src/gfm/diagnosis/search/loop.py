@@ -17,12 +17,7 @@ from functools import partial, reduce
 from gfm.core import Trajectory
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import joint_scales, places
-from gfm.diagnosis.search.hypothesis import (
-    Hypothesis,
-    P,
-    nominal_hypothesis,
-    settled_hypothesis,
-)
+from gfm.diagnosis.search.hypothesis import Hypothesis, P, nominal_hypothesis, settled_hypothesis
 from gfm.diagnosis.search.moves.add import add, add_costly, add_motors
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.intermittent import Intermittent, gain_in

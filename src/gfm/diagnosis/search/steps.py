@@ -16,13 +16,7 @@ from gfm.diagnosis.inference.fitting import along_valley, measured
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.moves.merge import merge
 from gfm.diagnosis.search.moves.missing_torque import fewest
-from gfm.diagnosis.search.moves.reduce import (
-    Compared,
-    RivalsOf,
-    exchange,
-    remove,
-    rivals_of,
-)
+from gfm.diagnosis.search.moves.reduce import Compared, RivalsOf, exchange, remove, rivals_of
 from gfm.diagnosis.search.naming import describe
 from gfm.diagnosis.search.support import support
 from gfm.diagnosis.search.trace import Move, SearchResult, Step
