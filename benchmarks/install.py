@@ -59,7 +59,8 @@ class Installation:
     Attributes:
         name: In a word.
         extras: Of the package.
-        took_s: pip.
+        took_s: pip, for wheels and their installation.
+        wheels_mb: Of all wheels: what goes over the line.
         megabytes: Of everything that was installed, by package folder; pip itself is not counted.
         imported: `import gfm` in a new process, without the interpreter's own start.
         helped: `gfm --help`, whole.
@@ -68,6 +69,7 @@ class Installation:
     name: str
     extras: tuple[str, ...]
     took_s: float
+    wheels_mb: float
     megabytes: dict[str, float]
     imported: Took
     helped: Took
@@ -82,15 +84,21 @@ def measured(name: str, folder: Path) -> Installation:
     """Installs into a new environment in a folder."""
     subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
     python, extras = folder / "bin" / "python", EXTRAS[name]
-    pip = [str(python), "-m", "pip", "--quiet", "--disable-pip-version-check", "install"]
+    pip = [str(python), "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    wheels, asked = folder / "wheels", f"[{','.join(extras)}]"
     began = time.monotonic()
-    subprocess.run([*pip, "--no-cache-dir", f"{ROOT}[{','.join(extras)}]"], check=True)
+    subprocess.run(
+        [*pip, "wheel", "--no-cache-dir", "--wheel-dir", str(wheels), f"{ROOT}{asked}"], check=True
+    )
+    from_there = ["--no-index", "--find-links", str(wheels)]
+    subprocess.run([*pip, "install", *from_there, f"gfm-sim2real{asked}"], check=True)
     took_s = time.monotonic() - began
     nothing, whole = (fastest([str(python), "-c", code]) for code in ("", "import gfm"))
     return Installation(
         name=name,
         extras=extras,
         took_s=took_s,
+        wheels_mb=sum(one.stat().st_size for one in wheels.iterdir()) / 1e6,
         megabytes=sizes_mb(next((folder / "lib").glob("python*/site-packages"))),
         imported=Took(whole.wall_s - nothing.wall_s, whole.cpu_s - nothing.cpu_s),
         helped=fastest([str(folder / "bin" / "gfm"), "--help"]),
@@ -125,11 +133,12 @@ def sizes_mb(packages: Path) -> dict[str, float]:
 def page(installations: Sequence[Installation]) -> str:
     """Returns the page of results."""
     rows = [
-        f"| {one.name} | `{','.join(one.extras)}` | {one.total_mb:.0f} | {one.took_s:.0f} "
+        f"| {one.name} | `{','.join(one.extras)}` | {one.wheels_mb:.0f} | {one.total_mb:.0f} "
+        f"| {one.took_s:.0f} "
         f"| {one.imported.text} | {one.helped.text} |"
         for one in installations
     ]
-    asked = f"| asked of the core | | {MOST_MB} | {MOST_S} | {MOST_IMPORT_S} | {MOST_HELP_S} |"
+    asked = f"| asked of the core | | | {MOST_MB} | {MOST_S} | {MOST_IMPORT_S} | {MOST_HELP_S} |"
     parts = "\n".join(_largest(one) for one in installations)
     return f"""# What an installation takes
 
@@ -139,8 +148,8 @@ A new environment, filled by `pip install 'gfm-sim2real[EXTRAS]'` without a cach
 
     python benchmarks/install.py --page docs/results/install.md
 
-| | extras | MB | pip, s | `import gfm`, s | `gfm --help`, s |
-|---|---|---|---|---|---|
+| | extras | MB of wheels | MB installed | pip, s | `import gfm`, s | `gfm --help`, s |
+|---|---|---|---|---|---|---|
 {chr(10).join(rows)}
 {asked}
 
