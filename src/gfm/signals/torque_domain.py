@@ -24,7 +24,7 @@ from gfm.core.checks import Array
 from gfm.effects import EffectInstance, Key
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
 from gfm.signals.smoothing import smooth_states
-from gfm.signals.torques import TorqueView, joined, torque_view
+from gfm.signals.torques import States, TorqueView, joined, torque_view
 from gfm.sim.plant import Plant
 
 #: Length of a block, s: short beside a motion, long beside the noise of accelerations.
@@ -98,6 +98,11 @@ class TorqueDomain:
         """All recordings as torques under the nominal model, drives as the model has them."""
         return joined(torque_views(self.problem, self.recordings))
 
+    @cached_property
+    def _states(self) -> list[States]:
+        """Smooth states of each recording."""
+        return [smooth_states(one.time_s, one.position) for one in self.recordings]
+
     @property
     def duration_s(self) -> float:
         """Of all recordings together."""
@@ -110,9 +115,10 @@ class TorqueDomain:
 
     def view_with(self, effects: Sequence[EffectInstance]) -> TorqueView:
         """Returns all recordings as torques under the model with `effects` in it."""
-        return (
-            joined(torque_views(self.problem, self.recordings, effects)) if effects else self.view
-        )
+        if not effects:
+            return self.view
+        plants, rows = self.problem.plants(effects), zip(self.recordings, self._states, strict=True)
+        return joined([torque_view(plants[one.command_kind], one, own) for one, own in rows])
 
     def missing(self, effects: Sequence[EffectInstance] = ()) -> Array:
         """Returns the torque that the model with `effects` lacks, block means, N m, (B, J)."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
@@ -19,6 +20,9 @@ from gfm.signals.smoothing import smooth_states
 from gfm.sim.commands import commands_between
 from gfm.sim.compensation import compensation_error
 from gfm.sim.plant import Plant, with_servo_gain
+
+#: Positions, velocities and accelerations, shape (T, J) each.
+States: TypeAlias = tuple[Array, Array, Array]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,13 +77,18 @@ def joined(views: Sequence[TorqueView]) -> TorqueView:
     return replace(views[0], position=q, velocity=v, drive=drive, missing=missing, served=served)
 
 
-def torque_view(plant: Plant, recording: Trajectory) -> TorqueView:
+def torque_view(plant: Plant, recording: Trajectory, states: States | None = None) -> TorqueView:
     """Returns a recording seen as torques, by the model's continuous inverse dynamics.
 
     The drive is the measured effort, where there is one; else that of the model, at the servo gains
     of the recording, with what its gravity compensation does wrong.
+
+    Args:
+        plant: The model.
+        recording: Of its robot.
+        states: Its smooth states, where they are known: they are the same under every model.
     """
-    q, v, a = smooth_states(recording.time_s, recording.position)
+    q, v, a = states or smooth_states(recording.time_s, recording.position)
     gain = np.array([recording.servo_gain.get(name, 1.0) for name in plant.joints])
     kind = recording.command_kind
     model = copy.copy(with_servo_gain(plant.model, plant.actuator, kind, gain))
