@@ -256,6 +256,27 @@ def test_degrees_are_told_by_a_name(tmp_path: Path) -> None:
     np.testing.assert_array_equal(run_by_guess(path).position, np.radians(1.0) * POSITION)
 
 
+def test_names_may_give_each_joint_a_unit_of_its_own(tmp_path: Path) -> None:
+    degrees = np.array([np.degrees(1.0), 1.0])
+    speed = np.ones((30, 2))
+    table = np.column_stack([TIME_MS, degrees * POSITION, speed, COMMAND * degrees[::-1]])
+    head = "t,shoulder_pos_deg,elbow_pos_rad,shoulder_vel,elbow_vel,shoulder_cmd_rad,elbow_cmd_deg"
+    run = run_by_guess(csv_file(tmp_path, head, table))
+    np.testing.assert_allclose(run.position, POSITION)
+    np.testing.assert_allclose(run.velocity, speed / degrees)
+    np.testing.assert_allclose(run.command, COMMAND)
+    said = run_by_guess(csv_file(tmp_path, head, table), unit="rad")
+    np.testing.assert_allclose(said.position, degrees * POSITION)
+
+
+def test_columns_that_say_no_unit_follow_their_joint_then_the_other_joints(tmp_path: Path) -> None:
+    table = np.column_stack([TIME_MS, POSITION, COMMAND])
+    head = "t,shoulder_pos_deg,elbow_pos,shoulder_cmd,elbow_cmd"
+    run = run_by_guess(csv_file(tmp_path, head, table))
+    np.testing.assert_allclose(run.position, np.radians(POSITION))
+    np.testing.assert_allclose(run.command, np.radians(COMMAND))
+
+
 @pytest.mark.parametrize(("factors", "word"), [((57.3, 1.0), "measured"), ((1.0, 57.3), "comm")])
 def test_mixed_units_are_refused(tmp_path: Path, factors: tuple[float, float], word: str) -> None:
     measured, told = factors

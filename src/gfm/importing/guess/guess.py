@@ -12,12 +12,19 @@ from gfm.core import CommandKind, RecordingError
 from gfm.importing.formats import TABLE_FORMATS
 from gfm.importing.guess.clock import bag_time_lines, time_line
 from gfm.importing.guess.lines import Line, column_text, quoted, toml
-from gfm.importing.guess.names import DEGREES, words
 from gfm.importing.guess.order import in_followed_order
 from gfm.importing.guess.robot import Asked, Robot
 from gfm.importing.guess.signals import Signal, chosen, chosen_commands, signals_of
 from gfm.importing.guess.topics import bag_topics
-from gfm.importing.guess.units import Told, Unit, check_same_unit, to_rad, told_unit
+from gfm.importing.guess.units import (
+    Told,
+    Unit,
+    check_same_unit,
+    named_unit,
+    to_rad,
+    told_unit,
+    unit_of,
+)
 from gfm.importing.lerobot import TIMESTAMP, episodes
 from gfm.importing.tables import Table, read_table
 
@@ -161,7 +168,7 @@ def _joint_lines(
     kind: CommandKind,
 ) -> list[Line]:
     """Returns the tables of all joints; velocity and effort stand there for all or for none."""
-    unit = _unit(found, robot, asked, joints, kind)
+    common = _unit(found, robot, asked, joints, kind)
     optional = {
         other: chosen(found.signals, str(other), asked.use, told=False, kind=other)
         for other in (CommandKind.VELOCITY, CommandKind.EFFORT)
@@ -169,6 +176,7 @@ def _joint_lines(
     lines = []
     for position, command in joints:
         name = position.joint
+        unit = common if asked.unit else unit_of(position.column, common)
         lines += [
             Line(text="\n[[joints]]"),
             Line(text=f"name = {quoted(name)}", why=position.why),
@@ -177,7 +185,8 @@ def _joint_lines(
         for other, signals in optional.items():
             if all(one.joint in signals for one, _ in joints):
                 lines.append(_line(str(other), signals[name], other, unit, robot, found))
-        lines.append(_line("command", command, kind, unit, robot, found))
+        told = unit if asked.unit else unit_of(command.column, unit)
+        lines.append(_line("command", command, kind, told, robot, found))
     return lines
 
 
@@ -213,20 +222,27 @@ def _unit(
     joints: Sequence[tuple[Signal, Signal]],
     kind: CommandKind,
 ) -> Told:
-    """Returns the unit of all positions; measured and commanded ones have the same."""
+    """Returns the unit of positions whose names say none; commands have that of their joint."""
     values = {}
     for position, command in joints:
         if found.lerobot and _is_gripper(position):
             continue
         values[position.joint] = position.values(found.states)
-        if kind is CommandKind.POSITION:
+        if kind is CommandKind.POSITION and not _differ_by_name(position, command):
             told = command.values(found.commands)
             if found.states is found.commands:
                 check_same_unit(position.joint, values[position.joint], told)
             values[position.joint] = np.concatenate([values[position.joint], told])
     if asked.unit is not None:
         return Told(unit=Unit(asked.unit), why=f"{asked.unit}, as said")
-    named = {word for position, _ in joints for word in words(position.column)}
-    if named & DEGREES:
-        return Told(unit=Unit.DEGREES, why="degrees, as the name says")
-    return told_unit(values, robot, lerobot=found.lerobot)
+    named = {position.joint: named_unit(position.column) for position, _ in joints}
+    said = {unit for unit in named.values() if unit is not None}
+    if len(said) == 1:
+        return Told(unit=said.pop(), why="as the other joints' names say")
+    nameless = {joint: x for joint, x in values.items() if named[joint] is None}
+    return told_unit(nameless, robot, lerobot=found.lerobot)
+
+
+def _differ_by_name(position: Signal, command: Signal) -> bool:
+    """Returns whether a joint's columns are named with two units."""
+    return {named_unit(position.column), named_unit(command.column)} == {Unit.RAD, Unit.DEGREES}

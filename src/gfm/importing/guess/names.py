@@ -37,6 +37,7 @@ _OTHER = _words(
 #: Words of what was measured itself: such a column comes before one that was filtered or computed.
 MEASURED = _words("actual meas measured")
 DEGREES = _words("deg degree degrees")
+RADIANS = _words("rad radian radians")
 #: Words of joints' names that a file may leave out.
 _GENERIC = _words("axis joint link motor servo")
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from gfm.core import ConfigError
 from gfm.core.checks import Array
+from gfm.importing.guess.names import DEGREES, RADIANS, words
 from gfm.importing.guess.robot import Robot
 
 _TURN = 2.0 * np.pi
@@ -38,6 +39,20 @@ class Told:
 
     unit: Unit
     why: str
+
+
+def named_unit(column: str) -> Unit | None:
+    """Returns the unit that a column's name says."""
+    said = set(words(column))
+    if said & DEGREES:
+        return Unit.DEGREES
+    return Unit.RAD if said & RADIANS else None
+
+
+def unit_of(column: str, otherwise: Told) -> Told:
+    """Returns the unit that a column's name says, or another one where it says none."""
+    named = named_unit(column)
+    return Told(unit=named, why=f"{named}, as the name says") if named else otherwise
 
 
 def told_unit(values: Mapping[str, Array], robot: Robot, *, lerobot: bool) -> Told:
