@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from gfm.core import RecordingError
@@ -28,19 +30,35 @@ def time_line(table: Table) -> Line:
     Raises:
         RecordingError: no column is named as a time and increases by a robot's period.
     """
+    tried: dict[str, Array] = {}
     for name, cells in table.columns.items():
         said = set(words(name))
         if not said & _NAMES or not cells or isinstance(cells[0], list):
             continue
-        steps = np.diff(table.numbers(Column(column=name)))
+        tried[name] = table.numbers(Column(column=name))
+        steps = np.diff(tried[name])
         scale = _scale(said, steps)
         if scale is not None:
             period_ms = 1e3 * scale * float(np.median(steps))
             text = f"time = {column_text(name, None, scale)}"
             return Line(text=text, why=f"increases, by {period_ms:.4g} ms typically")
+    raise _no_time(table, tried)
+
+
+def _no_time(table: Table, tried: Mapping[str, Array]) -> RecordingError:
+    """Returns what keeps the first column that is named as a time from being one."""
+    for name, time in tried.items():
+        where, back = f"{table.where}: column {name}", np.flatnonzero(np.diff(time) <= 0)
+        if len(back):
+            row = int(back[0]) + 1
+            problem = f"row {row + 1} is {time[row]:.10g} after {time[row - 1]:.10g}"
+            return RecordingError(where, problem, "times that increase in every row")
+        step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+        expected = f"{_LEAST_S:g} to {_MOST_S:g} s, in s, ms, us or ns (a mapping gives any scale)"
+        return RecordingError(where, f"rows are {step:.3g} apart", expected)
     there = ", ".join(table.columns)
     expected = f"a column named as a time (time, t, stamp ...) that increases, among {there}"
-    raise RecordingError(table.where, "no column tells the time", expected)
+    return RecordingError(table.where, "no column tells the time", expected)
 
 
 def _scale(said: set[str], steps: Array) -> float | None:
