@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +19,8 @@ import scipy.io
 from gfm.core import ConfigError, RecordingError
 from gfm.core.extras import needed
 from gfm.importing import imported
+from gfm.importing.formats.csv_text import read_csv
+from gfm.importing.formats.json_rows import read_json
 from gfm.importing.mapping import Mapping, load_mapping
 
 BEGAN_NS = 1_700_000_000_123_456_789
@@ -105,6 +108,45 @@ def test_time_runs_along_the_longer_side_and_structures_have_fields(
     (trajectory,) = imported([tmp_path / "run.mat"], mapping(tmp_path, "mat", "log."))
     np.testing.assert_array_equal(trajectory.position, POSITION)
     assert trajectory.metadata["log.about"] == "an arm"
+
+
+TABLE = {"t": [0.0, 0.01], "q": [1.5, -2.0], "u": [0.25, 1e-3]}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t,q,u\n0.0,1.5,0.25\n0.01,-2.0,1e-3\n",
+        "\ufefft,q,u\r\n0.0,1.5,0.25\r\n0.01,-2.0,1e-3\r\n",
+        "t;q;u\n0.0;1.5;0.25\n0.01;-2.0;1e-3\n",
+        "t;q;u\n0,0;1,5;0,25\n0,01;-2,0;1,0e-3\n",
+        "t\tq\tu\n0.0\t1.5\t0.25\n0.01\t-2.0\t1e-3\n",
+        "# by hand\nt,q,u\n0.0,1.5,0.25\n0.01,-2.0,1e-3\n",
+        "# by NumPy\n# t q u\n0.0  1.5  0.25\n0.01 -2.0 1e-3\n",
+    ],
+)
+def test_a_table_may_be_separated_as_its_writer_likes(text: str) -> None:
+    cells = read_csv(text.encode(), "").cells
+    assert {name: [float(cell) for cell in cells[name]] for name in cells} == TABLE
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        json.dumps({"robot": "arm", **TABLE}),
+        "\n".join(
+            json.dumps(dict(zip(TABLE, row, strict=True)))
+            for row in zip(*TABLE.values(), strict=True)
+        ),
+    ],
+)
+def test_json_may_be_lists_or_a_row_in_every_line(text: str) -> None:
+    assert read_json(text.encode(), "").cells == TABLE
+
+
+def test_lists_of_a_comma_table_keep_their_commas() -> None:
+    text = 't;q\n0;"[1,2]"\n1;"[3,4]"\n'
+    assert read_csv(text.encode(), "").cells["q"] == ["[1,2]", "[3,4]"]
 
 
 def test_time_stamps_of_parquet_are_nanoseconds(tmp_path: Path) -> None:

@@ -286,6 +286,20 @@ def test_mixed_units_are_refused(tmp_path: Path, factors: tuple[float, float], w
         guess(path)
 
 
+@pytest.mark.parametrize(
+    ("time_s", "words"),
+    [
+        (np.where(np.arange(30) < 20, 0.01, 0.001) * np.arange(30), "row 21 is 0.02 after 0.19"),
+        (0.001 * np.repeat(np.arange(15), 2), "row 2 is 0 after 0"),
+        (1e-8 * np.arange(30), "rows are 1e-08 apart; expected 0.0002 to 0.2 s"),
+    ],
+)
+def test_a_clock_that_cannot_be_right_is_named(tmp_path: Path, time_s: Any, words: str) -> None:
+    path = csv_file(tmp_path, "time,q1,q2,u1,u2", np.column_stack([time_s, POSITION, COMMAND]))
+    with pytest.raises(RecordingError, match=f"column time: {words}"):
+        guess(path)
+
+
 def test_what_is_no_signal_is_passed_over(tmp_path: Path) -> None:
     table = np.column_stack([TIME_MS, POSITION, COMMAND, COMMAND])
     head = "t,q1,q2,q_des1,q_des2,torque_enable1,torque_enable2"
@@ -328,11 +342,11 @@ def test_what_no_name_tells_is_asked_for(tmp_path: Path, head: str, words: str) 
 
 
 def test_a_format_that_no_name_tells_is_asked_for(tmp_path: Path) -> None:
-    (tmp_path / "run.txt").write_text("t")
+    (tmp_path / "run.docx").write_text("t")
     with pytest.raises(RecordingError, match=r"absent\.csv: no such file"):
         guess(tmp_path / "absent.csv")
     with pytest.raises(RecordingError, match=r"name does not tell the format; expected \.csv"):
-        guess(tmp_path / "run.txt")
+        guess(tmp_path / "run.docx")
 
 
 def test_what_says_that_it_was_measured_comes_before_what_was_filtered(tmp_path: Path) -> None:

@@ -17,4 +17,7 @@ TABLE_FORMATS = {
     "parquet": read_parquet,
 }
 
-__all__ = ["TABLE_FORMATS", "Columns"]
+#: What else files of these formats are called.
+ALSO_NAMED = {"jsonl": "json", "ndjson": "json", "tsv": "csv", "txt": "csv"}
+
+__all__ = ["ALSO_NAMED", "TABLE_FORMATS", "Columns"]

@@ -1,19 +1,27 @@
-"""JSON: a list of rows, alone or under a key of a document."""
+"""JSON: a list of rows, alone, under a key of a document, or a line each; or lists as columns."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from typing import Any
 
-from gfm.importing.formats.columns import Columns
+import numpy as np
+
+from gfm.importing.formats.columns import Columns, columns_of_arrays
 
 
 def read_json(content: bytes, key: str) -> Columns:
     """Returns the columns of the rows under `key`; the rest of the document is the header.
 
-    Without a key they are the document, or its only list of rows.
+    Without a key they are the document, or its only list of rows; where it has no rows, its lists
+    are columns.
     """
-    document = json.loads(content.decode())
-    key = key or _only_list(document)
+    document: Any = _document(content.decode())
+    if isinstance(document, dict) and not key:
+        key = _only_list(document)
+        if not key:
+            return _lists(document)
     rows = document[key] if key else document
     if not rows:
         return Columns()
@@ -25,10 +33,24 @@ def read_json(content: bytes, key: str) -> Columns:
     return Columns(cells={name: [row[name] for row in rows] for name in names}, header=header)
 
 
-def _only_list(document: object) -> str:
-    if not isinstance(document, dict):
-        return ""
+def _document(text: str) -> object:
+    """Returns what a text holds: one document, or a row in every line."""
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError:
+        lines = [line for line in text.splitlines() if line.strip()]
+        if len(lines) < 2 or not lines[0].rstrip().endswith("}"):
+            raise
+        return [json.loads(line) for line in lines]
+
+
+def _only_list(document: Mapping[str, Any]) -> str:
+    """Returns the key of a document's rows; none where it has no list of them."""
     lists = [k for k, v in document.items() if isinstance(v, list) and v and isinstance(v[0], dict)]
-    if len(lists) != 1:
+    if len(lists) > 1:
         raise ValueError(f"rows under one of {', '.join(document)}? `rows` says which")
-    return str(lists[0])
+    return lists[0] if lists else ""
+
+
+def _lists(document: Mapping[str, Any]) -> Columns:
+    return columns_of_arrays({name: np.asarray(value) for name, value in document.items()})

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gfm.core import CommandKind, RecordingError
-from gfm.importing.formats import TABLE_FORMATS
+from gfm.importing.formats import ALSO_NAMED, TABLE_FORMATS
 from gfm.importing.guess.clock import bag_time_lines, time_line
 from gfm.importing.guess.lines import Line, column_text, quoted, toml
 from gfm.importing.guess.order import in_followed_order
@@ -92,17 +92,21 @@ def _opener(path: Path) -> Callable[[Path, Robot, Asked], _Found]:
         return _dataset
     if path.is_dir() or path.suffix in _BAGS:
         return _bag
-    suffix = path.with_suffix("").suffix if path.suffix == ".gz" else path.suffix
-    if suffix.removeprefix(".") in TABLE_FORMATS:
+    if _table_format(path) in TABLE_FORMATS:
         return _table
-    known = ", ".join(f".{name}" for name in TABLE_FORMATS)
+    known = ", ".join(f".{name}" for name in (*TABLE_FORMATS, *ALSO_NAMED))
     expected = f"{known}, {', '.join(_BAGS)}, or the folder of a bag or a LeRobot dataset"
     raise RecordingError(str(path), "its name does not tell the format", expected)
 
 
-def _table(path: Path, robot: Robot, _asked: Asked) -> _Found:
+def _table_format(path: Path) -> str:
     plain = path.with_suffix("") if path.suffix == ".gz" else path
-    file_format = plain.suffix.removeprefix(".")
+    name = plain.suffix.removeprefix(".")
+    return ALSO_NAMED.get(name, name)
+
+
+def _table(path: Path, robot: Robot, _asked: Asked) -> _Found:
+    file_format = _table_format(path)
     table = read_table(path, file_format)
     head = [Line(text=f"format = {quoted(file_format)}", why="its name"), time_line(table)]
     signals = signals_of(table, robot)
