@@ -300,6 +300,22 @@ def test_a_clock_that_cannot_be_right_is_named(tmp_path: Path, time_s: Any, word
         guess(path)
 
 
+def test_joints_that_the_model_lacks_are_named_as_not_read(tmp_path: Path) -> None:
+    table = np.column_stack([TIME_MS, POSITION, COMMAND, TIME_MS])
+    head = "t,shoulder_pos,wrist_pos,shoulder_cmd,wrist_cmd,battery"
+    one = Robot(joints=("shoulder",), command_kind=CommandKind.POSITION)
+    assert "\n# not read: wrist_pos, wrist_cmd\n" in guess(csv_file(tmp_path, head, table), one)
+    whole = csv_file(tmp_path, "t,q1,q2,q_des1,q_des2", table[:, :5])
+    assert "not read" not in guess(whole)
+    fingers = np.ones((30, 11))
+    head = ",".join(["t,q_shoulder,goal_shoulder", *(f"q_finger{i}" for i in range(11))])
+    text = guess(
+        csv_file(tmp_path, head, np.column_stack([table[:, :2], COMMAND[:, 0], fingers])), one
+    )
+    assert "q_finger7 and 3 more" in text
+    assert "q_finger8" not in text
+
+
 def test_what_is_no_signal_is_passed_over(tmp_path: Path) -> None:
     table = np.column_stack([TIME_MS, POSITION, COMMAND, COMMAND])
     head = "t,q1,q2,q_des1,q_des2,torque_enable1,torque_enable2"

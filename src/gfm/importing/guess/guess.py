@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from gfm.core import CommandKind, RecordingError
 from gfm.importing.formats import ALSO_NAMED, TABLE_FORMATS
 from gfm.importing.guess.clock import bag_time_lines, time_line
 from gfm.importing.guess.lines import Line, column_text, quoted, toml
+from gfm.importing.guess.names import role_of, words
 from gfm.importing.guess.order import in_followed_order
 from gfm.importing.guess.robot import Asked, Robot
 from gfm.importing.guess.signals import Signal, chosen, chosen_commands, signals_of
@@ -29,6 +31,8 @@ from gfm.importing.lerobot import TIMESTAMP, episodes
 from gfm.importing.tables import Table, read_table
 
 _BAGS = (".bag", ".db3", ".mcap")
+#: Of columns that are not read so many are named.
+_NAMED = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,13 +77,16 @@ def guessed_mapping(path: Path, robot: Robot, asked: Asked) -> str:
     joints = [name for name in robot.joints if name in position and name in command]
     if not joints:
         raise _no_joints(path, robot, found, position)
+    pairs = [(position[joint], command[joint]) for joint in joints]
+    optional = _optional(found, asked, joints)
     lines = [
         Line(text="", why=f"guessed from {path.name}; check it"),
         *found.head,
         Line(text=f"command_kind = {quoted(kind)}", why=why),
         *_left_out(robot, joints),
+        *_not_read(found, [*itertools.chain(*pairs), *itertools.chain(*optional.values())]),
         *found.tail,
-        *_joint_lines(found, robot, asked, [(position[j], command[j]) for j in joints], kind),
+        *_joint_lines(found, robot, asked, pairs, kind, optional),
     ]
     return toml(lines)
 
@@ -164,21 +171,44 @@ def _left_out(robot: Robot, joints: Sequence[str]) -> list[Line]:
     return [Line(text="", why=text)] if absent else []
 
 
+def _not_read(found: _Found, read: Sequence[Signal]) -> list[Line]:
+    """Returns which columns look like signals and are not read: joints that the model lacks."""
+    tables = [found.states] if found.states is found.commands else [found.states, found.commands]
+    columns = dict.fromkeys(name for table in tables for name in table.columns)
+    taken = {name for signal in read for name in (signal.column, *signal.before)}
+    others = [name for name in columns if name not in taken and role_of(words(name))]
+    more = f" and {len(others) - _NAMED} more" if len(others) > _NAMED else ""
+    text = f"not read: {', '.join(others[:_NAMED])}{more}"
+    return [Line(text="", why=text)] if others else []
+
+
+def _optional(
+    found: _Found, asked: Asked, joints: Sequence[str]
+) -> dict[CommandKind, list[Signal]]:
+    """Returns measured velocities and efforts, each for all joints or not at all."""
+    signals = {
+        other: chosen(found.signals, str(other), asked.use, told=False, kind=other)
+        for other in (CommandKind.VELOCITY, CommandKind.EFFORT)
+    }
+    return {
+        other: [there[joint] for joint in joints]
+        for other, there in signals.items()
+        if all(joint in there for joint in joints)
+    }
+
+
 def _joint_lines(
     found: _Found,
     robot: Robot,
     asked: Asked,
     joints: Sequence[tuple[Signal, Signal]],
     kind: CommandKind,
+    optional: Mapping[CommandKind, Sequence[Signal]],
 ) -> list[Line]:
-    """Returns the tables of all joints; velocity and effort stand there for all or for none."""
+    """Returns the tables of all joints."""
     common = _unit(found, robot, asked, joints, kind)
-    optional = {
-        other: chosen(found.signals, str(other), asked.use, told=False, kind=other)
-        for other in (CommandKind.VELOCITY, CommandKind.EFFORT)
-    }
     lines = []
-    for position, command in joints:
+    for number, (position, command) in enumerate(joints):
         name = position.joint
         unit = common if asked.unit else unit_of(position.column, common)
         lines += [
@@ -187,8 +217,7 @@ def _joint_lines(
             _line("position", position, CommandKind.POSITION, unit, robot, found),
         ]
         for other, signals in optional.items():
-            if all(one.joint in signals for one, _ in joints):
-                lines.append(_line(str(other), signals[name], other, unit, robot, found))
+            lines.append(_line(str(other), signals[number], other, unit, robot, found))
         told = unit if asked.unit else unit_of(command.column, unit)
         lines.append(_line("command", command, kind, told, robot, found))
     return lines
