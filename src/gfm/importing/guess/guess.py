@@ -4,56 +4,25 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from gfm.core import CommandKind, RecordingError
 from gfm.importing.formats import ALSO_NAMED, TABLE_FORMATS
 from gfm.importing.guess.clock import bag_time_lines, time_line
-from gfm.importing.guess.lines import Line, column_text, quoted, toml
+from gfm.importing.guess.found import Found
+from gfm.importing.guess.joints import joint_lines
+from gfm.importing.guess.lines import Line, quoted, toml
 from gfm.importing.guess.names import role_of, words
 from gfm.importing.guess.order import in_followed_order
 from gfm.importing.guess.robot import Asked, Robot
 from gfm.importing.guess.signals import Signal, chosen, chosen_commands, signals_of
 from gfm.importing.guess.topics import bag_topics
-from gfm.importing.guess.units import (
-    Told,
-    Unit,
-    check_same_unit,
-    named_unit,
-    to_rad,
-    told_unit,
-    unit_of,
-)
 from gfm.importing.lerobot import TIMESTAMP, episodes
 from gfm.importing.tables import Table, read_table
 
 _BAGS = (".bag", ".db3", ".mcap")
 #: Of columns that are not read so many are named.
 _NAMED = 8
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Found:
-    """What a file holds.
-
-    Attributes:
-        head: Lines of format and time.
-        tail: Lines of topics.
-        states: Table of the measurements.
-        commands: Table of the commands.
-        signals: Of both.
-        lerobot: Written by LeRobot.
-    """
-
-    head: Sequence[Line]
-    tail: Sequence[Line] = ()
-    states: Table
-    commands: Table
-    signals: Sequence[Signal]
-    lerobot: bool = False
 
 
 def guessed_mapping(path: Path, robot: Robot, asked: Asked) -> str:
@@ -86,12 +55,12 @@ def guessed_mapping(path: Path, robot: Robot, asked: Asked) -> str:
         *_left_out(robot, joints),
         *_not_read(found, [*itertools.chain(*pairs), *itertools.chain(*optional.values())]),
         *found.tail,
-        *_joint_lines(found, robot, asked, pairs, kind, optional),
+        *joint_lines(found, robot, asked, pairs, kind, optional),
     ]
     return toml(lines)
 
 
-def _opener(path: Path) -> Callable[[Path, Robot, Asked], _Found]:
+def _opener(path: Path) -> Callable[[Path, Robot, Asked], Found]:
     """Returns what reads a file, by its name."""
     if not path.exists():
         raise RecordingError(str(path), "no such file", "a table, a bag or a dataset")
@@ -112,15 +81,15 @@ def _table_format(path: Path) -> str:
     return ALSO_NAMED.get(name, name)
 
 
-def _table(path: Path, robot: Robot, _asked: Asked) -> _Found:
+def _table(path: Path, robot: Robot, _asked: Asked) -> Found:
     file_format = _table_format(path)
     table = read_table(path, file_format)
     head = [Line(text=f"format = {quoted(file_format)}", why="its name"), time_line(table)]
     signals = signals_of(table, robot)
-    return _Found(head=head, states=table, commands=table, signals=signals)
+    return Found(head=head, states=table, commands=table, signals=signals)
 
 
-def _dataset(path: Path, robot: Robot, _asked: Asked) -> _Found:
+def _dataset(path: Path, robot: Robot, _asked: Asked) -> Found:
     tables = [table for _, table in episodes(path)]
     first = tables[0]
     joined = {name: [x for one in tables for x in one.columns[name]] for name in first.columns}
@@ -130,10 +99,10 @@ def _dataset(path: Path, robot: Robot, _asked: Asked) -> _Found:
         Line(text=f"time = {quoted(TIMESTAMP)}", why="frame number / fps: planned, not measured"),
     ]
     signals = signals_of(table, robot)
-    return _Found(head=head, states=table, commands=table, signals=signals, lerobot=True)
+    return Found(head=head, states=table, commands=table, signals=signals, lerobot=True)
 
 
-def _bag(path: Path, robot: Robot, asked: Asked) -> _Found:
+def _bag(path: Path, robot: Robot, asked: Asked) -> Found:
     states, commands = bag_topics(path, robot, asked.use)
     measured = [one for one in states.signals if not one.role.told]
     told = [one for one in commands.signals if one.role.told]
@@ -146,7 +115,7 @@ def _bag(path: Path, robot: Robot, asked: Asked) -> _Found:
         Line(text=f"states = {quoted(states.name)}", why=f"{states.kind} with joints of the model"),
         Line(text=f"commands = {quoted(commands.name)}", why=f"{commands.kind}: what was told"),
     ]
-    return _Found(
+    return Found(
         head=head,
         tail=tail,
         states=states.table,
@@ -156,7 +125,7 @@ def _bag(path: Path, robot: Robot, asked: Asked) -> _Found:
 
 
 def _no_joints(
-    path: Path, robot: Robot, found: _Found, position: Mapping[str, Signal]
+    path: Path, robot: Robot, found: Found, position: Mapping[str, Signal]
 ) -> RecordingError:
     what = "position and command" if position else "position"
     columns = ", ".join(dict.fromkeys([*found.states.columns, *found.commands.columns]))
@@ -171,7 +140,7 @@ def _left_out(robot: Robot, joints: Sequence[str]) -> list[Line]:
     return [Line(text="", why=text)] if absent else []
 
 
-def _not_read(found: _Found, read: Sequence[Signal]) -> list[Line]:
+def _not_read(found: Found, read: Sequence[Signal]) -> list[Line]:
     """Returns which columns look like signals and are not read: joints that the model lacks."""
     tables = [found.states] if found.states is found.commands else [found.states, found.commands]
     columns = dict.fromkeys(name for table in tables for name in table.columns)
@@ -182,9 +151,7 @@ def _not_read(found: _Found, read: Sequence[Signal]) -> list[Line]:
     return [Line(text="", why=text)] if others else []
 
 
-def _optional(
-    found: _Found, asked: Asked, joints: Sequence[str]
-) -> dict[CommandKind, list[Signal]]:
+def _optional(found: Found, asked: Asked, joints: Sequence[str]) -> dict[CommandKind, list[Signal]]:
     """Returns measured velocities and efforts, each for all joints or not at all."""
     signals = {
         other: chosen(found.signals, str(other), asked.use, told=False, kind=other)
@@ -195,87 +162,3 @@ def _optional(
         for other, there in signals.items()
         if all(joint in there for joint in joints)
     }
-
-
-def _joint_lines(
-    found: _Found,
-    robot: Robot,
-    asked: Asked,
-    joints: Sequence[tuple[Signal, Signal]],
-    kind: CommandKind,
-    optional: Mapping[CommandKind, Sequence[Signal]],
-) -> list[Line]:
-    """Returns the tables of all joints."""
-    common = _unit(found, robot, asked, joints, kind)
-    lines = []
-    for number, (position, command) in enumerate(joints):
-        name = position.joint
-        unit = common if asked.unit else unit_of(position.column, common)
-        lines += [
-            Line(text="\n[[joints]]"),
-            Line(text=f"name = {quoted(name)}", why=position.why),
-            _line("position", position, CommandKind.POSITION, unit, robot, found),
-        ]
-        for other, signals in optional.items():
-            lines.append(_line(str(other), signals[number], other, unit, robot, found))
-        told = unit if asked.unit else unit_of(command.column, unit)
-        lines.append(_line("command", command, kind, told, robot, found))
-    return lines
-
-
-def _line(
-    key: str, signal: Signal, kind: CommandKind, unit: Told, robot: Robot, found: _Found
-) -> Line:
-    percent = found.lerobot and _is_gripper(signal) and unit.unit is not Unit.RAD
-    scale, offset = to_rad(unit.unit, signal.joint, robot, percent=percent)
-    if kind is CommandKind.EFFORT:
-        scale, offset, why = 1.0, 0.0, "taken as N m"
-    elif percent:
-        why = "0 to 100 over the model's range, as LeRobot counts grippers"
-    else:
-        why = unit.why
-    if kind is CommandKind.VELOCITY:
-        offset, why = 0.0, f"{unit.unit} per second, as positions are {unit.unit}"
-    if key == "command" and signal.counted:
-        why = f"{signal.why}; {why}"
-    if signal.before:
-        why = f"{why}; rather than {', '.join(signal.before)}, it says measured"
-    text = f"{key} = {column_text(signal.column, signal.index, scale, offset)}"
-    return Line(text=text, why=why)
-
-
-def _is_gripper(signal: Signal) -> bool:
-    return "gripper" in signal.column.lower() or "gripper" in signal.joint.lower()
-
-
-def _unit(
-    found: _Found,
-    robot: Robot,
-    asked: Asked,
-    joints: Sequence[tuple[Signal, Signal]],
-    kind: CommandKind,
-) -> Told:
-    """Returns the unit of positions whose names say none; commands have that of their joint."""
-    values = {}
-    for position, command in joints:
-        if found.lerobot and _is_gripper(position):
-            continue
-        values[position.joint] = position.values(found.states)
-        if kind is CommandKind.POSITION and not _differ_by_name(position, command):
-            told = command.values(found.commands)
-            if found.states is found.commands:
-                check_same_unit(position.joint, values[position.joint], told)
-            values[position.joint] = np.concatenate([values[position.joint], told])
-    if asked.unit is not None:
-        return Told(unit=Unit(asked.unit), why=f"{asked.unit}, as said")
-    named = {position.joint: named_unit(position.column) for position, _ in joints}
-    said = {unit for unit in named.values() if unit is not None}
-    if len(said) == 1:
-        return Told(unit=said.pop(), why="as the other joints' names say")
-    nameless = {joint: x for joint, x in values.items() if named[joint] is None}
-    return told_unit(nameless, robot, lerobot=found.lerobot)
-
-
-def _differ_by_name(position: Signal, command: Signal) -> bool:
-    """Returns whether a joint's columns are named with two units."""
-    return {named_unit(position.column), named_unit(command.column)} == {Unit.RAD, Unit.DEGREES}
