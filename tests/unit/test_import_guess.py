@@ -302,7 +302,7 @@ def test_a_clock_that_cannot_be_right_is_named(tmp_path: Path, time_s: Any, word
 
 def test_joints_that_the_model_lacks_are_named_as_not_read(tmp_path: Path) -> None:
     table = np.column_stack([TIME_MS, POSITION, COMMAND, TIME_MS])
-    head = "t,shoulder_pos,wrist_pos,shoulder_cmd,wrist_cmd,battery"
+    head = "t,shoulder_pos,wrist_pos,shoulder_cmd,wrist_cmd,voltage"
     one = Robot(joints=("shoulder",), command_kind=CommandKind.POSITION)
     assert "\n# not read: wrist_pos, wrist_cmd\n" in guess(csv_file(tmp_path, head, table), one)
     whole = csv_file(tmp_path, "t,q1,q2,q_des1,q_des2", table[:, :5])

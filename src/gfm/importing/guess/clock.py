@@ -14,7 +14,7 @@ from gfm.importing.mapping import Column
 from gfm.importing.ros_bag import LOG_TIME, STAMP
 from gfm.importing.tables import Table
 
-_NAMES = frozenset(
+TIMES = frozenset(
     ("seconds", "secs", "stamp", "t", "time", "times", "timestamp", "timestamps", "ts")
 )
 _UNITS = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0}
@@ -33,7 +33,7 @@ def time_line(table: Table) -> Line:
     tried: dict[str, Array] = {}
     for name, cells in table.columns.items():
         said = set(words(name))
-        if not said & _NAMES or not cells or isinstance(cells[0], list):
+        if not said & TIMES or not cells or isinstance(cells[0], list):
             continue
         tried[name] = table.numbers(Column(column=name))
         steps = np.diff(tried[name])

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from gfm.core import CommandKind, RecordingError
 from gfm.importing.formats import ALSO_NAMED, TABLE_FORMATS
-from gfm.importing.guess.clock import bag_time_lines, time_line
+from gfm.importing.guess.clock import TIMES, bag_time_lines, time_line
 from gfm.importing.guess.found import Found
 from gfm.importing.guess.joints import joint_lines
 from gfm.importing.guess.lines import Line, quoted, toml
-from gfm.importing.guess.names import role_of, words
+from gfm.importing.guess.names import OTHER, words
 from gfm.importing.guess.order import in_followed_order
 from gfm.importing.guess.robot import Asked, Robot
 from gfm.importing.guess.signals import Signal, chosen, chosen_commands, signals_of
@@ -141,11 +141,12 @@ def _left_out(robot: Robot, joints: Sequence[str]) -> list[Line]:
 
 
 def _not_read(found: Found, read: Sequence[Signal]) -> list[Line]:
-    """Returns which columns look like signals and are not read: joints that the model lacks."""
+    """Returns which columns are not read that might be signals: of joints that the model lacks."""
     tables = [found.states] if found.states is found.commands else [found.states, found.commands]
     columns = dict.fromkeys(name for table in tables for name in table.columns)
     taken = {name for signal in read for name in (signal.column, *signal.before)}
-    others = [name for name in columns if name not in taken and role_of(words(name))]
+    no_signal = OTHER | TIMES
+    others = [name for name in columns if name not in taken and not no_signal & {*words(name)}]
     more = f" and {len(others) - _NAMED} more" if len(others) > _NAMED else ""
     text = f"not read: {', '.join(others[:_NAMED])}{more}"
     return [Line(text="", why=text)] if others else []

@@ -30,7 +30,7 @@ _PLAIN = _words(
     "state states"
 )
 #: Words of what is neither of the three kinds, whatever else is named.
-_OTHER = _words(
+OTHER = _words(
     "acc acceleration accelerations current duty enable enabled err error gain index kd kp load "
     "max min pwm stamp temp temperature time timestamp voltage"
 )
@@ -69,7 +69,7 @@ def role_of(rest: Sequence[str], *, told: bool = False) -> Role | None:
         told: It was told, whatever they say.
     """
     said = {word for word in rest if not word.isdigit()}
-    if said & _OTHER:
+    if said & OTHER:
         return None
     told = told or bool(said & TOLD)
     kind = next((kind for kind, named in _KINDS.items() if said & named), None)
