@@ -9,7 +9,6 @@ Shape letters: S segments, K time steps, R joints of the robot.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -23,6 +22,7 @@ from gfm.effects import EffectInstance
 from gfm.effects.objects import free_body
 from gfm.sim.layout import SCALAR
 from gfm.sim.plant import native_spec
+from gfm.sim.processors import processors
 
 #: Inertia of every joint of the robot, kg m^2: forces of a hand's push move it by nanometres.
 IMMOVABLE = 1e5
@@ -151,7 +151,7 @@ def run(stage: Stage, settings: Sequence[Setting]) -> Array:
     """
     steps = max(len(setting.robot) for setting in settings) - 2
     forces = np.stack([carrying_forces(stage, setting, steps) for setting in settings])
-    data = [mujoco.MjData(stage.model) for _ in range(min(os.cpu_count() or 1, len(settings)))]
+    data = [mujoco.MjData(stage.model) for _ in range(min(processors(), len(settings)))]
     states, _ = rollout.rollout(
         stage.model,
         data,

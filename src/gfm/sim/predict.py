@@ -5,7 +5,6 @@ Shape letters: T measurements of a segment, J joints, K time steps.
 
 from __future__ import annotations
 
-import os
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
@@ -23,6 +22,7 @@ from gfm.sim.instants import sensors_at, states_at, states_before
 from gfm.sim.late_servos import Feedback, LateServos, late_servos
 from gfm.sim.motor_sides import ahead_of_link, motor_of
 from gfm.sim.plant import Plant, drive_dofs, with_servo_gain
+from gfm.sim.processors import processors
 from gfm.sim.segment import Prediction, Segment
 from gfm.sim.step_laws import LawsAtWork, Moment, StepLaws, step_laws
 
@@ -71,9 +71,9 @@ def predict(
         segments: What to predict.
         in_force: Under which commands of nearly the same stamp efforts are told.
         efforts: Whether to tell them where none were measured, too.
-        threads: On how many to simulate; as many as there are processors by default.
+        threads: On how many to simulate; as many as there are processors for it by default.
     """
-    settings = _Settings(threads=threads or os.cpu_count() or 1, in_force=in_force, efforts=efforts)
+    settings = _Settings(threads=threads or processors(), in_force=in_force, efforts=efforts)
     answers: list[list[Prediction | None]] = [[None] * len(segments) for _ in plants]
     for jobs in _batches(plants, segments):
         run = _step_by_step if jobs[0].plant.stepwise else _rollout
