@@ -3,7 +3,8 @@
     python benchmarks/install.py --page docs/results/install.md
 
 Each installation is a new environment in a temporary folder, filled by pip from where it is set up
-to take packages from, without its cache.
+to take packages from, without its cache: first all wheels are fetched or built, then installed.
+What the page says of what could be dropped is written by hand, and stays.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ EXTRAS = {
 #: What is asked of the core.
 MOST_MB, MOST_S, MOST_IMPORT_S, MOST_HELP_S = 250, 60, 0.5, 0.3
 _TRIES = 7
+_BY_HAND = "\n## What could be dropped\n"
 _SHOWN = 12
 
 
@@ -132,6 +134,7 @@ def sizes_mb(packages: Path) -> dict[str, float]:
 
 def page(installations: Sequence[Installation]) -> str:
     """Returns the page of results."""
+    core = installations[0]
     rows = [
         f"| {one.name} | `{','.join(one.extras)}` | {one.wheels_mb:.0f} | {one.total_mb:.0f} "
         f"| {one.took_s:.0f} "
@@ -142,8 +145,8 @@ def page(installations: Sequence[Installation]) -> str:
     parts = "\n".join(_largest(one) for one in installations)
     return f"""# What an installation takes
 
-A new environment, filled by `pip install 'gfm-sim2real[EXTRAS]'` without a cache, on
-{platform.machine()} with Python {platform.python_version()} beside other work,
+A new environment, filled by pip without a cache (first all wheels, then from these), on
+{platform.machine()} with Python {platform.python_version()} beside other work, \
 {time.strftime("%Y-%m-%d")}, at commit {commit()}:
 
     python benchmarks/install.py --page docs/results/install.md
@@ -153,11 +156,18 @@ A new environment, filled by `pip install 'gfm-sim2real[EXTRAS]'` without a cach
 {chr(10).join(rows)}
 {asked}
 
-The core diagnoses, imports tables (CSV, JSON, NumPy) and writes reports. `formats` adds Parquet
-and LeRobot, MATLAB 7.3 and ROS bags. pip's time is that of this machine's line. Times of commands
-are by the clock and, in brackets, of a processor, each the least of {_TRIES}: what is more is other
-work.
+So {core.wheels_mb:.0f} MB go over the line, and {core.total_mb:.0f} MB lie on the disk.
+
+The core diagnoses, imports tables (CSV, JSON, NumPy) and writes reports; it has neither torch nor
+zenoh. `lerobot` adds LeRobot datasets and Parquet, `formats` MATLAB 7.3 and ROS bags as well,
+`learn` what `gfm fit` and `gfm train` start. Times are by the clock and, in brackets, of a
+processor, each the least of {_TRIES}: the rest is waiting for other work.
 {parts}"""
+
+
+def with_words(text: str, old: str) -> str:
+    """Returns a page with what was written by hand at the end of the old one."""
+    return text + "".join(old.partition(_BY_HAND)[1:])
 
 
 def _largest(one: Installation) -> str:
@@ -187,7 +197,8 @@ def main() -> int:
     text = page(made)
     print(text)
     if arguments.page is not None:
-        arguments.page.write_text(text)
+        old = arguments.page.read_text() if arguments.page.exists() else ""
+        arguments.page.write_text(with_words(text, old))
     core = made[0]
     kept = (
         core.total_mb <= MOST_MB,
