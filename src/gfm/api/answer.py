@@ -126,7 +126,8 @@ class Diagnosis:
             plots = [one for one in self.answer.plots if one.effect == effect]
             shown = evidence(replace(self.answer, plots=tuple(plots)), SERIES_POINTS)
             if not shown:
-                raise UnknownNameError("effect", effect, {one.effect for one in self.answer.plots})
+                there = {one.effect for one in self.answer.plots if one.effect}
+                raise UnknownNameError("effect", effect, there)
             picture = shown[0]
         return picture.figure.update_layout(title_text=picture.title, margin_t=72)
 
