@@ -39,10 +39,10 @@ Message = tuple[str, str, int, Any]
 class Maker:
     """Makes messages of one ROS version."""
 
-    def __init__(self, ros: int) -> None:
+    def __init__(self, ros: int, state_text: str = CONTROLLER_STATE_TEXT) -> None:
         self.ros = ros
         self.store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
-        self.store.register(get_types_from_msg(CONTROLLER_STATE_TEXT, CONTROLLER_STATE))
+        self.store.register(get_types_from_msg(state_text, CONTROLLER_STATE))
 
     def make(self, kind: str, **fields: Any) -> Any:
         return self.store.types[kind](**fields)
@@ -103,8 +103,13 @@ def writer(folder: Path, kind: str) -> Iterator[tuple[Any, Path]]:
         yield open_writer, folder / "run"
 
 
-def write(folder: Path, kind: str, messages: Callable[[Maker], list[Message]]) -> Path:
-    maker = Maker(1 if kind == "bag" else 2)
+def write(
+    folder: Path,
+    kind: str,
+    messages: Callable[[Maker], list[Message]],
+    state_text: str = CONTROLLER_STATE_TEXT,
+) -> Path:
+    maker = Maker(1 if kind == "bag" else 2, state_text)
     serialize = maker.store.serialize_ros1 if kind == "bag" else maker.store.serialize_cdr
     with writer(folder, kind) as (to, path):
         connections: dict[str, Any] = {}

@@ -13,6 +13,7 @@ import pytest
 
 from gfm.core import CommandKind, RecordingError
 from gfm.importing import imported
+from gfm.importing.controller_state import LAYOUTS
 from gfm.importing.mapping import Mapping, load_mapping
 from gfm.importing.ros_bag import read_bag
 from gfm.recording import read_recording
@@ -178,16 +179,61 @@ def test_a_damaged_bag_is_read_or_refused(tmp_path: Path, kind: str) -> None:
             list(imported([path], told))
 
 
-def test_types_that_an_old_bag_does_not_define_are_those_of_ros_2(tmp_path: Path) -> None:
-    path = write(tmp_path, "db3", lambda maker: states(maker) + controller_states(maker))
+def old_bag(tmp_path: Path, layout: str, messages: Callable[[Maker], list[Message]]) -> Path:
+    """A bag in sqlite3 as ROS 2 Humble writes it: without definitions."""
+    path = write(tmp_path, "db3", messages, layout)
     with contextlib.closing(sqlite3.connect(next(path.glob("*.db3")))) as database:
         database.execute("DELETE FROM message_definitions")
         database.commit()
-    bag = read_bag(path)
-    assert set(bag.rows) == {"/arm/joint_states"}
+    return path
+
+
+def laid_out(layout: str) -> Callable[[Maker], list[Message]]:
+    """States of a controller that are told 1, measured 2, and have as many points as a layout."""
+    values = {"desired": 1.0, "reference": 1.0, "actual": 2.0, "feedback": 2.0, "error": -1.0}
+
+    def filled(maker: Maker, kind: str, name: str) -> Any:
+        if kind == "string[]":
+            return []
+        kind = kind.replace("/", "/msg/")
+        if "MultiDOF" in kind:
+            took = maker.make("builtin_interfaces/msg/Duration", sec=0, nanosec=0)
+            return maker.make(
+                kind, transforms=[], velocities=[], accelerations=[], time_from_start=took
+            )
+        return maker.point([values[name]] * 2 if name in values else [])
+
+    def made(maker: Maker) -> list[Message]:
+        fields = [line.split() for line in layout.splitlines()[2:]]
+        rest = {name: filled(maker, kind, name) for kind, name in fields}
+        one = maker.make(
+            CONTROLLER_STATE, header=maker.header(STAMP_NS[0]), joint_names=JOINTS, **rest
+        )
+        return [("/arm/state", CONTROLLER_STATE, int(STAMP_NS[0]), one)]
+
+    return made
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_an_old_bag_is_read_by_the_layout_that_its_messages_have(
+    tmp_path: Path, layout: str
+) -> None:
+    bag = read_bag(old_bag(tmp_path, layout, lambda m: states(m) + laid_out(layout)(m)))
+    assert len(bag.rows["/arm/joint_states"]) == len(STAMP_NS)
+    (row,) = bag.rows["/arm/state"]
+    told, measured = ("reference", "feedback") if "reference" in layout else ("desired", "actual")
+    assert {row[f"{told}.positions.{joint}"] for joint in JOINTS} == {1.0}
+    assert {row[f"{measured}.positions.{joint}"] for joint in JOINTS} == {2.0}
+    assert {column.partition(".")[0] for column in row} == {"log_time", "stamp", told, measured}
+
+
+def test_an_old_bag_with_states_of_another_layout_is_refused(tmp_path: Path) -> None:
+    layout = f"{LAYOUTS[0]}\ntrajectory_msgs/JointTrajectoryPoint more"
+    path = old_bag(tmp_path, layout, lambda maker: states(maker) + laid_out(layout)(maker))
+    assert set(read_bag(path).rows) == {"/arm/joint_states"}
     named = ("desired.positions.elbow", "desired.positions.shoulder")
-    words = refusal(path, mapping(tmp_path, named))
-    assert f"topic /arm/commands: is {CONTROLLER_STATE}, which the bag does not define" in words
+    words = refusal(path, mapping(tmp_path, named, topics=("/arm/joint_states", "/arm/state")))
+    assert f"topic /arm/state: is {CONTROLLER_STATE}, which the bag does not define" in words
 
 
 def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from gfm.core import RecordingError
 from gfm.core.extras import needed
+from gfm.importing.controller_state import define_controller_state
 from gfm.importing.mapping import Topics
 from gfm.importing.ros_messages import ROW_OF, Row
 from gfm.importing.tables import Table
@@ -98,6 +99,7 @@ def read_bag(path: Path, topics: Collection[str] | None = None) -> Bag:
     highlevel = needed("rosbags.highlevel", "ROS bags need", "formats")
     try:
         with highlevel.AnyReader([path], default_typestore=_definitions()) as reader:
+            define_controller_state(reader, _definitions)
             types = {c.topic: str(c.msgtype) for c in reader.connections}
             rows = {topic: list[Row]() for topic in (types if topics is None else sorted(topics))}
             problems = {t: p for t in rows if (p := _problem(path, t, types, reader)) is not None}

@@ -50,9 +50,13 @@ def _trajectory(message: Message) -> Row:
 
 
 def _controller_state(message: Message) -> Row:
-    """Returns all points of a state: desired and actual, or reference, feedback, output."""
+    """Returns all points of a state: reference, feedback and output, or desired and actual.
+
+    A message that has both says the same in desired and actual as in the first two.
+    """
     row: Row = {}
-    for field in ("desired", "actual", "reference", "feedback", "output"):
+    new = hasattr(message, "reference")
+    for field in ("reference", "feedback", "output") if new else ("desired", "actual"):
         if hasattr(message, field):
             row |= _point(f"{field}.", message.joint_names, getattr(message, field))
     return row
