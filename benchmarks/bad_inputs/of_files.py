@@ -67,6 +67,21 @@ def _table(time_s: Callable[[int], float] = lambda k: 0.01 * k, count: int = 50)
     return "\n".join(["t,q,u", *rows]) + "\n"
 
 
+def _named(*, back_s: float = 0.0, measured: float = 1.0, told: float = 1.0) -> str:
+    """Makes a table whose columns name their joints; returns its name.
+
+    Args:
+        back_s: By how much its clock is set back in the middle.
+        measured: Factor of the positions.
+        told: Factor of the commands.
+    """
+    k = np.arange(50)
+    time_s = 0.01 * k - back_s * (k > 25)
+    values = [measured * np.sin(0.1 * k), told * np.sin(0.1 * k + 0.1)]
+    rows = [",".join(f"{x:.6f}" for x in row) for row in zip(time_s, *values, *values, strict=True)]
+    return text("run.csv", "\n".join(["t,a_pos,a_cmd,b_pos,b_cmd", *rows]) + "\n")
+
+
 def _mapped(table: str, mapping: str = MAPPING) -> list[str]:
     """Returns the words that import a table by a mapping."""
     return [text("run.csv", table), "--mapping", text("map.toml", mapping), "--out", "out"]
@@ -157,6 +172,12 @@ IMPORT = cases(
         "an unknown kind of command",
         lambda: _mapped(_table(), MAPPING.replace('"position"', '"push"', 1)),
     ),
+    ("a table whose clock is set back, without a mapping", lambda: _guessed(_named(back_s=0.1))),
+    (
+        "positions in an unknown unit",
+        lambda: _guessed(_named(measured=500.0, told=500.0)),
+    ),
+    ("measured in degrees, told in radians", lambda: _guessed(_named(measured=57.2958))),
     ("a parquet file cut in half", lambda: _guessed(half(_parquet()))),
     ("a MATLAB file that is none", lambda: _guessed(text("run.mat", "hello"))),
     ("a kind of file that nothing reads", lambda: _guessed(text("run.docx", "hello"))),

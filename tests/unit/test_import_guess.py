@@ -211,7 +211,9 @@ def test_lerobot_rad_are_told_by_their_size(tmp_path: Path) -> None:
 
 
 def test_a_unit_that_cannot_be_told_is_asked_for(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"positions reach .*--unit rad\|degrees\|normalised"):
+    with pytest.raises(
+        ConfigError, match=r"shoulder_pan reaches .*--unit rad\|degrees\|normalised"
+    ):
         guess(scaled(tmp_path, 80.0), SO101)
 
 

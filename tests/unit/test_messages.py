@@ -31,6 +31,8 @@ RUN = {
     "gfm import": (
         "a column that is not there",
         "a clock that stands still",
+        "a table whose clock is set back, without a mapping",
+        "measured in degrees, told in radians",
         "a parquet file cut in half",
         "a LeRobot dataset without actions",
         "a bag without joint states",

@@ -67,14 +67,16 @@ def told_unit(values: Mapping[str, Array], robot: Robot, *, lerobot: bool) -> To
         ConfigError: several units explain the numbers.
     """
     turning = {name: x for name, x in values.items() if name not in robot.slides}
-    reach = max((float(np.abs(x).max()) for x in turning.values()), default=0.0)
+    reaches = {name: float(np.abs(x).max()) for name, x in turning.items()}
+    reach = max(reaches.values(), default=0.0)
     if reach <= _TURN:
         return Told(unit=Unit.RAD, why=f"rad: nothing beyond 2 pi (at most {reach:.3g})")
     told = _by_the_end(turning, reach) if lerobot else _by_the_ranges(turning, reach, robot)
     if told is None:
         others = "degrees, or normalised to 100" if lerobot else "rad of several turns, or degrees"
+        widest = max(reaches, key=reaches.__getitem__)
         raise ConfigError(
-            f"positions reach {reach:.4g}: {others}; expected a unit that can be told (--unit "
+            f"{widest} reaches {reach:.4g}: {others}; expected a unit that can be told (--unit "
             f"{'|'.join(Unit)} says which)"
         )
     return told
