@@ -141,6 +141,16 @@ def test_a_mass_that_comes_from_a_missing_mesh_is_refused(tmp_path):
         named_model(path)
 
 
+def test_a_body_that_has_no_name_is_called_so(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        '<mujoco><asset><mesh name="upper" file="upper.stl"/></asset><worldbody><body>'
+        '<joint name="a"/><geom type="mesh" mesh="upper"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(BadInputError, match=r"mass of a body without a name comes from the mesh"):
+        named_model(path)
+
+
 def test_a_fixed_base_needs_no_mass(tmp_path):
     text = URDF.format(mesh=MESH, inertial=INERTIAL, damping=0.1)
     shape = f'<collision><geometry><mesh filename="{MESH}"/></geometry></collision>'

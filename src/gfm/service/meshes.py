@@ -70,8 +70,9 @@ def _take_out(spec: mujoco.MjSpec, missing: dict[str, str], path: Path) -> None:
         if geom.meshname not in missing:
             continue
         if _gives_mass(spec, geom):
+            body = geom.parent.name or "a body without a name"
             raise BadInputError(
-                f"model {path}: the mass of {geom.parent.name} comes from the mesh "
+                f"model {path}: the mass of {body} comes from the mesh "
                 f"{missing[geom.meshname]}, which is not there; expected the mesh, or an inertial"
             )
         spec.delete(geom)
