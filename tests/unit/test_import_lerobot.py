@@ -47,7 +47,7 @@ def test_episodes_become_recordings(tmp_path: Path, version: str) -> None:
         assert run.metadata["robot_type"] == "so101_follower"
 
 
-@pytest.mark.parametrize("names", [{"motors": NAMES}, NAMES])
+@pytest.mark.parametrize("names", [{"motors": NAMES}, NAMES, {n: i for i, n in enumerate(NAMES)}])
 def test_names_may_be_grouped(tmp_path: Path, names: Any) -> None:
     path = dataset(tmp_path / "pick", "v2.1", names=names)
     assert len(list(imported([path], mapping(tmp_path)))) == 2

@@ -106,8 +106,10 @@ def _is_numeric(feature: Mapping[str, Any]) -> bool:
 def _elements(name: str, feature: Mapping[str, Any]) -> tuple[str, ...]:
     """Returns the columns of one feature; elements without names of their own are counted."""
     size, names = feature["shape"][0], feature.get("names")
-    if isinstance(names, dict):  # {"motors": [...]}
-        names = [one for group in names.values() for one in group]
+    if isinstance(names, dict):  # {"motors": [...]}, or {"elbow": 0, ...}
+        groups = names.values()
+        nested = all(isinstance(group, list) for group in groups)
+        names = [one for group in groups for one in group] if nested else list(names)
     if size == 1 and not (isinstance(names, list) and name in (STATE, ACTION)):
         return (name,)
     called = names if isinstance(names, list) and len(names) == size else range(size)
