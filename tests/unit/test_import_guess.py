@@ -318,6 +318,19 @@ def test_joints_that_the_model_lacks_are_named_as_not_read(tmp_path: Path) -> No
     assert "q_finger8" not in text
 
 
+@pytest.mark.parametrize("form", ["{}T{}", "{} {}", "{}T{}Z", "{}T{}+00:00"])
+def test_times_may_be_dates(tmp_path: Path, form: str) -> None:
+    dates = [form.format("2024-05-01", f"12:00:{0.01 * k:09.6f}") for k in range(30)]
+    table = np.column_stack([POSITION, COMMAND])
+    rows = [
+        ",".join([date, *map(repr, row)]) for date, row in zip(dates, table.tolist(), strict=True)
+    ]
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join(["time,q1,q2,q_des1,q_des2", *rows]))
+    run = run_by_guess(path)
+    np.testing.assert_allclose(run.stamp_ns / 1e9 - 1714564800.0, 0.01 * np.arange(30), atol=1e-6)
+
+
 def test_what_is_no_signal_is_passed_over(tmp_path: Path) -> None:
     table = np.column_stack([TIME_MS, POSITION, COMMAND, COMMAND])
     head = "t,q1,q2,q_des1,q_des2,torque_enable1,torque_enable2"

@@ -8,6 +8,7 @@ import json
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -55,7 +56,10 @@ class Table:
         return [str(cell).strip().lower() for cell in self._cells(name)]
 
     def numbers(self, column: Column) -> Array:
-        """Returns one signal in its target unit, shape (rows,); refuses what is no number."""
+        """Returns one signal in its target unit, shape (rows,); refuses what is no number.
+
+        Dates count in s.
+        """
         cells = self._cells(column.column)
         if column.index is not None:
             cells = self._elements(column.column, column.index)
@@ -154,4 +158,13 @@ def _number_or_nan(cell: object) -> float:
     try:
         return float(cell)  # type: ignore[arg-type]
     except (TypeError, ValueError):
+        return _seconds_or_nan(cell)
+
+
+def _seconds_or_nan(cell: object) -> float:
+    """Returns the seconds since 1970 of a date and time in ISO 8601; UTC where it says no zone."""
+    try:
+        date = datetime.fromisoformat(str(cell).strip())
+    except ValueError:
         return np.nan
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
