@@ -168,6 +168,8 @@ def test_what_cannot_be_used_is_one_line(page, tmp_path):
         (lambda: gfm.load(tmp_path), RecordingError, r"no file in it ends with \.mcap; expected"),
         (lambda: gfm.load(tmp_path / "none.mcap"), RecordingError, "no such file"),
         (lambda: gfm.load("a", model=model, mapping="b"), ConfigError, "both model and mapping"),
+        (lambda: gfm.load([], model=model), ConfigError, "no recordings; expected at least one"),
+        (lambda: gfm.load("run.csv"), ConfigError, "run.csv: is another tool's; expected model="),
         (lambda: gfm.load(run), ConfigError, "run0 is a recording already"),
         (lambda: gfm.diagnose("none.xml", run), BadInputError, "model none.xml: no such file"),
         (lambda: gfm.diagnose(page["robot"], run), ConfigError, "model is a MjModel, expected"),

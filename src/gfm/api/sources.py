@@ -13,7 +13,7 @@ from gfm.api.provenance import sha256
 from gfm.api.recordings import Files, in_one_order
 from gfm.core import ConfigError, RecordingError, Trajectory
 from gfm.importing import imported, load_mapping, mapping_of
-from gfm.importing.formats import TABLE_FORMATS
+from gfm.importing.formats import ALSO_NAMED, TABLE_FORMATS
 from gfm.importing.guess import Asked, Robot, guessed_mapping
 from gfm.recording import read_recording
 from gfm.recording.mcap_file import read_mcap
@@ -25,7 +25,9 @@ Source: TypeAlias = str | Path | Trajectory
 Sources: TypeAlias = Source | Sequence[Source]
 
 RECORDING = ".mcap"
-_FOREIGN = (*(f".{name}" for name in TABLE_FORMATS), ".gz", ".bag", ".db3")
+#: Of a folder's files. A .txt beside recordings is mostly no table, and is read where it is named.
+_TABLES = tuple(f".{name}" for name in (*TABLE_FORMATS, *ALSO_NAMED) if name != "txt")
+_FOREIGN = (*_TABLES, ".gz", ".bag", ".db3")
 
 
 def load(
@@ -59,8 +61,15 @@ def load(
     if model is not None and mapping is not None:
         raise ConfigError("both model and mapping are given; expected one of them to read by")
     paths = list(_paths(source, foreign=model is not None or mapping is not None))
+    if not paths:
+        raise ConfigError("no recordings; expected at least one")
     if mapping is not None:
         return list(imported(paths, load_mapping(Path(mapping))))
+    if model is None and paths[0].suffix in _FOREIGN:
+        expected = (
+            "model=..., to guess how it is to be read, or mapping=..., a TOML file that says so"
+        )
+        raise ConfigError(f"{paths[0]}: is another tool's; expected {expected}")
     if model is None or _is_recording(paths[0], {joint_states, command}):
         return [read_recording(path, joint_states=joint_states, command=command) for path in paths]
     text = mapping_for(paths[0], model, Asked(use=tuple(use), unit=unit))
