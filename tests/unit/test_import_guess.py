@@ -128,6 +128,32 @@ def two_robots(maker: Maker) -> list[Message]:
     return states(maker) + arrays(maker) + left
 
 
+def test_one_word_tells_two_arms_of_one_robot_apart(tmp_path: Path) -> None:
+    names = [f"{side}_{joint}" for side in ("left", "right") for joint in JOINTS]
+
+    def two_arms(maker: Maker) -> list[Message]:
+        both = [
+            (topic, kind, log_ns, maker.joint_state(stamp_ns, names, position=[*q, *(q + 1.0)]))
+            for (topic, kind, log_ns, _), stamp_ns, q in zip(
+                states(maker), STAMP_NS, POSITION, strict=True
+            )
+        ]
+        told = [
+            (f"/{side}_arm/commands", *rest)
+            for side in ("left", "right")
+            for _, *rest in arrays(maker)
+        ]
+        return both + told
+
+    path = write(tmp_path, "mcap", two_arms)
+    with pytest.raises(RecordingError, match=r"on /left_arm/commands, /right_arm/commands"):
+        guess(path)
+    for side, shift in (("left", 0.0), ("right", 1.0)):
+        assert f'commands = "/{side}_arm/commands"' in guess(path, use=(side,))
+        run = run_by_guess(path, use=(side,))
+        np.testing.assert_array_equal(run.position[:, ::-1], POSITION + shift)
+
+
 def test_two_robots_in_one_bag_are_asked_about(tmp_path: Path) -> None:
     path = write(tmp_path, "mcap", two_robots)
     with pytest.raises(RecordingError, match=r"on /arm/joint_states, /left/joint_states; .*--use"):

@@ -49,7 +49,8 @@ def load(
         model: Its joints say how files of other tools are to be read; the mapping is guessed from
             the first of them.
         mapping: TOML file that says which column is which signal; nothing is guessed then.
-        use: For the guess: topics, or beginnings of columns' names, to take where several fit.
+        use: For the guess: topics, or beginnings of columns' names, to take where several fit, or
+            words in them ("left").
         unit: For the guess: "rad", "degrees" or "normalised", where sizes do not tell.
         joint_states: Topic of the measurements in MCAP recordings.
         command: Topic of the commands there.

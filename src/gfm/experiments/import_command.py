@@ -18,10 +18,11 @@ if TYPE_CHECKING:
 
 _DESCRIPTION = """\
 Turns what other tools wrote into recordings that `gfm diagnose` reads: tables (CSV, JSON, Parquet,
-NumPy's .npz, MATLAB's .mat; also .gz), ROS bags (rosbag2, rosbag1) and LeRobot datasets (v2, v3).
-The mapping, a TOML file, says which column is which signal: docs/recordings.md describes it,
-models/mappings/ has three to start from. With --model instead, a mapping is guessed from the first
-FILE and printed with a reason for every line; --yes imports with it.
+NumPy's .npz, MATLAB's .mat; also .tsv, .txt, .jsonl and .gz), ROS bags (rosbag2, rosbag1) and
+LeRobot datasets (v2, v3). The mapping, a TOML file, says which column is which signal:
+docs/recordings.md describes it, models/mappings/ has three to start from. With --model instead, a
+mapping is guessed from the first FILE and printed with a reason for every line; --yes imports with
+it.
 """
 
 

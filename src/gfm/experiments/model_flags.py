@@ -32,7 +32,8 @@ def add_guess(parser: argparse._ActionsContainer, yes: str) -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="guess: topic, or beginning of a column's name, to take where several fit",
+        help="guess: topic, beginning of a column's name, or a word in either, to take where "
+        "several fit",
     )
     parser.add_argument(
         "--unit",

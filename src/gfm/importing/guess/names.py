@@ -61,6 +61,11 @@ def words(name: str) -> tuple[str, ...]:
     return tuple(word.lower() for word in found)
 
 
+def has_word(name: str, use: Sequence[str]) -> bool:
+    """Returns whether one of the words that were asked for stands in a name: "left"."""
+    return bool({one.lower() for one in use} & {*words(name)})
+
+
 def role_of(rest: Sequence[str], *, told: bool = False) -> Role | None:
     """Returns what the words of a name say beside the joint's; None where that is no signal.
 

@@ -30,7 +30,7 @@ class Asked:
     """What the user said where a guess had to ask.
 
     Attributes:
-        use: Topics, or beginnings of columns' names, to take where several fit.
+        use: Topics, or beginnings of columns' names, to take where several fit; or words in them.
         unit: Of positions (`Unit`), or None.
     """
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from gfm.core import CommandKind, ConfigError
 from gfm.core.checks import Array
-from gfm.importing.guess.names import MEASURED, Role, joint_of, role_of, words
+from gfm.importing.guess.names import MEASURED, Role, has_word, joint_of, role_of, words
 from gfm.importing.guess.robot import Robot
 from gfm.importing.mapping import Column
 from gfm.importing.tables import Table
@@ -132,7 +132,7 @@ def chosen(
     Args:
         signals: All of them.
         what: The role in a word, for messages.
-        use: Beginnings of the names of columns to take where several fit.
+        use: Beginnings of the names of columns to take where several fit, or words in them.
         **role: Fields that the role must have.
 
     Raises:
@@ -143,13 +143,14 @@ def chosen(
         if all(getattr(one.role, name) == value for name, value in role.items()):
             found.setdefault(one.joint, []).append(one)
     for joint, several in found.items():
-        preferred = [one for one in several if one.column.startswith(tuple(use))] if use else []
+        preferred = [one for one in several if one.column.startswith(tuple(use))]
+        preferred = preferred or [one for one in several if has_word(one.column, use)]
         best = preferred or _measured(several)
         if len(best) > 1:
             listed = ", ".join(one.column for one in several)
             raise ConfigError(
                 f"{what} of {joint}: {listed} fit; expected one (--use COLUMN says which; the "
-                "beginning of its name is enough)"
+                "beginning of its name, or a word in it, is enough)"
             )
         found[joint] = best
     return {joint: several[0] for joint, several in found.items()}

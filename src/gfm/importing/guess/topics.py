@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gfm.core import RecordingError
-from gfm.importing.guess.names import TOLD, joint_of, words
+from gfm.importing.guess.names import TOLD, has_word, joint_of, words
 from gfm.importing.guess.robot import Robot
 from gfm.importing.guess.signals import Signal, signals_of
 from gfm.importing.ros_bag import Bag, read_bag
@@ -42,7 +42,7 @@ def bag_topics(path: Path, robot: Robot, use: Sequence[str]) -> tuple[Topic, Top
     Args:
         path: The bag.
         robot: The model's joints.
-        use: Topics to take where several fit.
+        use: Topics to take where several fit, or words in their names.
 
     Raises:
         RecordingError: none fits, or several do; with all topics and their types.
@@ -83,7 +83,8 @@ def _best(
     fitting = [topic for topic in topics if topic.joints(told=told)]
     most = max((len(topic.joints(told=told)) for topic in fitting), default=0)
     best = [topic for topic in fitting if len(topic.joints(told=told)) == most]
-    best = [topic for topic in best if topic.name in use] or best
+    asked = [topic for topic in best if topic.name in use]
+    best = asked or [topic for topic in best if has_word(topic.name, use)] or best
     # A controller's state tells both: a topic for one of them alone comes first.
     best = [topic for topic in best if not topic.joints(told=not told)] or best
     if len(best) == 1:
