@@ -297,6 +297,17 @@ def test_names_may_give_each_joint_a_unit_of_its_own(tmp_path: Path) -> None:
     np.testing.assert_allclose(said.position, degrees * POSITION)
 
 
+def test_velocities_may_have_another_unit_than_positions(tmp_path: Path) -> None:
+    table = np.column_stack([TIME_MS, np.degrees(POSITION), np.ones((30, 2)), np.degrees(COMMAND)])
+    head = "t,q1 [deg],q2 [deg],dq1 [rad/s],dq2 [rad/s],q_des1,q_des2"
+    path = csv_file(tmp_path, head, table)
+    assert "rad per second, as the name says" in guess(path)
+    run = run_by_guess(path)
+    np.testing.assert_allclose(run.position, POSITION)
+    np.testing.assert_allclose(run.command, COMMAND)
+    np.testing.assert_array_equal(run.velocity, np.ones((30, 2)))
+
+
 def test_columns_that_say_no_unit_follow_their_joint_then_the_other_joints(tmp_path: Path) -> None:
     table = np.column_stack([TIME_MS, POSITION, COMMAND])
     head = "t,shoulder_pos_deg,elbow_pos,shoulder_cmd,elbow_cmd"

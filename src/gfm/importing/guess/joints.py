@@ -35,17 +35,23 @@ def joint_lines(
     lines = []
     for number, (position, command) in enumerate(joints):
         name = position.joint
-        unit = common if asked.unit else unit_of(position.column, common)
+        unit = _own(position, common, asked)
         lines += [
             Line(text="\n[[joints]]"),
             Line(text=f"name = {quoted(name)}", why=position.why),
             _line("position", position, CommandKind.POSITION, unit, robot, found),
         ]
         for other, signals in optional.items():
-            lines.append(_line(str(other), signals[number], other, unit, robot, found))
-        told = unit if asked.unit else unit_of(command.column, unit)
-        lines.append(_line("command", command, kind, told, robot, found))
+            measured = signals[number]
+            own = _own(measured, unit, asked)
+            lines.append(_line(str(other), measured, other, own, robot, found))
+        lines.append(_line("command", command, kind, _own(command, unit, asked), robot, found))
     return lines
+
+
+def _own(signal: Signal, otherwise: Told, asked: Asked) -> Told:
+    """Returns the unit that a signal's name says, where the user said none for all."""
+    return otherwise if asked.unit else unit_of(signal.column, otherwise)
 
 
 def _line(
@@ -60,7 +66,12 @@ def _line(
     else:
         why = unit.why
     if kind is CommandKind.VELOCITY:
-        offset, why = 0.0, f"{unit.unit} per second, as positions are {unit.unit}"
+        named = (
+            "the name says"
+            if named_unit(signal.column) is unit.unit
+            else f"positions are {unit.unit}"
+        )
+        offset, why = 0.0, f"{unit.unit} per second, as {named}"
     if key == "command" and signal.counted:
         why = f"{signal.why}; {why}"
     if signal.before:
