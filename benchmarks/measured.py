@@ -160,7 +160,7 @@ def find_model(rig: Rig, data: Path) -> Path:
     return own if own.exists() else data / rig.model
 
 
-def section(name: str, data: Path, out: Path) -> str:
+def section(name: str, data: Path, out: Path, minutes: float) -> str:
     """Imports, diagnoses and measures one set; returns its part of the page."""
     rig, folder = RIGS[name], out / name
     model = find_model(rig, data)
@@ -175,7 +175,7 @@ def section(name: str, data: Path, out: Path) -> str:
     began = time.monotonic()
     report = folder / "diagnosis" / "report.json"
     if not report.exists():
-        told = ("--model", model, "--out", report.parent, "--holdout", *held)
+        told = ("--model", model, "--out", report.parent, "--minutes", minutes, "--holdout", *held)
         command("diagnose", *training, *told)
         seconds = f"{time.monotonic() - began:.0f} s"
         (folder / "made").write_text(f"diagnosed in {seconds} at commit {commit()}")
@@ -310,10 +310,11 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True, metavar="DIR")
     parser.add_argument("--set", action="append", choices=sorted(RIGS), dest="sets")
     parser.add_argument("--out", type=Path, default=Path("runs/measured"), metavar="DIR")
+    parser.add_argument("--minutes", type=float, default=10.0, help="for each diagnosis")
     parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE")
     arguments = parser.parse_args()
     names = arguments.sets or list(RIGS)
-    sections = [section(name, arguments.data, arguments.out) for name in names]
+    sections = [section(name, arguments.data, arguments.out, arguments.minutes) for name in names]
     arguments.page.parent.mkdir(parents=True, exist_ok=True)
     sets = " ".join(f"--set {name}" for name in names)
     arguments.page.write_text(
