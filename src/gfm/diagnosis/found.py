@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 
 import mujoco
 import numpy as np
 
 from gfm.core import CommandKind, Trajectory
 from gfm.diagnosis.data.segmentation import LONG, SHORT, airborne, all_segments, prepared
+from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.output.claims import credible, named_effects
 from gfm.diagnosis.output.result import NamedEffect
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.hypothesis import in_turn
+from gfm.diagnosis.search.hypothesis import Hypothesis, P, in_turn
 from gfm.diagnosis.search.loop import search, search_object
+from gfm.diagnosis.search.moves.reduce import gains_of_each
 from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance
 
@@ -52,16 +53,28 @@ class Found:
 
     def named(self, *, keep_suspects: bool) -> tuple[NamedEffect, ...]:
         """Returns the effects that are named, with amounts fitted without the others."""
-        named = (_named(one, keep_suspects=keep_suspects) for one in self.results)
-        return tuple(chain.from_iterable(named))
+        return tuple(e for one in self.results for e in _named(one, keep_suspects=keep_suspects))
 
 
 def _named(result: SearchResult, *, keep_suspects: bool) -> tuple[NamedEffect, ...]:
     effects = list(result.fit.effects) if keep_suspects else credible(result)
     if len(effects) < len(result.fit.effects):
-        problem, fitted = in_turn(result.problem, effects)
+        problem, fitted = _by_themselves(result.problem, effects)
         result = replace(result, problem=problem, fit=fitted)
     return named_effects(result, result.fit.effects)
+
+
+def _by_themselves(problem: P, effects: Sequence[EffectInstance]) -> tuple[P, Fit]:
+    """Returns effects fitted without suspects, but for those without which they predict better.
+
+    What holds beside a suspect may ruin a model without it: a servo that is late needs damping.
+    """
+    settled, fitted = in_turn(problem, effects)
+    here = Hypothesis(problem=settled, fit=fitted, nominal=settled.joint_costs(fitted.residual))
+    ruins = [(gain.errors, e.key) for gain, e in gains_of_each(here) if (-gain).clear]
+    if not ruins:
+        return settled, fitted
+    return _by_themselves(problem, [e for e in effects if e.key != min(ruins)[1]])
 
 
 def find_by_itself(
@@ -91,8 +104,7 @@ def find_by_itself(
     long = short = prepared(everything, SEARCHED_S)
     if any(LONG[kind] > SHORT[kind] for kind in specs):
         long = prepared(cutting(short.noise, windows_s=LONG), SETTLED_S)
-    lack = _lacking(recordings)
-    if lack:
+    if lack := _lacking(recordings):
         return Found(recordings=recordings, short=short, long=long, lack=lack)
     # What pushes back at the robot is no torque that the model lacks.
     free = airborne(recordings, everything)

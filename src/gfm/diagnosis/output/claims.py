@@ -192,6 +192,8 @@ def _doubtful(instance: EffectInstance, found: SearchResult) -> Suspect:
     evidence = found.evidence[instance.key]
     sure = confidence(evidence)
     reason = f"more likely wrong than right (confidence {sure:.2f}): {_speaks_for(evidence)}"
+    if sure >= LEAST_CONFIDENCE:
+        reason = "without the suspects beside it, the model predicts worse with it than without it"
     told = _suspect(instance, reason, _explained(instance, found))
     there = evidence.nameless
     told = replace(told, nameless=f"{there.state} of {there.joint}" if there else "")
