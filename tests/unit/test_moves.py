@@ -14,7 +14,7 @@ from gfm.diagnosis.inference.constants import UNWEIGHED
 from gfm.diagnosis.inference.fitting import Fit, fit, measured
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place, joint_scales
-from gfm.diagnosis.search.hypothesis import Hypothesis, parameters_of
+from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, parameters_of
 from gfm.diagnosis.search.moves.add import (
     _above_their_level,
     _beginnings,
@@ -263,6 +263,20 @@ def test_one_effect_that_gains_half_spares_common_errors_and_several_do_not(wron
 
     assert proposed_beside(new[0]) is None
     assert proposed_beside(*new).chosen is not None
+
+
+@pytest.mark.parametrize("far_off", [True, False])
+def test_far_off_common_errors_are_looked_for_however_much_was_explained(wrong_all_over, far_off):
+    """Of a millionth of the nominal misfit; what is in front gains next to nothing."""
+    before = wrong_all_over.with_effects(instance("actuator_gain", scale=0.15))
+    assert before.fit.cost > 2.0 * FAR_OFF
+    size = 1.0 if far_off else np.sqrt(0.5 * FAR_OFF / before.fit.cost)
+    left = replace(before.fit, residual=size * before.fit.residual)
+    before = replace(before, fit=left, nominal=np.full(1, 1e6 * left.cost))
+    slight = Tried(new=before.effects, fit=left, gain=Difference(1.0, 0.1))
+    best = Step(move=Move.ADD, before=left.cost, ranked=(slight,), chosen=slight)
+    step = common_errors(before, wrong_all_over.search(*COMMON), best)
+    assert (step is not None) == far_off
 
 
 def test_near_what_was_measured_common_errors_are_not_looked_for_where_nothing_gains(right):

@@ -22,8 +22,8 @@ from gfm.diagnosis.search.trace import Move, Step
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Key, Scales, Scope, find_effect
 
-#: Share of the nominal misfit from which on common errors are looked for, and of the room that a
-#: single effect gains at most.
+#: Share of the nominal misfit from which on common errors are looked for (where first order says
+#: little, `FAR_OFF`, they always are), and of the room that a single effect gains at most.
 MUCH, ENOUGH = 0.1, 0.5
 #: Times that the grid is gone through.
 PASSES = 2
@@ -53,7 +53,7 @@ def common_errors(before: Hypothesis[P], search: Search[P], best: Step) -> Step 
     none does.
     """
     tried_before = any(step.move is Move.COMMON_ERRORS for step in search.steps)
-    much = before.fit.cost > MUCH * float(np.mean(before.nominal))
+    much = before.fit.cost > min(MUCH * float(np.mean(before.nominal)), FAR_OFF)
     alone = best.chosen is not None and len(best.chosen.new) == 1
     enough = (alone or best.move is Move.MISSING_TORQUE) and best.gain >= ENOUGH * before.room.nats
     hopeless = best.chosen is None and before.fit.cost < FAR_OFF
