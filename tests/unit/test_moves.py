@@ -596,6 +596,12 @@ def told_by(step):
     return {one.effect.name: dict(one.values) for one in step.chosen.new}
 
 
+def test_an_amount_that_ran_into_its_bound_is_no_step():
+    """A drive that does nothing: any gain below the least one would do as well."""
+    loose = Case(runs(gain=0.0))
+    assert shown_of(loose, "actuator_gain").chosen is None
+
+
 def test_effects_are_taken_together_as_the_missing_torque_shows_them():
     both = Case(runs(torque=lambda q, v: OFFSET + dry(q, v)))
     step = shown(both)

@@ -19,6 +19,7 @@ from itertools import combinations
 import numpy as np
 
 from gfm.core.checks import Array
+from gfm.diagnosis.inference.amounts import at_bound
 from gfm.diagnosis.inference.fitting import Fit, without, without_some
 from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
@@ -49,8 +50,7 @@ def missing_torque(
     if not (domains and search.goes_on()):
         return None
     search.report(f"looking at the missing torque (misfit {before.fit.cost:.3g})")
-    new = borne_out(before, [shown(one, before, search.candidates) for one in domains])
-    if not new:
+    if not (new := borne_out(before, [shown(d, before, search.candidates) for d in domains])):
         return None
     search.report(f"fitting {describe(new[0])}" + f" and {len(new) - 1} more" * (len(new) > 1))
     tried = search.in_its_time(partial(_tried, before, new), None, step=True)
@@ -60,7 +60,7 @@ def missing_torque(
         move=Move.MISSING_TORQUE,
         before=before.fit.cost,
         ranked=(tried,),
-        chosen=tried if tried.gain.clear else None,
+        chosen=tried if tried.gain.clear and not all(map(at_bound, tried.new)) else None,
     )
 
 
