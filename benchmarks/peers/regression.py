@@ -17,8 +17,8 @@ from pysindy.optimizers import FROLS, STLSQ
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.search.candidates import torque_views
 from gfm.signals.smoothing import smooth_states
+from gfm.signals.torque_domain import torque_views
 from gfm.signals.torques import TorqueView
 from gfm.sim.plant import make_plant
 from peers.case import Case, Named
