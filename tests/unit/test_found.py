@@ -30,7 +30,7 @@ DAMPED = instance("viscous_friction", coefficient=10.0)
 
 @pytest.fixture(scope="module")
 def rubbing():
-    time_s = np.arange(0.0, 8.0, PERIOD_S)
+    time_s = np.arange(0.0, 4.0, PERIOD_S)
     told = 0.3 * np.minimum(time_s, 1.0) * (np.sin(1.7 * time_s) + np.sin(4.1 * time_s + 1.0))
     dry = [
         swung(told, seed=seed, noise=NOISE, torque=lambda _q, v: -FRICTION * np.tanh(v / 1e-3))
