@@ -87,7 +87,7 @@ class Suspect(Placed):
         reason: Why it was not accepted, in words with figures.
         decided_by: The motion that would decide, in words; empty where none is needed.
         gain: Share of the squared residual that it alone would explain, 0..1.
-        confidence: Of one that was found and is more likely wrong than right; None for others.
+        confidence: Of one that was found and is not named; None for others.
         evidence: The figures from which that comes.
         nameless: Of which state of which joint a law without a name is there in its place, in
             words; empty where none is.
