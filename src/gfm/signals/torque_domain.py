@@ -96,7 +96,7 @@ class TorqueDomain:
     @cached_property
     def view(self) -> TorqueView:
         """All recordings as torques under the nominal model, drives as the model has them."""
-        return joined(torque_views(self.problem, self.recordings))
+        return self._seen(())
 
     @cached_property
     def _states(self) -> list[States]:
@@ -115,8 +115,9 @@ class TorqueDomain:
 
     def view_with(self, effects: Sequence[EffectInstance]) -> TorqueView:
         """Returns all recordings as torques under the model with `effects` in it."""
-        if not effects:
-            return self.view
+        return self._seen(effects) if effects else self.view
+
+    def _seen(self, effects: Sequence[EffectInstance]) -> TorqueView:
         plants, rows = self.problem.plants(effects), zip(self.recordings, self._states, strict=True)
         return joined([torque_view(plants[one.command_kind], one, own) for one, own in rows])
 
