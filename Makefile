@@ -79,7 +79,7 @@ build/peers: benchmarks/peers/requirements.txt $(VENV)/.installed
 bench-tracking: $(VENV)/.installed  ## track the object through faults, and in drawn images (10 minutes)
 	$(BIN)/python benchmarks/tracking.py --out docs/results/tracking.md
 
-tables: $(VENV)/.installed  ## close the loop on a task, 8 campaigns x 3 seeds (hours; again goes on)
+tables: $(VENV)/.installed  ## close the loop on a task, 10 campaigns x 3 seeds (hours; again goes on)
 	$(BIN)/python benchmarks/campaigns.py --parts build/campaigns
 
 bench-diagnosis: $(VENV)/.installed build/peers  ## judge the diagnosis where the truth is known (hours)

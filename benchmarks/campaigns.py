@@ -81,9 +81,11 @@ def campaigns(seeds: int) -> list[Campaign]:
             {"robot": "offset_j3_0.06", "treatments": placed},
             {"robot": "payload_0.6", "treatments": (*told, "adapted", "nominal", "randomised")},
             {"robot": "payload_1.0", "treatments": told},
+            {"robot": "offset_j1_0.04_payload_0.6", "treatments": told},
             {"robot": "nothing", "treatments": (*placed, "adapted")},
             {"robot": "offset_j1_0.04", "treatments": placed, "engine": "drake"},
             {"robot": "payload_0.6", "treatments": told, "engine": "drake"},
+            {"robot": "offset_j1_0.04_payload_0.6", "treatments": told, "engine": "drake"},
             {"robot": "offset_j1_0.04", "treatments": placed, "task": "pose"},
         )
     ]
