@@ -20,8 +20,8 @@ import numpy as np
 from gfm.core import Clock, CommandKind, GfmError, Trajectory, UnreachableError, Weights
 from gfm.core.checks import Array32
 from gfm.envs.fit_problem import FitProblem
-from gfm.envs.following import object_errors
 from gfm.envs.gfm_fit import NAME
+from gfm.envs.pushes import forces_of, make_pushes, object_errors
 from gfm.envs.registry import EnvironmentSettings, make_environment
 from gfm.experiments.fit_curves import error_curves, learning_curves, metric_rows
 from gfm.experiments.fit_warm import WarmStart, warm_start
@@ -393,7 +393,9 @@ class ForceFit:
     def _error(self, weights: Weights) -> float:
         forces = force_model(self._warm.problem, weights)
         if self._unit == "m":
-            return object_errors(self._warm.problem, forces.policy).place_m
+            pushes = make_pushes(forces.model, self._trajectories)
+            known = forces_of(forces.policy, forces.features, forces.model, pushes)
+            return object_errors(forces.model, pushes, known).place_m
         return training_error(forces, self._trajectories)
 
 

@@ -17,11 +17,9 @@ from gfm.api.recordings import check_together, read_recordings
 from gfm.api.refusals import check_usable
 from gfm.api.sources import check_different
 from gfm.core import Clock, ConfigError, MonotonicClock, Trajectory
-from gfm.envs.fit_problem import make_fit_problem
-from gfm.envs.following import MOVES_M, moving_windows
+from gfm.envs.pushes import MOVES_M, make_pushes
 from gfm.experiments.fit import (
     FORCES,
-    HORIZON,
     WARM,
     Beginning,
     FitInputs,
@@ -191,13 +189,10 @@ def _judge(
 
 def _check_pushed(model: HybridModel, what: str, recordings: Sequence[Trajectory]) -> None:
     """Raises BadInputError where no object is recorded, or none moves."""
-    scale = [1.0] * (2 * len(model.layout.joint_names) + 6)
-    problem = make_fit_problem(model, recordings, horizon=HORIZON, scale=scale)
-    if not len(moving_windows(problem)):
-        within_s = HORIZON * model.control_period_s
+    if not make_pushes(model, recordings):
         raise ConfigError(
-            f"the object moves by {1e3 * MOVES_M:g} mm within {within_s:g} s in no {what}; the "
-            "model has a free object, expected recordings in which it is pushed"
+            f"in no {what} the object rests and then moves by {1e3 * MOVES_M:g} mm; the model has "
+            "a free object, expected recordings in which it is pushed from rest"
         )
 
 

@@ -1,7 +1,7 @@
 """How well fitted forces predict recordings that were held out.
 
-An arm alone is followed through whole recordings. Where it pushes an object, contacts decide what
-becomes of a whole recording: there arm and object are followed through windows.
+An arm is followed through whole recordings. Where it pushes an object, this is followed from where
+it rests, with the arm where it was measured: what forces on the object are worth shows there.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.segmentation import measure_noise
 from gfm.envs.fit_problem import FitProblem
-from gfm.envs.following import ObjectErrors, object_errors, with_recordings
+from gfm.envs.pushes import ObjectErrors, forces_of, make_pushes, object_errors
+from gfm.experiments.fit_warm import joint_errors
 from gfm.experiments.joint_control import ForceModel, ModelErrors, make_test
 from gfm.report import ModelKind
 
@@ -100,7 +101,7 @@ class _Arm(Judge):
 
 @final
 class _Pushes(Judge):
-    """Windows in which the object moves."""
+    """Pushes of the object, the robot moving as it was measured; the joints through all of it."""
 
     def __init__(self, training: Sequence[Trajectory], held_out: Sequence[Trajectory]) -> None:
         super().__init__(training[0].joint_names, measure_noise(training).position)
@@ -108,7 +109,12 @@ class _Pushes(Judge):
 
     @override
     def errors(self, forces: ForceModel | None, fitted: FitProblem) -> Judged:
-        problem = with_recordings(fitted, self._held_out)
-        found = object_errors(problem, None if forces is None else forces.policy)
-        overall = float(np.sqrt(np.mean(np.square(found.joints_rad))))
-        return Judged(overall=overall, joints=found.joints_rad, pushed=found)
+        model = fitted.model
+        pushes = make_pushes(model, self._held_out)
+        known = None
+        if forces is not None:
+            known = forces_of(forces.policy, forces.features, model, pushes)
+        pushed = object_errors(model, pushes, known)
+        joints = tuple(joint_errors(model, self._held_out).tolist())
+        overall = float(np.sqrt(np.mean(np.square(joints))))
+        return Judged(overall=overall, joints=joints, pushed=pushed)

@@ -26,8 +26,8 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array, Array32
 from gfm.diagnosis.data.segmentation import measure_noise
 from gfm.envs.fit_problem import FitProblem, counted_scale, explored_difference
-from gfm.envs.following import ObjectErrors, moving_windows, object_errors, with_recordings
 from gfm.envs.object_forces import object_forces
+from gfm.envs.pushes import ObjectErrors, forces_of, make_pushes, object_errors
 from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings, fit_problem
 from gfm.envs.warm_start import example_states, warm_start_examples
 from gfm.rl.policy_numpy import GaussianPolicy
@@ -49,7 +49,6 @@ _FOLDS = 3
 _TRIAL_SHARE = 0.25  # of the epochs, for those fits
 #: Noise on scaled inputs and decay of weights between which is chosen.
 _SMOOTHINGS = ((0.0, 0.0), (0.1, 0.0), (0.05, 1.0))
-_EVERYTHING = "everything observed"
 #: Forces on a free object, the last of all.
 _ON_OBJECT = 6
 
@@ -108,8 +107,8 @@ def warm_start(
     forces = _missing_forces(nominal, recordings)
     chosen = _with_forces(settings, nominal, forced, np.concatenate(forces))
     problem = fit_problem(chosen, assets)
-    moves = nominal.layout.has_object and len(moving_windows(problem))
-    pushed = object_errors(problem, None) if moves else None
+    pushes = make_pushes(nominal, recordings) if nominal.layout.has_object else ()
+    pushed = object_errors(nominal, pushes) if pushes else None
     lacking = bool(len(forced)) or (pushed is not None and _is_lacking(pushed, recordings))
     columns = np.concatenate([problem.model.forced, len(errors) + np.arange(_on_object(nominal))])
     examples = warm_start_examples(problem, [one[:, columns] for one in forces])
@@ -179,7 +178,7 @@ def _candidates(problem: FitProblem) -> dict[str, Mask]:
     return {
         "its joint's states and drive": own,
         "its joint's states and drive and the pose": own | newest,
-        _EVERYTHING: everything,
+        "everything observed": everything,
     }
 
 
@@ -218,7 +217,8 @@ def _choose_inputs(
 ) -> tuple[str, Array]:
     """Returns the candidate that predicts best what it has not seen, and its error, (A,)."""
     if not how.epochs:
-        return _EVERYTHING, np.sqrt(np.square(examples[1], dtype=np.float64).mean(axis=0))
+        needed = np.sqrt(np.square(examples[1], dtype=np.float64).mean(axis=0))
+        return list(_candidates(problem))[-1], needed
     left = {
         name: _left_out_rmse(problem, examples, _briefly(how), seed, inputs)
         for name, inputs in _candidates(problem).items()
@@ -261,9 +261,10 @@ def followed_rmse(
     """Returns how far each recording is followed: an object's place, m, else the joints, rad."""
     if not problem.model.layout.has_object:
         return rollout_rmse(problem, policy, recordings)
-    each = [with_recordings(problem, [one]) for one in recordings]
-    pushed = [one for one in each if len(moving_windows(one))]
-    return np.array([object_errors(one, policy.mean_action).place_m for one in pushed])
+    model, all_pushes = problem.model, make_pushes(problem.model, recordings)
+    each = [all_pushes.of([i]) for i in np.unique(all_pushes.recording)]
+    forces = [forces_of(policy.mean_action, problem.features, model, one) for one in each]
+    return np.array([object_errors(model, *one).place_m for one in zip(each, forces, strict=True)])
 
 
 def rollout_rmse(

@@ -117,20 +117,46 @@ class HybridBatch:
         record["qvel"][diverged] = self.qvel[diverged, None]
         return diverged, record["qpos"], record["qvel"]
 
+    def carry(self, force: Array, joints: Array, speeds: Array) -> NDArray[np.bool_]:
+        """Advances every instance by one control period in which the robot moves as it is told.
+
+        Its joints are set after every integration step, whatever its drives do; what it touches
+        feels their speed. For the rest as `step`.
+
+        Args:
+            force: Clipped to its limits, shape (N, A).
+            joints: rad, after every integration step, shape (N, S, J).
+            speeds: rad/s, the same shape.
+        """
+        layout, count = self.model.layout, joints.shape[1]
+
+        def advance() -> NDArray[np.bool_]:
+            failed = np.zeros(self.num_envs, bool)
+            for k in range(count):
+                failed |= self._failing(self._batch.step)
+                self.qpos[:, layout.qpos], self.qvel[:, layout.dof] = joints[:, k], speeds[:, k]
+            return failed
+
+        return self._kept(advance, force)
+
     def _guarded(
         self, command: Array, force: Array, record: tuple[str, ...]
     ) -> tuple[NDArray[np.bool_], dict[str, Array]]:
+        records = self._records(command, record)
+        return self._kept(lambda: self._advance(command, records), force), records
+
+    def _kept(self, advance: Callable[[], NDArray[np.bool_]], force: Array) -> NDArray[np.bool_]:
+        """Advances under forces, puts back what diverges, and returns that, shape (N,)."""
         before = self.qpos.copy(), self.qvel.copy()
         limit = self.model.force_limit
         self._force[:] = self._compensation_force()
         self._force[:, self.model.force_dof] += np.clip(force, -limit, limit)
         unstable = self._batch.warning[:, _UNSTABLE, _COUNT].sum(axis=1)
-        records = self._records(command, record)
-        diverged = self._advance(command, records)
+        diverged = advance()
         diverged |= self._batch.warning[:, _UNSTABLE, _COUNT].sum(axis=1) > unstable
         if diverged.any():
             self.qpos[diverged], self.qvel[diverged] = before[0][diverged], before[1][diverged]
-        return diverged, records
+        return diverged
 
     def _compensation_force(self) -> Array | float:
         """Returns what the robot's gravity compensation does wrong, at the middle of the period.
