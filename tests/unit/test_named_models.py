@@ -317,8 +317,9 @@ def robots(tmp_path, monkeypatch):
     package.mkdir(parents=True)
     (package / "__init__.py").touch()
     path = gripper_arm(tmp_path, whole=True)
-    (package / "panda_mj_description.py").write_text(f"MJCF_PATH = {str(path)!r}")
-    (package / "gen3_description.py").write_text("raise OSError('no network')")
+    says = "print('Cloning ...')"
+    (package / "panda_mj_description.py").write_text(f"{says}\nMJCF_PATH = {str(path)!r}")
+    (package / "gen3_description.py").write_text(f"{says}\nraise OSError('no network')")
     monkeypatch.syspath_prepend(str(package.parent))
     for name in [one for one in sys.modules if one.startswith("robot_descriptions")]:
         monkeypatch.delitem(sys.modules, name)
@@ -338,13 +339,31 @@ def test_a_robot_goes_by_its_name(robots, name):
     ("name", "words"),
     [
         ("pandaa", r"no such robot; expected .* \(the nearest: panda_mj_description"),
-        ("gen3", "could not be had: no network"),
+        ("gen3", r"could not be downloaded, .*; expected git and a network \(no network\)"),
     ],
 )
 @pytest.mark.usefixtures("robots")
 def test_a_robot_that_cannot_be_had_is_one_line(name, words):
     with pytest.raises(ConfigError, match=words):
         gfm.load_nominal(f"robot_descriptions:{name}")
+
+
+@pytest.mark.usefixtures("robots")
+def test_what_a_download_prints_is_no_part_of_an_answer(capsys):
+    gfm.load_nominal("robot_descriptions:panda")
+    with pytest.raises(ConfigError):
+        gfm.load_nominal("robot_descriptions:gen3")
+    told = capsys.readouterr()
+    assert (told.out, told.err) == ("", "Cloning ...\nCloning ...\n")
+
+
+def test_a_bare_name_is_told_how_robots_are_named():
+    with pytest.raises(
+        BadInputError, match="no such file; expected .*, or robot_descriptions:sawyer$"
+    ):
+        named_model("sawyer")
+    with pytest.raises(BadInputError, match="no such file; expected MJCF or URDF$"):
+        named_model("robots/sawyer")
 
 
 def test_without_the_package_the_line_says_how_to_get_it(monkeypatch):

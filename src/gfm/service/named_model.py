@@ -5,7 +5,9 @@ The one way from a name to a spec. What had to be done for it is told in lines.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import import_module
@@ -87,7 +89,8 @@ def check_compiles(spec: mujoco.MjSpec, where: str) -> None:
 
 def _parsed(path: Path) -> mujoco.MjSpec:
     if not path.is_file():
-        raise BadInputError(f"model {path}: no such file; expected MJCF or URDF")
+        named = "" if path.suffix or path.name != str(path) else f", or {ROBOTS}{path}"
+        raise BadInputError(f"model {path}: no such file; expected MJCF or URDF{named}")
     if _XACRO in path.read_text(encoding="utf-8", errors="replace"):
         raise BadInputError(f"model {path}: is xacro; expected URDF (xacro {path} > robot.urdf)")
     try:
@@ -120,10 +123,14 @@ def _robot(name: str) -> Path:
             f"(the nearest: {', '.join(alike) or 'none'})"
         )
     try:
-        module = import_module(f"robot_descriptions.{found}")
+        with redirect_stdout(sys.stderr):  # it tells what it downloads; stdout is for answers
+            module = import_module(f"robot_descriptions.{found}")
     except Exception as exc:
         reason = " ".join(str(exc).split())
-        raise ConfigError(f"model {ROBOTS}{name}: could not be had: {reason}") from exc
+        raise ConfigError(
+            f"model {ROBOTS}{name}: could not be downloaded, nor is it in the package's cache; "
+            f"expected git and a network ({reason})"
+        ) from exc
     return Path(next(_files_of(module)))
 
 
