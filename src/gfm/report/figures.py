@@ -25,6 +25,9 @@ PAGE_POINTS = 9_000
 #: Points that a page has less with a film.
 FILM_POINTS = 3_000
 
+#: From here on only whole decades are written beside a logarithmic axis.
+_MOST_DECADES = 1.5
+
 INK = "#1f2328"
 GREY = "#6e7781"
 FLOOR = "rgba(110, 119, 129, 0.22)"
@@ -196,13 +199,19 @@ def dots_figure(lines: Sequence[str], rows: Sequence[Dots], x_label: str) -> go.
             marker={"color": row.colour, "size": 12, "symbol": row.symbol, "line": {"width": 2}},
         )
         figure.add_trace(dots)
-    styled(figure, height=130 + 30 * len(lines))
+    styled(figure, height=160 + 30 * len(lines))
     figure.update_traces(marker_line_color="white", selector={"marker.symbol": "circle"})
-    # Ticks at 1, 2 and 5 of every decade, written out.
-    figure.update_xaxes(type="log", dtick="D2", tickformat=".3~g", title_text=html.escape(x_label))
+    # Ticks at 1, 2 and 5 of every decade, written out; of many decades these overlap on a phone.
+    dtick = "D2" if _decades(rows) < _MOST_DECADES else 1
+    figure.update_xaxes(type="log", dtick=dtick, tickformat=".3~g", title_text=html.escape(x_label))
     # An explicit type: joints that are called "1" and "2" are no numbers here.
     figure.update_yaxes(title_text="joint", type="category", autorange="reversed")
     return figure
+
+
+def _decades(rows: Sequence[Dots]) -> float:
+    shown = [value for row in rows for value in row.x if value > 0.0 and math.isfinite(value)]
+    return math.log10(max(shown) / min(shown)) if shown else 0.0
 
 
 def series_count(diagnosis: Diagnosis) -> int:

@@ -202,6 +202,20 @@ def test_every_plot_has_axis_titles_and_a_caption(run_with):
         assert any(axis.get("title", {}).get("text") for axis in below)
 
 
+def test_a_page_fits_a_phone(diagnosis_with):
+    page = diagnosis_html(diagnosis_with())
+    assert '<meta name="viewport" content="width=device-width, initial-scale=1">' in page
+    narrow = page.partition("@media (max-width: 600px) {")[2].partition("\n}")[0]
+    assert ".scroll > table { width: max-content;" in narrow
+    assert (
+        "table, figcaption, .card p, .small, .tile span, .bar-figures { font-size: 1rem; }"
+        in narrow
+    )
+    bare = page.split("<table")[1:-1]
+    assert len(bare) == page.count('<div class="scroll"><table')
+    assert "if (touched) layout.dragmode = false;" in page
+
+
 def test_pages_load_nothing_from_anywhere(run_with, diagnosis_with):
     for page in (run_html(run_with()), diagnosis_html(diagnosis_with())):
         own = without_plotly(page)

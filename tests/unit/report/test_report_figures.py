@@ -99,6 +99,14 @@ def test_errors_that_a_logarithm_cannot_show_are_left_out(diagnosis_with):
     assert [one.x for one in figure.data] == [(None,), (None,), (joint.noise_floor,)]
 
 
+@pytest.mark.parametrize(("before", "dtick"), [(2e-3, "D2"), (2e-2, 1)])
+def test_ticks_of_many_decades_leave_room_for_their_labels(diagnosis_with, before, dtick):
+    joint = replace(
+        diagnosis_with().joints["right_j0"], before=before, after=1e-3, noise_floor=2e-4
+    )
+    assert joint_error_picture({"j": joint}, "rad").figure.layout.xaxis.dtick == dtick
+
+
 def test_the_caption_says_what_the_effect_looks_like():
     assert "step at zero velocity" in look_for(
         plot_of("coulomb_friction", "velocity (rad/s)", "points", "line")

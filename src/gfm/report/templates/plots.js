@@ -1,5 +1,8 @@
+// A finger that moves over a picture scrolls the page: it neither zooms nor meets small buttons.
+const touched = matchMedia("(pointer: coarse)").matches;
 const settings = {
   responsive: true,
+  displayModeBar: touched ? false : undefined,
   displaylogo: false,
   // Named one by one: some of the default buttons would send the data elsewhere.
   modeBarButtons: [["toImage", "zoom2d", "pan2d", "resetScale2d"]],
@@ -35,6 +38,7 @@ async function draw(plot) {
   seen.unobserve(plot);
   const [text] = await Promise.all([unpacked(plot.nextElementSibling.textContent), loaded()]);
   const {data, layout} = JSON.parse(text);
+  if (touched) layout.dragmode = false;
   return Plotly.newPlot(plot, data, layout, settings);
 }
 
