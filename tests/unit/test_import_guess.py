@@ -386,6 +386,18 @@ def test_rows_of_json_are_the_only_list_in_it(tmp_path: Path) -> None:
         guess(path)
 
 
+def test_joints_in_two_units_are_asked_for(tmp_path: Path) -> None:
+    scales = [40.0, 0.5]
+    table = np.column_stack([TIME_MS, scales * POSITION, scales * COMMAND])
+    path = csv_file(tmp_path, "t,q1,q2,q_des1,q_des2", table)
+    with pytest.raises(ConfigError, match=r"shoulder is in degrees, .*; elbow reaches .* `scale`"):
+        guess(path)
+    table[:, [2, 4]] = 0.5  # stands still: its unit is that of the others
+    assert "degrees: as rad shoulder leaves" in guess(
+        csv_file(tmp_path, "t,q1,q2,q_des1,q_des2", table)
+    )
+
+
 def test_degrees_of_a_table_are_told_by_the_models_ranges(tmp_path: Path) -> None:
     table = np.column_stack([TIME_MS, 40.0 * POSITION, 40.0 * COMMAND])
     path = csv_file(tmp_path, "t,q1,q2,q_des1,q_des2", table)

@@ -19,6 +19,8 @@ from gfm.importing.guess.robot import Robot
 _TURN = 2.0 * np.pi
 #: Where LeRobot's normalised positions end: calibrated ranges are mapped to it, and clipped.
 _END = 100.0
+#: A joint that moves by less stands still, whatever its unit.
+_MOVES = 0.1
 #: How far a ratio may lie from degrees over rad: servos give way, or overshoot.
 _NEAR = 2.0
 #: Correlation from which a joint follows its commands.
@@ -77,7 +79,7 @@ def told_unit(values: Mapping[str, Array], robot: Robot, *, lerobot: bool) -> To
         widest = max(reaches, key=reaches.__getitem__)
         raise ConfigError(
             f"{widest} reaches {reach:.4g}: {others}; expected a unit that can be told (--unit "
-            f"{'|'.join(Unit)} says which)"
+            f"{'|'.join(Unit)} says which, for all joints)"
         )
     return told
 
@@ -99,9 +101,22 @@ def _by_the_ranges(values: Mapping[str, Array], reach: float, robot: Robot) -> T
     if limited and not strange:
         return Told(unit=Unit.RAD, why=f"rad: within the model's ranges (at most {reach:.3g})")
     if limited and all(_fits(np.radians(x), robot.ranges[name]) for name, x in limited.items()):
+        _check_alike(values, strange[0])
         why = f"degrees: as rad {strange[0]} leaves the model's range, as degrees none does"
         return Told(unit=Unit.DEGREES, why=why)
     return None
+
+
+def _check_alike(values: Mapping[str, Array], in_degrees: str) -> None:
+    """Refuses a joint beside one in degrees that moves so little that it may be in rad."""
+    for name, x in values.items():
+        reach = float(np.abs(x).max())
+        if name != in_degrees and reach <= _TURN and np.ptp(x) > _MOVES:
+            raise ConfigError(
+                f"{in_degrees} is in degrees, for as rad it leaves the model's range; {name} "
+                f"reaches {reach:.3g}: rad, or degrees; expected --unit degrees if all joints are "
+                "(else save the mapping that this prints, and take `scale` from joints in rad)"
+            )
 
 
 def _fits(values: Array, limits: tuple[float, float]) -> bool:
