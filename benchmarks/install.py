@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -63,7 +63,8 @@ class Installation:
         extras: Of the package.
         took_s: pip, for wheels and their installation.
         wheels_mb: Of all wheels: what goes over the line.
-        megabytes: Of everything that was installed, by package folder; pip itself is not counted.
+        megabytes: Of everything that was installed, by package folder; what an empty environment
+            has (pip, up to Python 3.11 setuptools) is not counted.
         imported: `import gfm` in a new process, without the interpreter's own start.
         helped: `gfm --help`, whole.
     """
@@ -86,6 +87,8 @@ def measured(name: str, folder: Path) -> Installation:
     """Installs into a new environment in a folder."""
     subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
     python, extras = folder / "bin" / "python", EXTRAS[name]
+    packages = next((folder / "lib").glob("python*/site-packages"))
+    empty = {one.name for one in packages.iterdir()}
     pip = [str(python), "-m", "pip", "--quiet", "--disable-pip-version-check"]
     wheels, asked = folder / "wheels", f"[{','.join(extras)}]"
     began = time.monotonic()
@@ -101,7 +104,7 @@ def measured(name: str, folder: Path) -> Installation:
         extras=extras,
         took_s=took_s,
         wheels_mb=sum(one.stat().st_size for one in wheels.iterdir()) / 1e6,
-        megabytes=sizes_mb(next((folder / "lib").glob("python*/site-packages"))),
+        megabytes=sizes_mb(packages, empty),
         imported=Took(whole.wall_s - nothing.wall_s, whole.cpu_s - nothing.cpu_s),
         helped=fastest([str(folder / "bin" / "gfm"), "--help"]),
     )
@@ -121,12 +124,12 @@ def fastest(words: Sequence[str]) -> Took:
     return Took(min(wall_s), min(cpu_s))
 
 
-def sizes_mb(packages: Path) -> dict[str, float]:
-    """Returns the size of what lies in a folder, largest first, without pip."""
+def sizes_mb(packages: Path, without: Collection[str]) -> dict[str, float]:
+    """Returns the size of what lies in a folder, largest first, without what is named."""
     sizes = {
         one.name: sum(file.stat().st_size for file in (*one.rglob("*"), one) if file.is_file())
         for one in packages.iterdir()
-        if one.name.partition("-")[0] != "pip"
+        if one.name not in without
     }
     ordered = sorted(sizes.items(), key=lambda pair: -pair[1])
     return {name: size / 1e6 for name, size in ordered}

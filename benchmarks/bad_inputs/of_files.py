@@ -82,6 +82,13 @@ def _named(*, back_s: float = 0.0, measured: float = 1.0, told: float = 1.0) -> 
     return text("run.csv", "\n".join(["t,a_pos,a_cmd,b_pos,b_cmd", *rows]) + "\n")
 
 
+def _one_in_degrees() -> str:
+    """Makes a table in which joint a is in degrees and joint b in rad; returns its name."""
+    wave = np.sin(0.1 * np.arange(50))
+    rows = [f"{0.01 * k},{57.3 * x},{57.3 * x},{x},{x}" for k, x in enumerate(wave)]
+    return text("run.csv", "\n".join(["t,a_pos,a_cmd,b_pos,b_cmd", *rows]) + "\n")
+
+
 def _mapped(table: str, mapping: str = MAPPING) -> list[str]:
     """Returns the words that import a table by a mapping."""
     return [text("run.csv", table), "--mapping", text("map.toml", mapping), "--out", "out"]
@@ -178,6 +185,7 @@ IMPORT = cases(
         lambda: _guessed(_named(measured=500.0, told=500.0)),
     ),
     ("measured in degrees, told in radians", lambda: _guessed(_named(measured=57.2958))),
+    ("a joint in degrees, another in radians", lambda: _guessed(_one_in_degrees())),
     ("a parquet file cut in half", lambda: _guessed(half(_parquet()))),
     ("a MATLAB file that is none", lambda: _guessed(text("run.mat", "hello"))),
     ("a kind of file that nothing reads", lambda: _guessed(text("run.docx", "hello"))),
@@ -214,6 +222,7 @@ DOCTOR = (
         "gfm doctor",
         ("no recordings", lambda: [model()]),
         ("a model that is not there", lambda: ["absent.xml", written("r"), "--json"]),
+        ("a robot by its bare name", lambda: ["panda", written("r"), "--json"]),
         ("a recording that is not there", lambda: [model(), "absent.mcap", "--json"]),
         ("a recording cut in half", lambda: [model(), half(written("r")), "--json"]),
         (

@@ -16,8 +16,8 @@ Closes the gap between a MuJoCo model and the robot it stands for: records the r
 model gets wrong, names the missing effect and adds it, and learns forces for the rest.
 """
 _EPILOG = """\
-Start with `gfm run`. Exit status: 0 done, 1 a peer stayed away or said no, 2 bad input (one line
-says what), 130 interrupted.
+Start with `gfm run`. Exit status: 0 done, 1 another process did not answer or refused, 2 bad
+input (one line says what), 130 interrupted.
 """
 _INTERRUPTED = 130
 

@@ -358,11 +358,9 @@ def test_what_a_download_prints_is_no_part_of_an_answer(capsys):
 
 
 def test_a_bare_name_is_told_how_robots_are_named():
-    with pytest.raises(
-        BadInputError, match="no such file; expected .*, or robot_descriptions:sawyer$"
-    ):
+    with pytest.raises(BadInputError, match=r"expected .*, or robot_descriptions:sawyer$"):
         named_model("sawyer")
-    with pytest.raises(BadInputError, match="no such file; expected MJCF or URDF$"):
+    with pytest.raises(BadInputError, match=r"no such file; expected MJCF or URDF$"):
         named_model("robots/sawyer")
 
 

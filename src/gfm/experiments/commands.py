@@ -35,11 +35,11 @@ _PAIR = "MODEL.effects.json beside it is read as part of it"
 _DIAGNOSE_END = """\
 Recordings are MCAP files with sensor_msgs/msg/JointState on both topics (`gfm import` makes them
 from tables, ROS bags and LeRobot datasets). The model has one actuator per joint, of the kind of
-the commands: position servo, velocity servo or motor; --actuators adds them, and nominal.xml among
-the results is the model that this made. What MJCF cannot say stands in a file beside
-it: corrected models are written to corrected.xml and, where need be, corrected.effects.json, and
-whoever is given the first reads both. For several models corrected_KIND.xml is written, too. With
---since the report begins with what changed, and ranges.toml says what training should draw from.
+the commands: position servo, velocity servo or motor. --actuators adds missing ones; the model with
+them is written to nominal.xml. The corrected model is written to corrected.xml, and effects that
+MJCF cannot express to corrected.effects.json beside it. Commands that are given corrected.xml read
+both. For several models corrected_KIND.xml is written, too. With --since the report begins with
+what changed, and ranges.toml says from which ranges training should draw.
 Exit status: 0 a verdict was reached, 2 bad input.
 """
 
@@ -138,7 +138,11 @@ def add_diagnose_parser(subparsers: Subparsers) -> None:
     )
     add_actuators(parser)
     parser.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="for report and corrected model"
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder for report and corrected model",
     )
     parser.add_argument(
         "--holdout",
@@ -171,12 +175,12 @@ def add_diagnose_parser(subparsers: Subparsers) -> None:
         metavar="RECORDING",
         help="an earlier set of recordings: what changed since then? Once per set, oldest first",
     )
-    parser.add_argument("--seed", type=int, default=0, help="kept in the report")
+    parser.add_argument("--seed", type=int, default=0, help="only written to the report")
     parser.add_argument(
         "--minutes",
         type=float,
         default=10.0,
-        help="for the answer; the search gets 85 %% of them (default: %(default)g)",
+        help="longest time to an answer; the search gets 85 %% of it (default: %(default)g)",
     )
     parser.add_argument(
         "--keep-suspects",

@@ -32,13 +32,13 @@ def add_guess(parser: argparse._ActionsContainer, yes: str) -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="guess: topic, beginning of a column's name, or a word in either, to take where "
-        "several fit",
+        help="topic or column to take where several fit: its name, the beginning of a column's "
+        "name, or a word in either",
     )
     parser.add_argument(
         "--unit",
         choices=("rad", "degrees", "normalised"),
-        help="guess: of positions, where their size does not tell",
+        help="unit of positions, where their size does not tell it",
     )
 
 
