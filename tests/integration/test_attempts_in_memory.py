@@ -35,7 +35,7 @@ from gfm.core import (
 )
 from gfm.core.checks import Array, Array32
 from gfm.envs.matching import Matching
-from gfm.envs.matching_task import POSE_MATCHING, POSITION_MATCHING
+from gfm.envs.matching_task import POSE_MATCHING, POSITION_MATCHING, MatchingTask
 from gfm.envs.matching_view import MatchingView
 from gfm.experiments.attempt_files import Kept
 from gfm.experiments.attempt_start import ABOVE_M, AsideError, AttemptStart
@@ -66,6 +66,8 @@ from gfm_robot_bridge.simulated_sawyer import SimulatedSawyer
 from gfm_wire import RobotClock, ScaleSpeed, SetPayload, StopRobot, decode
 
 POSITION = POSITION_MATCHING.name
+#: Twice as long as the shipped policy needs.
+SHORT = replace(POSITION_MATCHING, steps=90)
 VIEW = RobotView(load_arm(EvaluationRequest(task=POSITION)))
 
 
@@ -161,13 +163,14 @@ def attempts(
     driver: Driver,
     policy: Callable[[Array32], Array32] | None = None,
     person: Person | None = None,
+    task: MatchingTask = POSITION_MATCHING,
 ) -> AttemptRunner:
     arm = load_arm(EvaluationRequest(task=POSITION))
     if policy is None:
         path = shipped_policy(POSITION)
         spec = Matching(POSITION_MATCHING, arm, 1).spec
         policy = policy_for(path, read_weights(path), spec).mean_action
-    return AttemptRunner(POSITION_MATCHING, arm, policy, driver, seed=0, person=person)
+    return AttemptRunner(task, arm, policy, driver, seed=0, person=person)
 
 
 def start(driver: Driver, person: Person | None = None) -> AttemptStart:
@@ -224,10 +227,10 @@ def test_the_bridge_keeps_the_tool_out_of_the_basket(tmp_path: Path) -> None:
 
 
 def test_a_policy_that_stands_still_reaches_nothing(tmp_path: Path) -> None:
-    made = attempts(connected(tmp_path), standing).make(3, 0, "still")
+    made = attempts(connected(tmp_path), standing, task=SHORT).make(3, 0, "still")
     assert made is not None
     assert made.outcome == "out_of_time"
-    assert made.steps == POSITION_MATCHING.steps
+    assert made.steps == SHORT.steps
     assert made.place_m == pytest.approx(POSITION_MATCHING.goal_radius_m, abs=0.012)
 
 
@@ -527,7 +530,7 @@ def test_under_a_load_that_nobody_knows_attempts_fail_and_the_next_begin(
     tmp_path: Path, clock: str
 ) -> None:
     rig = Rig(tmp_path, clock=clock, payload_kg=1.5)
-    runner = attempts(rig.driver)
+    runner = attempts(rig.driver, task=SHORT)
     made = [runner.make(goal, 0, f"loaded_{goal}") for goal in range(2)]
     assert all(one is not None and one.outcome != "reached" for one in made)
     status = rig.bridge.status()
