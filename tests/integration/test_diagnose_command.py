@@ -268,7 +268,7 @@ def two_sets(folder: Path) -> tuple[list[str], list[str], str]:
     paths = []
     for seed, missing in enumerate((0.8, 0.8, 0.8, 0.4, 0.4)):
         path = folder / f"motion_{seed}.mcap"
-        write_recording(path, recording(path.stem, seed, missing, ticks=1200))
+        write_recording(path, recording(path.stem, seed, missing, ticks=600))
         paths.append(str(path))
     model = folder / "pendulum.xml"
     model.write_text(PENDULUM.format(step=0.002, damping=DAMPING))

@@ -25,7 +25,7 @@ def command(time_s, seed):
     return 0.25 * np.minimum(time_s, 1.0) * waves
 
 
-def recording(seed, torque=lambda _q, _v: 0.0, duration=6.0, **truth):
+def recording(seed, torque=lambda _q, _v: 0.0, duration=4.0, **truth):
     stamps = np.arange(0.0, duration, PERIOD_S)
     return swung(command(stamps, seed), seed=seed, noise=NOISE, torque=torque, **truth)
 

@@ -23,7 +23,7 @@ def spec(text=FREE):
     return mujoco.MjSpec.from_string(text)
 
 
-def slides(seed, *, friction=MU, damping=0.0, count=5, fastest=1.3):
+def slides(seed, *, friction=MU, damping=0.0, count=3, fastest=1.3):
     """Returns where an object is that is flicked again and again, shape (P, 3): x, y, yaw.
 
     It slides straight on, braked by friction mu m g and damping times speed, until it rests.

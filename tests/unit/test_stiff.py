@@ -34,7 +34,7 @@ def turned(commands, friction):
     return np.array(angles)
 
 
-def recorded(seed, friction, duration_s=8.0):
+def recorded(seed, friction, duration_s=4.0):
     rng = np.random.default_rng(seed)
     time_s = np.arange(0.0, duration_s, PERIOD_S * PER_COMMAND)
     waves = np.sin(np.outer(time_s, rng.uniform(1.0, 6.0, 3)) + rng.uniform(0.0, 6.0, 3))
