@@ -23,6 +23,7 @@ from gfm.diagnosis.search.moves.add import (
     along_its_valley,
     beside,
     best_of,
+    worth_more,
 )
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.merge import merge
@@ -54,8 +55,8 @@ def command(seed, duration_s=8.0):
     return 0.3 * np.minimum(time_s, 1.0) * waves
 
 
-def runs(**truth):
-    return [swung(command(seed), seed=seed, noise=NOISE, **truth) for seed in range(4)]
+def runs(count=2, **truth):
+    return [swung(command(seed), seed=seed, noise=NOISE, **truth) for seed in range(count)]
 
 
 def dry(_q, v):
@@ -91,7 +92,7 @@ class Case:
 
 @pytest.fixture(scope="module")
 def rubbing():
-    return Case(runs(torque=dry))
+    return Case(runs(4, torque=dry))
 
 
 @pytest.fixture(scope="module")
@@ -653,8 +654,8 @@ def test_what_the_motion_in_the_air_shows_is_proposed_too():
     def lacks(q, v):
         return OFFSET + dry(q, v)
 
-    both = Case(runs(torque=lacks))
-    pushed = torque_domain(both.problem, runs(torque=lambda q, v: lacks(q, v) + np.sin(7.0 * q)))
+    both = Case(runs(4, torque=lacks))
+    pushed = torque_domain(both.problem, runs(4, torque=lambda q, v: lacks(q, v) + np.sin(7.0 * q)))
     names = ("coulomb_friction", "torque_offset", "viscous_friction", "joint_spring")
     elsewhere, there = (
         missing_torque(both.with_effects(), both.search(*names, torques=pushed, witness=witness))
@@ -754,12 +755,18 @@ def test_a_peak_of_friction_that_stands_for_all_of_it_is_tried_above_its_level(s
 
 
 def test_a_peak_above_a_level_that_is_there_is_tried_alone(sticking):
-    level = instance("coulomb_friction", torque=0.3)
-    assert peaks_beside(sticking.with_effects(level), (0.3, 1.0))[1] == []
+    level = instance("coulomb_friction", torque=FRICTION)
+    weak = instance("stribeck_friction", static_excess=0.4, stribeck_velocity=0.1)
+    fits = [measured(sticking.problem, effects) for effects in ((level,), (level, weak))]
+    before = Hypothesis(problem=sticking.problem, fit=fits[0], nominal=sticking.nominal)
+    tried = beside(before, fits[1])
+    assert best_of(before, [tried]) is tried
+    assert worth_more(before, tried)
+    assert _above_their_level(before, [Screened(weak, Difference(9.0, 1.0))], [tried]) == []
 
 
 def test_what_is_in_front_goes_onalong_its_valley_while_it_leaves_much():
-    peak = Case(runs(torque=lambda _q, v: 0.6 * dry(_q, v) * np.exp(-((v / 0.2) ** 2))))
+    peak = Case(runs(4, torque=lambda _q, v: 0.6 * dry(_q, v) * np.exp(-((v / 0.2) ** 2))))
     before = peak.with_effects()
     off = instance("stribeck_friction", static_excess=0.05, stribeck_velocity=0.35)
     stuck = beside(before, measured(peak.problem, [off]))
