@@ -63,7 +63,7 @@ measured and filtered columns side by side and number the joints. The URDF has n
         recordings=2,
         commands=(
             "gfm import run*.csv --model arm.urdf --actuators torque --yes --out recordings",
-            "gfm diagnose recordings/*.mcap --model arm.urdf --actuators torque --minutes 1 "
+            "gfm diagnose recordings/*.mcap --model arm.urdf --actuators torque --minutes 4 "
             "--out diagnosis",
         ),
     ),

@@ -3,8 +3,8 @@
 The warm start (`gfm.experiments.fit_warm`) comes first. From there MPO goes on in the learner, with
 actors in `gfm_fit`. Every now and then the learner's policy is rolled out along the *training*
 recordings; the best one is kept, the warm start among them, or no force at all where none of them
-does any good. Where an object is pushed, its place in short windows counts
-(`gfm.envs.following`). Held-out recordings are never looked at here.
+does any good. Where an object is pushed, its place in pushes from rest counts
+(`gfm.envs.pushes`). Held-out recordings are never looked at here.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ class FittedForces:
         about: Where forces act and what they depend on, in words.
         began: What learning began with.
         unit: Of training errors: rad, of the joints' positions in rollouts of whole recordings; or
-            m, of an object's place in windows in which it moves.
+            m, of an object's place in pushes from rest.
         nominal_error: Training error without any forces.
         lacking: Whether that is more than noise on any joint, or of the object's place.
         foretells: Whether the first policy foretells anything of recordings that it was not
