@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
+from typing import final
 
 from rich.console import Console
 from rich.text import Text
@@ -35,7 +35,7 @@ def diagnose_files(
         BadInputError: something given cannot be used; nothing was written.
     """
     check_folder(out)
-    say = partial(_say, progress, time.monotonic())
+    say = Progress(progress)
     diagnosis = diagnosed(request, say)
     paths = diagnosis.save(out)
     print_diagnosis(answer, diagnosis.answer)
@@ -58,7 +58,16 @@ def _rerun_file(diagnosis: Diagnosis, out: Path) -> tuple[Path, ...]:
     return (diagnosis.save_motion(out / NAME),) if rerun_is_here() else ()
 
 
-def _say(progress: Console, began_s: float, words: str) -> None:
-    """Tells what is happening, and how many seconds after the beginning."""
-    seconds = f"{time.monotonic() - began_s:6.1f} s"
-    progress.print(Text(f"{seconds}  {words}", style="dim"), soft_wrap=True)
+@final
+class Progress:
+    """Tells what is happening, and how many seconds after the beginning; nothing twice running."""
+
+    def __init__(self, console: Console) -> None:
+        self._console, self._began_s, self._last = console, time.monotonic(), ""
+
+    def __call__(self, words: str) -> None:
+        """Prints a line."""
+        if words != self._last:
+            seconds = f"{time.monotonic() - self._began_s:6.1f} s"
+            self._console.print(Text(f"{seconds}  {words}", style="dim"), soft_wrap=True)
+        self._last = words
