@@ -18,11 +18,13 @@ PYTHON_IMAGE ?= docker.io/library/python:3.11-slim-bookworm
 help:  ## say what can be made
 	@sed -En 's/^([a-z-]+):.*## (.*)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
 
-# Nothing floats: the lock names every package, those that build this one included.
+# Nothing floats: the lock names every package, those that build this one included. Compiled once:
+# where Python may not write byte code, every process of a service would compile it anew.
 $(VENV)/.installed: pyproject.toml requirements.lock
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(PIP) install --requirement requirements.lock
 	$(PIP) install --no-deps --no-build-isolation --editable .
+	$(BIN)/python -m compileall -q src proto services
 	touch $@
 
 run: $(VENV)/.installed  ## close the loop once on this machine (RUN_ARGS=--help)
