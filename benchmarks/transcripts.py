@@ -109,7 +109,7 @@ converted first.""",
         recordings=2,
         commands=(
             "gfm import so101_paths --model so101.xml --unit degrees --yes --out recordings",
-            "gfm diagnose recordings/*.mcap --model so101.xml --minutes 1 --out diagnosis",
+            "gfm diagnose recordings/*.mcap --model so101.xml --minutes 4 --out diagnosis",
         ),
     ),
 )
