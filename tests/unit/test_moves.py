@@ -22,6 +22,7 @@ from gfm.diagnosis.search.moves.add import (
     add,
     along_its_valley,
     beside,
+    best_first,
     best_of,
     worth_more,
 )
@@ -412,6 +413,26 @@ def test_a_search_says_whether_more_time_might_have_led_elsewhere(rubbing, steps
     run(here, search, [nothing_gains])
     assert here.is_open
     assert search.out_of_time is steps_are_over
+
+
+@pytest.mark.parametrize("far_off", [True, False])
+def test_far_off_a_step_that_was_not_compared_with_everything_is_not_taken(rubbing, far_off):
+    """The time for steps is over while moves propose."""
+    nominal, friction = rubbing.with_effects(), instance("coulomb_friction", torque=FRICTION)
+    assert nominal.fit.cost > FAR_OFF
+    size = 1.0 if far_off else np.sqrt(0.5 * FAR_OFF / nominal.fit.cost)
+    here = replace(nominal, fit=replace(nominal.fit, residual=size * nominal.fit.residual))
+    proposed = []
+
+    def rub(before, _search, _best):
+        proposed.append(before)
+        return best_first(before, [beside(before, rubbing.with_effects(friction).fit)])
+
+    search = rubbing.search(goes_on=lambda: not proposed)
+    after = run(here, search, [rub])
+    assert (after is here) == far_off
+    assert [step.chosen is None for step in search.steps] == [far_off]
+    assert search.ended_early == far_off
 
 
 def test_an_effect_whose_rivals_were_not_weighed_stays_and_less_speaks_for_it(rubbing):

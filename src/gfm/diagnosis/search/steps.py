@@ -13,7 +13,7 @@ from functools import partial
 
 from gfm.diagnosis.inference.amounts import acting
 from gfm.diagnosis.inference.fitting import along_valley, measured
-from gfm.diagnosis.search.hypothesis import Hypothesis, P
+from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, P
 from gfm.diagnosis.search.moves.merge import merge
 from gfm.diagnosis.search.moves.missing_torque import fewest
 from gfm.diagnosis.search.moves.reduce import Compared, RivalsOf, exchange, remove, rivals_of
@@ -42,6 +42,8 @@ def _steps(
         best = _best(here, search, moves)
         if best.move is Move.MISSING_TORQUE:
             best = search.in_its_time(partial(fewest, here, best), best, step=True)
+        if here.fit.cost > FAR_OFF and not search.goes_on():
+            best = replace(best, chosen=None)  # far off, what was compared with little may be wrong
         if best.chosen is None:
             search.steps += [best] if best.ranked else []
             break
