@@ -75,21 +75,21 @@ START, DRIVE, MEASURE, IDENTIFY, DIAGNOSE, LEARN, LEARN_REST, TASK, EVALUATE = (
 )
 _EXPECTED_S = {
     START: 2.0,
-    DRIVE: 95.0,
+    DRIVE: 110.0,
     MEASURE: 2.0,
     IDENTIFY: 6.0,
-    DIAGNOSE: 30.0,
-    LEARN: 90.0,
-    LEARN_REST: 30.0,
+    DIAGNOSE: 35.0,
+    LEARN: 40.0,
+    LEARN_REST: 20.0,
     TASK: 270.0,
     EVALUATE: 5.0,
 }
 #: Learning ends so long before the budget does, and is not begun for less than the second, s.
 _RESERVE_S, _LEAST_LEARNING_S = 50.0, 20.0
 #: Longest time that is spent on learning, s.
-_MOST_LEARNING_S = 30.0
+_MOST_LEARNING_S = 20.0
 #: The task, how many of its goals, attempts at each, and minutes for what their recordings tell.
-_TASK, _GOALS, _TRIALS, _MINUTES = "position_matching", 5, 2, 1.5
+_TASK, _GOALS, _TRIALS, _MINUTES = "position_matching", 4, 2, 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
