@@ -4,8 +4,7 @@ A rollout begins where the object still rests, for its pose there is a mean over
 camera. In the midst of a push it is as wrong as one look, and contacts make five millimetres of
 that within a second: that would hide what forces are worth. The robot's part is no question here.
 
-Shape letters: P pushes, T rollouts of each, K control periods, S integration steps in each, J
-joints, O observation size, A generalized forces.
+Shape letters: P pushes, K control periods, S integration steps in each, J joints.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ MOVES_M = 0.005
 #: begins, and the longest that it is followed.
 _REST_S, _BEFORE_S, _LONGEST_S = 0.1, 0.16, 2.0
 
-#: The object's six generalized forces, (T P, 6), in a control period, from qpos and qvel.
+#: The object's six generalized forces, (P, 6), in a control period, from qpos and qvel.
 ObjectForces = Callable[[int, Array, Array], Array]
 
 
@@ -165,46 +164,35 @@ def _push(
 
 
 def object_differences(
-    model: HybridModel, pushes: Pushes, forces: ObjectForces | None, times: int = 1
+    model: HybridModel, pushes: Pushes, forces: ObjectForces | None = None
 ) -> Array:
-    """Returns how far the object is from where it was recorded, shape (T, P, K, 6), m and rad.
+    """Returns how far the object is from where it was recorded, shape (P, K, 6), m and rad.
 
     Args:
         model: Whose limits bound the forces.
         pushes: Some.
         forces: On the object; None for none.
-        times: T. Rollouts stand in the order of their T.
     """
-    count, layout = len(pushes), model.layout
-    batch = HybridBatch(model, times * count)
-    batch.reset(
-        np.arange(times * count),
-        pushes.models * times,
-        _tiled(pushes.begin_qpos, times),
-        _tiled(pushes.begin_qvel, times),
-        _tiled(pushes.command[:, 0, 0], times),
-    )
-    acting = np.zeros((times * count, len(model.force_limit)))
-    found = np.zeros((pushes.live.shape[1], times * count, 6))
-    for period in range(len(found)):
+    batch = HybridBatch(model, len(pushes))
+    begin = (pushes.begin_qpos, pushes.begin_qvel, pushes.command[:, 0, 0])
+    batch.reset(np.arange(len(pushes)), pushes.models, *begin)
+    acting = np.zeros((len(pushes), len(model.force_limit)))
+    found = np.zeros((*pushes.live.shape, 6))
+    for period in range(pushes.live.shape[1]):
         if forces is not None:
             acting[:, -6:] = forces(period, batch.qpos, batch.qvel)
-        moved = (_tiled(each[:, period], times) for each in (pushes.joints, pushes.speeds))
-        batch.carry(acting, *moved)
-        then = (_tiled(each[:, period], times) for each in (pushes.qpos, pushes.qvel))
-        found[period] = state_difference(layout, batch.qpos, batch.qvel, *then)[:, -6:]
-    return found.transpose(1, 0, 2).reshape(times, count, len(found), 6)
-
-
-def _tiled(rows: Array, times: int) -> Array:
-    return np.tile(rows, (times, *(1 for _ in rows.shape[1:])))
+        batch.carry(acting, pushes.joints[:, period], pushes.speeds[:, period])
+        then = (pushes.qpos[:, period], pushes.qvel[:, period])
+        difference = state_difference(model.layout, batch.qpos, batch.qvel, *then)
+        found[:, period] = difference[:, -6:]
+    return found
 
 
 def object_errors(
     model: HybridModel, pushes: Pushes, forces: ObjectForces | None = None
 ) -> ObjectErrors:
     """Returns how far the object is from the recordings; of at least one push."""
-    difference = object_differences(model, pushes, forces)[0][pushes.live]
+    difference = object_differences(model, pushes, forces)[pushes.live]
     return ObjectErrors(
         pushes=len(pushes),
         place_m=float(np.sqrt(np.square(difference[:, :2]).sum(axis=1).mean())),
