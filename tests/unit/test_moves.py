@@ -15,7 +15,6 @@ from gfm.diagnosis.inference.fitting import Fit, fit, measured
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place, joint_scales
 from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, parameters_of
-from gfm.diagnosis.search.loop import search
 from gfm.diagnosis.search.moves.add import (
     _above_their_level,
     _beginnings,
@@ -434,20 +433,6 @@ def test_far_off_a_step_that_was_not_compared_with_everything_is_not_taken(rubbi
     assert (after is here) == far_off
     assert [step.chosen is None for step in search.steps] == [far_off]
     assert search.ended_early == far_off
-
-
-@pytest.mark.parametrize("there", [True, False])
-def test_what_leads_astray_where_there_was_no_time_to_settle_it_is_not_given(there):
-    """Short segments tell of friction; long ones, of which nobody asked yet, may not."""
-    recordings = runs(torque=dry)[:2]
-    short = prepared(all_segments(SPECS, recordings))
-    longer = recordings if there else runs()[:2]
-    long = prepared(all_segments(SPECS, longer, windows_s={CommandKind.POSITION: 2.0}))
-    friction = instance("coulomb_friction", torque=FRICTION)
-    problems = (short, long, short)
-    found = search(*problems, recordings, [].append, time_left=lambda: 0.0, known=[friction])
-    assert [e.effect.name for e in found.fit.effects] == ["coulomb_friction"] * there
-    assert found.out_of_time
 
 
 def test_an_effect_whose_rivals_were_not_weighed_stays_and_less_speaks_for_it(rubbing):

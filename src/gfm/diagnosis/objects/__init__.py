@@ -1,1 +1,4 @@
-"""What a model gets wrong about the object that its robot pushes, by segments of its motion."""
+"""What a model gets wrong about the object that its robot pushes.
+
+The robot's joints follow their recorded motion; the object is simulated over short segments.
+"""

@@ -15,7 +15,6 @@ from dataclasses import replace
 from functools import partial, reduce
 
 from gfm.core import Trajectory
-from gfm.diagnosis.inference.fitting import measured
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.candidates import joint_scales, places
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, nominal_hypothesis, settled_hypothesis
@@ -78,8 +77,6 @@ def search(
         long = reduce(Problem.joined, parts, replace(long, clock=problem.clock))
         settle = partial(settled_hypothesis, long, here.effects, here.nominal)
         settled = under_way.in_its_time(settle, here)
-        if settled is here and measured(long, here.effects).cost > measured(long, ()).cost:
-            settled = nominal_hypothesis(here.problem)  # it leads astray where nothing was settled
         # What keeps a rollout off slowly, initial states of short segments make up for.
         slowly = settled.fit.cost - 1.0 > MORE_IN_LONG * max(here.fit.cost - 1.0, 1.0)
         here = run(settled, under_way, (missing_torque, add, add_costly)) if slowly else settled
