@@ -226,3 +226,10 @@ def forces_of(
         return np.asarray(policy(seen.copy())[:, -6:] * model.force_limit[-6:])
 
     return forces
+
+
+def errors_under(
+    policy: ForcePolicy, features: Features, model: HybridModel, pushes: Pushes
+) -> ObjectErrors:
+    """Returns how far the object is from the recordings under a policy: see `forces_of`."""
+    return object_errors(model, pushes, forces_of(policy, features, model, pushes))

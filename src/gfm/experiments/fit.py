@@ -21,7 +21,7 @@ from gfm.core import Clock, CommandKind, GfmError, Trajectory, UnreachableError,
 from gfm.core.checks import Array32
 from gfm.envs.fit_problem import FitProblem
 from gfm.envs.gfm_fit import NAME
-from gfm.envs.pushes import forces_of, make_pushes, object_errors
+from gfm.envs.pushes import errors_under, make_pushes
 from gfm.envs.registry import EnvironmentSettings, make_environment
 from gfm.experiments.fit_curves import error_curves, learning_curves, metric_rows
 from gfm.experiments.fit_warm import WarmStart, warm_start
@@ -394,8 +394,7 @@ class ForceFit:
         forces = force_model(self._warm.problem, weights)
         if self._unit == "m":
             pushes = make_pushes(forces.model, self._trajectories)
-            known = forces_of(forces.policy, forces.features, forces.model, pushes)
-            return object_errors(forces.model, pushes, known).place_m
+            return errors_under(forces.policy, forces.features, forces.model, pushes).place_m
         return training_error(forces, self._trajectories)
 
 

@@ -19,7 +19,7 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.data.segmentation import measure_noise
 from gfm.envs.fit_problem import FitProblem
-from gfm.envs.pushes import ObjectErrors, forces_of, make_pushes, object_errors
+from gfm.envs.pushes import ObjectErrors, errors_under, make_pushes, object_errors
 from gfm.experiments.fit_warm import joint_errors
 from gfm.experiments.joint_control import ForceModel, ModelErrors, make_test
 from gfm.report import ModelKind
@@ -111,10 +111,10 @@ class _Pushes(Judge):
     def errors(self, forces: ForceModel | None, fitted: FitProblem) -> Judged:
         model = fitted.model
         pushes = make_pushes(model, self._held_out)
-        known = None
-        if forces is not None:
-            known = forces_of(forces.policy, forces.features, model, pushes)
-        pushed = object_errors(model, pushes, known)
+        if forces is None:
+            pushed = object_errors(model, pushes)
+        else:
+            pushed = errors_under(forces.policy, forces.features, model, pushes)
         joints = tuple(joint_errors(model, self._held_out).tolist())
         overall = float(np.sqrt(np.mean(np.square(joints))))
         return Judged(overall=overall, joints=joints, pushed=pushed)

@@ -27,7 +27,7 @@ from gfm.core.checks import Array, Array32
 from gfm.diagnosis.data.segmentation import measure_noise
 from gfm.envs.fit_problem import FitProblem, counted_scale, explored_difference
 from gfm.envs.object_forces import object_forces
-from gfm.envs.pushes import ObjectErrors, forces_of, make_pushes, object_errors
+from gfm.envs.pushes import ObjectErrors, errors_under, make_pushes, object_errors
 from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings, fit_problem
 from gfm.envs.warm_start import example_states, warm_start_examples
 from gfm.rl.policy_numpy import GaussianPolicy
@@ -263,8 +263,8 @@ def followed_rmse(
         return rollout_rmse(problem, policy, recordings)
     model, all_pushes = problem.model, make_pushes(problem.model, recordings)
     each = [all_pushes.of([i]) for i in np.unique(all_pushes.recording)]
-    forces = [forces_of(policy.mean_action, problem.features, model, one) for one in each]
-    return np.array([object_errors(model, *one).place_m for one in zip(each, forces, strict=True)])
+    errors = [errors_under(policy.mean_action, problem.features, model, one) for one in each]
+    return np.array([one.place_m for one in errors])
 
 
 def rollout_rmse(
