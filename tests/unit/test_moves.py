@@ -253,28 +253,31 @@ def test_common_errors_are_found_together_beside_what_is_known(wrong_all_over, k
     assert {e.key for e in step.chosen.new}.isdisjoint(e.key for e in known)
 
 
-def test_one_effect_that_gains_half_spares_common_errors_and_several_do_not(wrong_all_over):
+@pytest.mark.parametrize("move", [Move.ADD, Move.MISSING_TORQUE])
+def test_one_effect_that_gains_half_spares_common_errors_and_several_do_not(wrong_all_over, move):
     before = wrong_all_over.with_effects()
     new = instance("armature", inertia=1e-3), instance("payload", mass=1e-3)
     most = Difference(before.room.nats, 1.0)
 
-    def proposed_beside(*effects):
-        tried = Tried(new=effects, fit=before.fit, gain=most)
-        best = Step(move=Move.ADD, before=before.fit.cost, ranked=(tried,), chosen=tried)
+    def proposed_beside(*effects, left=before.fit):
+        tried = Tried(new=effects, fit=left, gain=most)
+        best = Step(move=move, before=before.fit.cost, ranked=(tried,), chosen=tried)
         return common_errors(before, wrong_all_over.search(*COMMON), best)
 
     assert proposed_beside(new[0]) is None
     assert proposed_beside(*new).chosen is not None
+    at_noise_level = replace(before.fit, residual=before.fit.residual / np.sqrt(before.fit.cost))
+    assert proposed_beside(*new, left=at_noise_level) is None
 
 
 @pytest.mark.parametrize("far_off", [True, False])
 def test_far_off_common_errors_are_looked_for_however_much_was_explained(wrong_all_over, far_off):
-    """Of a millionth of the nominal misfit; what is in front gains next to nothing."""
+    """Of a twentieth of the nominal misfit; what is in front gains next to nothing."""
     before = wrong_all_over.with_effects(instance("actuator_gain", scale=0.15))
     assert before.fit.cost > 2.0 * FAR_OFF
     size = 1.0 if far_off else np.sqrt(0.5 * FAR_OFF / before.fit.cost)
     left = replace(before.fit, residual=size * before.fit.residual)
-    before = replace(before, fit=left, nominal=np.full(1, 1e6 * left.cost))
+    before = replace(before, fit=left, nominal=np.full(1, 20.0 * left.cost))
     slight = Tried(new=before.effects, fit=left, gain=Difference(1.0, 0.1))
     best = Step(move=Move.ADD, before=left.cost, ranked=(slight,), chosen=slight)
     told = []
@@ -311,6 +314,28 @@ def test_what_says_nothing_is_removed_and_what_is_there_stays(rubbing):
         (Move.REMOVE, "armature")
     ]
     assert after.effects[0].values["torque"] == pytest.approx(FRICTION, rel=0.03)
+
+
+def test_effects_that_say_nothing_are_removed_together_and_what_one_of_them_says_stays(rubbing):
+    nothing = [
+        instance("armature", inertia=1e-3),
+        instance("joint_spring", stiffness=1e-3, rest_angle=0.0),
+        instance("quadratic_drag", coefficient=1e-4),
+    ]
+    search = rubbing.search()
+    after = remove(rubbing.with_effects(*nothing, instance("coulomb_friction", torque=0.1)), search)
+    assert [e.effect.name for e in after.effects] == ["coulomb_friction"]
+    first = search.steps[0]
+    assert (first.move, len(first.replaced)) == (Move.REMOVE, 3)
+    # Each of two equal halves is said by the other, and both together by none.
+    halves = rubbing.with_effects(
+        *nothing[:1],
+        instance("coulomb_friction", torque=0.05),
+        instance("stribeck_friction", static_excess=0.05, stribeck_velocity=4.5),
+    )
+    after = remove(halves, search)
+    assert len(after.effects) == 1
+    assert after.effects[0].effect.name != "armature"
 
 
 def test_what_few_segments_judge_and_the_last_effect_are_not_removed(rubbing, right):

@@ -60,16 +60,11 @@ def _found_last(every: Sequence[EffectInstance]) -> dict[Key, EffectInstance]:
     """
     told = dict[Key, EffectInstance]()
     for one in every:
-        if one.effect.separates_motor:
-            before = [key for key, e in told.items() if _parts_motor(e, one.joints)]
-            for key in before:
-                del told[key]
+        apart = [e for e in told.values() if e.effect.separates_motor and e.joints == one.joints]
+        for before in apart if one.effect.separates_motor else ():
+            del told[before.key]
         told[one.key] = one
     return told
-
-
-def _parts_motor(instance: EffectInstance, joints: tuple[str, ...]) -> bool:
-    return instance.effect.separates_motor and instance.joints == joints
 
 
 def _usual(instance: EffectInstance) -> EffectInstance:

@@ -29,7 +29,7 @@ def add(before: Hypothesis[P], search: Search[P], best: Step | None = None) -> S
 
     Of what is simulated quickly: see `add_costly`. None where the best step so far leaves nothing.
     """
-    if best is not None and best.chosen and not _after(before, best.chosen).is_open:
+    if best is not None and best.chosen and not after(before, best.chosen).is_open:
         return None
     quick = [place for place in search.candidates if not takes_long(place.effect)]
     return _add(before, search, quick)
@@ -70,7 +70,7 @@ def _add(
     ranked: Sequence[Tried] = (),
     gained: float = 0.0,
 ) -> Step:
-    left = _after(before, best_of(before, ranked))
+    left = after(before, best_of(before, ranked))
     tier = open_to(before, candidates, left.open_joints)
     search.report(f"screening {len(tier)} candidates (misfit {before.fit.cost:.3g})")
     screened = promising(before, tier)
@@ -156,7 +156,7 @@ def best_of(before: Hypothesis, tried: Sequence[Tried]) -> Tried | None:
     if not clear:
         return None
     best = max(clear, key=lambda one: one.gain.nats)
-    there, count = _after(before, best), best.parameters
+    there, count = after(before, best), best.parameters
     fewer = [one for one in clear if one.parameters < count]
     simpler = [one for one in fewer if not there.over(one.fit).clear]
     return min(simpler, key=lambda one: (one.parameters, -one.gain.nats), default=best)
@@ -169,11 +169,12 @@ def worth_more(before: Hypothesis, best: Tried | None) -> bool:
     """
     if best is None:
         return True
-    after = _after(before, best)
-    return after.is_open and after.room.nats > best.gain.nats
+    there = after(before, best)
+    return there.is_open and there.room.nats > best.gain.nats
 
 
-def _after(before: Hypothesis, best: Tried | None) -> Hypothesis:
+def after(before: Hypothesis, best: Tried | None) -> Hypothesis:
+    """Returns the hypothesis with what is best; as it was where nothing is."""
     return before if best is None else replace(before, fit=best.fit)
 
 

@@ -17,7 +17,7 @@ from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit
 from gfm.diagnosis.residuals.outliers import bounded
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, P
-from gfm.diagnosis.search.moves.add import beside
+from gfm.diagnosis.search.moves.add import after, beside
 from gfm.diagnosis.search.trace import Move, Step
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Key, Scales, Scope, find_effect
@@ -48,30 +48,28 @@ BEGUN_WITHOUT = ("", "coulomb_friction")
 def common_errors(before: Hypothesis[P], search: Search[P], best: Step) -> Step | None:
     """Returns the step that adds common errors on all joints that something is missing on.
 
-    None where that was tried, or a single effect gains as much as single ones do, or laws that the
-    missing torque shows do. Where rollouts stay near what was measured, several gain nothing where
-    none does.
+    None where that was tried, a single effect gains as much as single ones do, or the best step
+    leaves nothing. Where rollouts stay near what was measured, several gain none where none does.
     """
     tried_before = any(step.move is Move.COMMON_ERRORS for step in search.steps)
     much = before.fit.cost > min(MUCH * float(np.mean(before.nominal)), FAR_OFF)
     alone = best.chosen is not None and len(best.chosen.new) == 1
-    enough = (alone or best.move is Move.MISSING_TORQUE) and best.gain >= ENOUGH * before.room.nats
+    enough = alone and best.gain >= ENOUGH * before.room.nats
+    left = after(before, best.chosen).is_open
     hopeless = best.chosen is None and before.fit.cost < FAR_OFF
-    if tried_before or enough or hopeless or not much or not search.goes_on():
+    if tried_before or enough or hopeless or not (much and left and search.goes_on()):
         return None
     search.report("looking for common errors on all joints")
     begun = [_from_grid(before, search, without) for without in BEGUN_WITHOUT]
     new = max(begun, key=len)
     search.report(f"fitting {len(new)} effects together")
-    fits = [_fitted_together(before, one) for one in begun]
-    fitted = min(fits, key=lambda f: f.cost)
+    fitted = min((_fitted_together(before, one) for one in begun), key=lambda f: f.cost)
     tried = beside(before, fitted)
-    good = tried.gain.clear and bool(new)
     return Step(
         move=Move.COMMON_ERRORS,
         before=before.fit.cost,
         ranked=(tried,),
-        chosen=tried if good else None,
+        chosen=tried if new and tried.gain.clear else None,
     )
 
 

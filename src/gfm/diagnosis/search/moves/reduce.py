@@ -42,21 +42,28 @@ def remove(here: Hypothesis[P], search: Search[P]) -> Hypothesis[P]:
         step = search.in_its_time(partial(next, removals, None), None)
         if step is None or step.chosen is None:
             break
-        search.report(f"going on without {describe(step.replaced[0])}")
+        search.report(f"going on without {', '.join(map(describe, step.replaced))}")
         search.steps.append(step)
         here = replace(here, fit=step.chosen.fit)
     return here if here is whole else search.led_to(here, search.steps[-1])
 
 
 def _removals(here: Hypothesis, whole: Hypothesis, kept: Collection[Key]) -> Iterator[Step]:
-    """Yields the steps that take out one effect, that which says least to first order first."""
-    for gain, instance in sorted(gains_of_each(here), key=lambda pair: pair[0].errors):
-        if instance.key in kept or (gain.notable and not at_bound(instance)):
+    """Yields the steps that take out what says little to first order: all, half of it, one by one.
+
+    That first which says least. What says little alone may say much beside what goes with it.
+    """
+    ranked = sorted(gains_of_each(here), key=lambda pair: pair[0].errors)
+    least = [e for g, e in ranked if e.key not in kept and (at_bound(e) or not g.notable)]
+    halves = [least[: len(least) >> times] for times in range(len(least).bit_length())]
+    for gone in (*halves, *([one] for one in least[1:])):
+        keys = {e.key for e in gone}
+        if not (rest := [e for e in here.effects if e.key not in keys]):
             continue
-        rest = [e for e in here.effects if e is not instance]
         without = here.fitted(rest)
-        if at_bound(instance) or not (here.over(without).notable or whole.over(without).notable):
-            tried = Tried(new=(instance,), fit=without, gain=-here.over(without))
+        worse = here.over(without).notable or whole.over(without).notable
+        if not worse or all(map(at_bound, gone)):
+            tried = Tried(new=tuple(gone), fit=without, gain=-here.over(without))
             yield Step(move=Move.REMOVE, before=here.fit.cost, chosen=tried, replaced=tried.new)
 
 
@@ -174,9 +181,8 @@ def _compared(
     pair = _beside_best(instance, as_simple, count)
     if pair.rival is None or pair.better or not _not_told_apart(instance, pair.rival):
         return pair
-    equals = [one for one in as_simple if _not_told_apart(instance, one)]
+    names = tuple(one.new[0] for one in as_simple if _not_told_apart(instance, one))
     different = [one for one in as_simple if not _not_told_apart(instance, one)]
-    names = tuple(one.new[0] for one in equals)
     return replace(_beside_best(instance, different, count), equals=names)
 
 
