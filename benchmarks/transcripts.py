@@ -95,7 +95,7 @@ this arm.""",
         recordings=2,
         commands=(
             "gfm import so101_motions --model so101.xml --unit degrees --yes --out recordings",
-            "gfm diagnose recordings/*.mcap --model so101.xml --minutes 1 --out diagnosis",
+            "gfm diagnose recordings/*.mcap --model so101.xml --minutes 4 --out diagnosis",
         ),
     ),
     Way(

@@ -195,10 +195,7 @@ def _corrected(
 
 
 def _note_on_touching(
-    specs: Specs,
-    holdout: Sequence[Trajectory],
-    held: Problem,
-    effects: Sequence[EffectInstance],
+    specs: Specs, holdout: Sequence[Trajectory], held: Problem, effects: Sequence[EffectInstance]
 ) -> list[str]:
     """Returns what to know of errors where the robot touches something, if it does."""
     touching = all_segments(

@@ -174,11 +174,7 @@ def _alternatives(instance: EffectInstance, found: SearchResult) -> tuple[Altern
     if told is not None and told.rival is not None and told.by is not None:
         others.append((told.by, max(told.rival.errors, 0.0)))
     return tuple(
-        Alternative(
-            *other.key,
-            errors=errors,
-            told_by=other.effect.shown_by,
-        )
+        Alternative(*other.key, errors=errors, told_by=other.effect.shown_by)
         for other, errors in sorted(others, key=lambda one: one[1])
         if errors < CLEARLY
     )

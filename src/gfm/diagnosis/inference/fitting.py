@@ -24,7 +24,7 @@ from gfm.diagnosis.inference.amounts import (
     rough_below,
     with_amounts,
 )
-from gfm.diagnosis.residuals.outliers import slopes
+from gfm.diagnosis.residuals.outliers import bounded, slopes, unbounded
 from gfm.effects import EffectInstance, Key
 
 #: Gauss-Newton steps of a fit that lead nearer, and the relative gain below which it ends.
@@ -232,19 +232,24 @@ def _both_sides(fitted: Fit) -> list[tuple[EffectInstance, ...]]:
 
 
 def without_some(problem: LeastSquares, fitted: Fit, gone: Sequence[Collection[int]]) -> list[Fit]:
-    """Returns fits without some effects each, by number; others make up for them to first order."""
+    """Returns fits without some effects each, by number; others make up for them to first order.
+
+    What that changes in the residual is simulated fast, see `LeastSquares.coarse`.
+    """
     if not gone:
         return []
+    coarse, limits = problem.coarse(), problem.limits()
+    more = unbounded(fitted.residual, limits) - coarse.residuals([fitted.effects])[0]
     rests = [[e for i, e in enumerate(fitted.effects) if i not in some] for some in gone]
     left = [~np.isin(fitted.owners, list(some)) for some in gone]
     moved = []
-    for rest, own, residual in zip(rests, left, problem.residuals(rests), strict=True):
+    for rest, own, rough in zip(rests, left, coarse.residuals(rests), strict=True):
         values, (low, high) = amounts(rest), bounds_of(rest)
         if rest:
-            jacobian = fitted.jacobian[:, own]
+            jacobian, residual = fitted.jacobian[:, own], bounded(more + rough, limits)
             values = values + _step(jacobian, residual, DAMPING, low - values, high - values)
         moved.append(with_amounts(rest, values))
-    rows = zip(moved, left, problem.residuals(moved), strict=True)
+    rows = zip(moved, left, bounded(more + coarse.residuals(moved), limits), strict=True)
     return [Fit(effects=e, jacobian=fitted.jacobian[:, own], residual=r) for e, own, r in rows]
 
 

@@ -90,10 +90,7 @@ def error_summary(
 
 
 def rollout_errors(
-    problem: Problem,
-    effects: Sequence[EffectInstance],
-    *,
-    as_measured: bool = False,
+    problem: Problem, effects: Sequence[EffectInstance], *, as_measured: bool = False
 ) -> RolloutErrors:
     """Returns the errors of the nominal model and of that with `effects`.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Generic
@@ -13,7 +13,7 @@ from typing_extensions import TypeVar
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.amounts import amounts
 from gfm.diagnosis.inference.constants import INEXACT_SHARE
-from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit, mean_square, measured
+from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit, mean_square, measured, without_some
 from gfm.diagnosis.inference.score import (
     Difference,
     Predictive,
@@ -76,6 +76,10 @@ class Hypothesis(Generic[Of]):
         """Returns by how much it predicts better than another fit to the same residual."""
         blocks = self.problem.blocks
         return difference(blocks, self.predictive, predictive(blocks, other))
+
+    def over_less(self, gone: Sequence[Collection[int]]) -> list[Difference]:
+        """Returns by how much it predicts better than without some effects each, by number."""
+        return [self.over(one) for one in without_some(self.problem, self.fit, gone)]
 
     def fitted(self, effects: Sequence[EffectInstance]) -> Fit:
         """Returns other effects, fitted to the same residual well enough to be compared.

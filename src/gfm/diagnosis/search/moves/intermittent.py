@@ -85,9 +85,7 @@ class Intermittent:
         return _step(before, part, alone.fit.cost, tried)
 
 
-def _likely(
-    screened: Sequence[Screened],
-) -> tuple[list[EffectInstance], list[EffectInstance]]:
+def _likely(screened: Sequence[Screened]) -> tuple[list[EffectInstance], list[EffectInstance]]:
     """Returns what is worth a fit: what acts now and then only, and what acts always."""
     likely = [one.instance for one in screened if one.gain.nats > 0.0]
     own = [one for one in likely if one.effect.intermittent]

@@ -20,7 +20,7 @@ import numpy as np
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.amounts import at_bound
-from gfm.diagnosis.inference.fitting import Fit, without, without_some
+from gfm.diagnosis.inference.fitting import Fit, without
 from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
@@ -89,8 +89,8 @@ def _fewer(before: Hypothesis, tried: Tried) -> Tried | None:
     here, count = replace(before, fit=tried.fit), len(before.effects)
     own = range(count, len(here.effects))
     some = [gone for size in (2, 1) if size < len(own) for gone in combinations(own, size)]
-    losses = [here.over(one) for one in without_some(before.problem, tried.fit, some)]
-    for loss, gone in sorted(zip(losses, some, strict=True), key=lambda pair: pair[0].errors):
+    losses = zip(here.over_less(some), some, strict=True)
+    for loss, gone in sorted(losses, key=lambda pair: pair[0].errors):
         if loss.clear:
             break
         rest = [e for i, e in enumerate(here.effects) if i not in gone]

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from gfm.diagnosis.inference.amounts import amounts, at_bound, with_amounts
-from gfm.diagnosis.inference.fitting import Fit, without_some
+from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, parameters_of
@@ -49,31 +49,31 @@ def remove(here: Hypothesis[P], search: Search[P]) -> Hypothesis[P]:
 
 
 def _removals(here: Hypothesis, whole: Hypothesis, kept: Collection[Key]) -> Iterator[Step]:
-    """Yields the steps that take out what says little to first order: all, half of it, one by one.
+    """Yields the steps that take out what says little to first order: several, then one by one.
 
     That first which says least. What says little alone may say much beside what goes with it.
     """
-    ranked = sorted(gains_of_each(here), key=lambda pair: pair[0].errors)
-    least = [e for g, e in ranked if e.key not in kept and (at_bound(e) or not g.notable)]
-    halves = [least[: len(least) >> times] for times in range(len(least).bit_length())]
-    for gone in (*halves, *([one] for one in least[1:])):
-        keys = {e.key for e in gone}
-        if not (rest := [e for e in here.effects if e.key not in keys]):
+    gains, effects = [gain for gain, _ in gains_of_each(here)], here.effects
+    little = [i for i, e in enumerate(effects) if at_bound(e) or not gains[i].notable]
+    least = sorted(little, key=lambda i: gains[i].errors)
+    least = [i for i in least if effects[i].key not in kept]
+    halves = [least[: len(least) >> times] for times in range(len(least).bit_length() - 1)]
+    losses = zip(halves, here.over_less(halves), strict=True)
+    several = [gone for gone, loss in losses if not loss.notable]
+    for gone in (*several, *([i] for i in least)):
+        if not (rest := [e for i, e in enumerate(effects) if i not in gone]):
             continue
-        without = here.fitted(rest)
+        new, without = tuple(effects[i] for i in gone), here.fitted(rest)
         worse = here.over(without).notable or whole.over(without).notable
-        if not worse or all(map(at_bound, gone)):
-            tried = Tried(new=tuple(gone), fit=without, gain=-here.over(without))
-            yield Step(move=Move.REMOVE, before=here.fit.cost, chosen=tried, replaced=tried.new)
+        if not worse or all(map(at_bound, new)):
+            tried = Tried(new=new, fit=without, gain=-here.over(without))
+            yield Step(move=Move.REMOVE, before=here.fit.cost, chosen=tried, replaced=new)
 
 
 def gains_of_each(here: Hypothesis) -> list[tuple[Difference, EffectInstance]]:
-    """Returns by how much a hypothesis predicts better than without each of its effects.
-
-    The others make up for it to first order.
-    """
-    fits = without_some(here.problem, here.fit, [[i] for i in range(len(here.effects))])
-    return [(here.over(one), e) for one, e in zip(fits, here.effects, strict=True)]
+    """Returns by how much a hypothesis predicts better than without each of its effects."""
+    gains = here.over_less([[i] for i in range(len(here.effects))])
+    return list(zip(gains, here.effects, strict=True))
 
 
 #: Returns fits of the rivals of an effect, each behind the rest of a hypothesis.
