@@ -30,6 +30,7 @@ from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.merge import merge
 from gfm.diagnosis.search.moves.missing_torque import borne_out, fewest, missing_torque
 from gfm.diagnosis.search.moves.reduce import (
+    Compared,
     _not_told_apart,
     exchange,
     gains_of_each,
@@ -392,6 +393,25 @@ def test_two_effects_that_are_there_do_not_make_way_for_one():
     search = case.search("payload", "viscous_friction", "asymmetric_friction", "joint_spring")
     assert merge(both, search) is both
     assert search.steps == []
+
+
+@pytest.mark.parametrize(
+    ("more", "errors", "taken"),
+    [
+        (-1, -0.9, True),  # simpler, and as good to within one error
+        (-1, -1.8, False),
+        (0, 0.9, False),
+        (0, 1.1, True),
+        (1, 1.9, False),
+        (1, 2.1, True),
+    ],
+)
+def test_what_is_there_makes_way_by_one_error_and_for_more_parameters_by_two(
+    rubbing, more, errors, taken
+):
+    there, other = instance("cogging_torque", amplitude=0.1), instance("torque_offset", torque=0.1)
+    tried = Tried(new=(other,), fit=rubbing.with_effects().fit, gain=Difference(9.0 * errors, 9.0))
+    assert Compared(instance=there, rival=tried, more=more).better == taken
 
 
 def test_a_right_effect_stays_and_is_told_with_what_was_weighed_beside_it(rubbing):

@@ -154,14 +154,15 @@ class Compared:
     def better(self) -> bool:
         """Whether the rival takes the place: it predicts better, or as well and is simpler.
 
-        One of as many parameters by more than its own error, one of more parameters clearly.
+        As well is to within one error, as where effects are removed; better is by more than that,
+        of more parameters clearly.
         """
         if self.rival is None or any(map(at_bound, self.rival.new)):
             return False
         gain = self.rival.gain
         if self.more > 0:
             return gain.clear
-        return gain.notable if self.more == 0 else not (-gain).clear
+        return gain.notable if self.more == 0 else not (-gain).notable
 
 
 def _compared(
