@@ -395,6 +395,20 @@ def test_two_effects_that_are_there_do_not_make_way_for_one():
     assert search.steps == []
 
 
+def test_what_says_the_same_far_from_the_noise_is_found_beside_what_comes_near_it():
+    """Without the effect nearly everything is outlying by what it leaves."""
+    tilt, weight = 0.3, MASS * 9.81 * LENGTH
+    tilted = Case(runs(torque=lambda q, _v: weight * (np.sin(q) - np.sin(q + tilt))))
+    here = tilted.with_effects(instance("torque_offset", torque=-0.08))
+    here = replace(here, problem=here.problem.robust(here.effects))
+    here = replace(here, fit=fit(here.problem, here.effects))
+    rest = replace(here, fit=fit(here.problem, ()))
+    search = tilted.search("encoder_offset", "payload", "viscous_friction", "armature")
+    best = min(rivals_of(here.effects[0], rest, search), key=lambda one: one.cost)
+    assert best.effects[0].effect.name == "encoder_offset"
+    assert best.effects[0].values["offset"] == pytest.approx(-tilt, rel=0.05)
+
+
 @pytest.mark.parametrize(
     ("more", "errors", "taken"),
     [

@@ -112,7 +112,7 @@ class PositionDelay(Delay):
 
     name = "position_delay"
     native = False
-    confused_with = ("command_delay",)
+    confused_with = ("command_delay", "actuator_lag")
     shown_by = "fast changes of the command, with measured efforts"
     shift = Shift(positions=1.0, efforts=0.0)
     not_stepped = "stepped simulations report positions at once"

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from gfm.diagnosis.inference.amounts import amounts, at_bound, with_amounts
-from gfm.diagnosis.inference.fitting import Fit
+from gfm.diagnosis.inference.fitting import Fit, measured
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P, parameters_of
@@ -102,12 +102,15 @@ def rivals_of(instance: EffectInstance, rest: Hypothesis[P], search: Search[P]) 
         and (_near(place, instance) or _does_the_same(place, instance, rest, search))
     ]
     motors = [p for p in alike if p.effect.separates_motor]
+    # Beside the effect nearly all that the rest leaves is outlying: first order would say nothing.
+    problem = rest.problem.robust(rest.effects)
+    alone = replace(rest, problem=problem, fit=measured(problem, rest.effects))
     # Rivals of then stood beside other effects, or were those that the missing torque showed.
     if rest.effects or not any(step.move is Move.ADD for step in steps):
         quick = [p for p in alike if p not in motors]
-        found = [one.instance for one in screen(rest, quick, RIVALS_S)] + found
+        found = [one.instance for one in screen(alone, quick, RIVALS_S)] + found
     best = first_of_each(found, lambda one: one.key)[:RIVALS]
-    best += [one.instance for one in screen(rest, motors, RIVALS_S)[:1] if one.gain.notable]
+    best += [one.instance for one in screen(alone, motors, RIVALS_S)[:1] if one.gain.notable]
     return [rest.fitted((*rest.effects, rival)) for rival in best]
 
 
@@ -154,8 +157,7 @@ class Compared:
     def better(self) -> bool:
         """Whether the rival takes the place: it predicts better, or as well and is simpler.
 
-        As well is to within one error, as where effects are removed; better is by more than that,
-        of more parameters clearly.
+        As well is to within one error; better is by more than that, of more parameters clearly.
         """
         if self.rival is None or any(map(at_bound, self.rival.new)):
             return False
