@@ -18,6 +18,7 @@ PEERS = {
     "PySINDy STLSQ": ("peers.regression", "stlsq"),
     "PySINDy FROLS": ("peers.regression", "frols"),
     "CMA-ES": ("peers.evolution", "cma"),
+    "refit ladder": ("peers.ladder", "ladder"),
 }
 
 
