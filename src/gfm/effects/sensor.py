@@ -28,7 +28,7 @@ class EncoderOffset(Effect):
     name = "encoder_offset"
     law_of = "position"
     displaces = True
-    confused_with = ("gravity_direction",)
+    confused_with = ("gravity_direction", "torque_offset")
     parameters = (Parameter(name="offset", unit="rad", lower=-3.2, upper=3.2),)
     shown_by = "rest in several postures under gravity"
 

@@ -234,22 +234,28 @@ def _both_sides(fitted: Fit) -> list[tuple[EffectInstance, ...]]:
 def without_some(problem: LeastSquares, fitted: Fit, gone: Sequence[Collection[int]]) -> list[Fit]:
     """Returns fits without some effects each, by number; others make up for them to first order.
 
-    What that changes in the residual is simulated fast, see `LeastSquares.coarse`.
+    What that changes is simulated fast where that errs by little of what is left.
     """
     if not gone:
         return []
     coarse, limits = problem.coarse(), problem.limits()
-    more = unbounded(fitted.residual, limits) - coarse.residuals([fitted.effects])[0]
+    errs = unbounded(fitted.residual, limits) - coarse.residuals([fitted.effects])[0]
+
+    def residuals(sets: Sequence[Sequence[EffectInstance]]) -> Array:
+        if mean_square(errs) > ROUGH * fitted.cost:
+            return problem.residuals(sets)
+        return bounded(errs + coarse.residuals(sets), limits)
+
     rests = [[e for i, e in enumerate(fitted.effects) if i not in some] for some in gone]
     left = [~np.isin(fitted.owners, list(some)) for some in gone]
     moved = []
-    for rest, own, rough in zip(rests, left, coarse.residuals(rests), strict=True):
+    for rest, own, residual in zip(rests, left, residuals(rests), strict=True):
         values, (low, high) = amounts(rest), bounds_of(rest)
         if rest:
-            jacobian, residual = fitted.jacobian[:, own], bounded(more + rough, limits)
+            jacobian = fitted.jacobian[:, own]
             values = values + _step(jacobian, residual, DAMPING, low - values, high - values)
         moved.append(with_amounts(rest, values))
-    rows = zip(moved, left, bounded(more + coarse.residuals(moved), limits), strict=True)
+    rows = zip(moved, left, residuals(moved), strict=True)
     return [Fit(effects=e, jacobian=fitted.jacobian[:, own], residual=r) for e, own, r in rows]
 
 
