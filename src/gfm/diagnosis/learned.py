@@ -67,8 +67,7 @@ class JointForce:
         joint: Name.
         rms_nm: Its root mean square along the motions.
         of_drive: The same as a share of the drive's torque.
-        named: Share of its energy that the names explain together; None where it was too small to
-            be asked.
+        named: Share of its energy that all names explain; None where it is too small to ask.
     """
 
     joint: str

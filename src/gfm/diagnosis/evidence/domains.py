@@ -52,8 +52,7 @@ class TwoDomains(Placed):
         named: Whether it is part of the verdict.
         rollout_share: Of the squared position residual that effects found before it leave, the
             share that it explains on training recordings; None where it was not weighed by itself.
-        torque_share: The same of the missing torque on its joints, on held-out recordings, while
-            they move.
+        torque_share: The same of the missing torque on its joints, held out, while they move.
         amount: Of a named effect: by torque, as a multiple of that by rollouts; None where the
             torque says nothing.
         agreement: Of a named effect; None for others.

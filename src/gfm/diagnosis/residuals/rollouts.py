@@ -85,8 +85,7 @@ class Rollouts(SegmentedProblem):
         in_force: Under which commands of nearly the same stamp efforts were measured.
         stepping: How models are simulated, by command kind; as they say where there is none. Where
             a motor is apart from its link, on short steps: what rings between them is fast.
-        still: Joints that the models drive and nobody recorded, and where they are taken to stand
-            still, rad or m.
+        still: Joints that the models drive and nobody recorded, and where they stand, rad or m.
         air: First row, and the one behind the last, of the pieces of each recording in which the
             robot touches nothing, if segments are of those only; empty if they are of all.
         rough: Whether they are simulated faster and less exactly.

@@ -52,8 +52,7 @@ def search(
 
     Args:
         problem: Of short segments, in which effects are looked for.
-        long: Of long ones, in which amounts are settled; the same problem where long ones tell
-            no more.
+        long: Of long ones, in which amounts are settled; the same where long ones tell no more.
         everything: All short segments there are.
         recordings: From which they were cut.
         report: Told what is happening, in words.
@@ -152,8 +151,7 @@ def _after(here: Hypothesis[Problem], step: Step) -> Hypothesis[Problem]:
 def _fitly_told(found: SearchResult[Problem]) -> SearchResult[Problem]:
     """Returns what was found by the names that effects have in the end, and their other names.
 
-    With what speaks in the end for effects that a few segments judge: they were taken beside what
-    was known then.
+    With what speaks in the end for effects that a few segments judge: more is known than then.
     """
     effects, parts = found.fit.effects, parts_of(found.steps)
     fit = fitly_named(found.fit, found.problem.specs)

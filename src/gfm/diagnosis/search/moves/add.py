@@ -284,8 +284,7 @@ def _beginnings(
 ) -> list[tuple[EffectInstance, ...]]:
     """Returns the effects with the amounts from which a fit begins.
 
-    What jumps is fitted from positions alone, too. What is larger than it looks begins as it looks,
-    too.
+    What jumps is also fitted from positions alone, what is larger than it looks as it looks, too.
     """
     effects = (*before.effects, *new)
     begun = [effects]

@@ -56,8 +56,7 @@ class Intermittent:
     ) -> Step | None:
         """Returns the step that adds such an effect.
 
-        None where too few segments stay far off, or nothing that acts now and then promises
-        anything.
+        None where too few segments stay far off, or nothing that acts now and then shows.
         """
         early = not self.looked_into and worth_more(before, best.chosen)
         if not (early or best.chosen is None) or not search.goes_on():
