@@ -3,8 +3,6 @@
 A rung adds one effect that MJCF can say, on one joint: its amount is refitted alone, by the squared
 error of positions over short open-loop rollouts. The best rung is chosen on recordings that no
 amount was fitted to, and is refused if it makes their error less than a tenth smaller.
-
-Shape letters: J joints.
 """
 
 from __future__ import annotations
@@ -27,11 +25,13 @@ _DELAY, _GAIN = 0.04, (0.2, 3.0)
 
 def ladder(case: Case) -> tuple[list[Named], float]:
     """Returns the effects of the rungs that were taken, and the held-out error."""
-    fitted_to, chosen_on = _halves(case)
+    (fitted_to, chosen_on), candidates = _halves(case), list(_candidates(case))
     taken, named = list[EffectInstance](), list[Named]()
     left, ends = _error(chosen_on, taken), time.process_time() + _LIMIT_S
     while len(taken) < _RUNGS and time.process_time() < ends:
-        rungs = [_refitted(fitted_to, taken, *one) for one in _candidates(case, taken)]
+        there = {one.key for one in taken}
+        new = [one for one in candidates if one[:2] not in there]
+        rungs = [_refitted(fitted_to, taken, *one) for one in new]
         errors = [_error(chosen_on, [*taken, one]) for one in rungs]
         best = int(np.argmin(errors))
         if errors[best] > (1.0 - _LEAST) * left:
@@ -60,14 +60,13 @@ def _halves(case: Case) -> tuple[Problem, Problem]:
 
 
 def _candidates(
-    case: Case, taken: list[EffectInstance]
+    case: Case,
 ) -> Iterator[tuple[str, tuple[str, ...], str, tuple[float, float]]]:
     """Yields what may be added: effect, joints, its parameter, and bounds from the model itself."""
     spec = next(iter(case.specs.values()))
     predicted = case.problem.predictions([()], efforts=True)[0]
     peaks = np.nanmax([np.nanmax(np.abs(one.effort), axis=0) for one in predicted], axis=0)
     speeds = np.max([np.ptp(r.position, axis=0) / 2.0 for r in case.training], axis=0) + 0.5
-    there = {one.key for one in taken}
     for joint, peak, speed in zip(case.joints, peaks.tolist(), speeds.tolist(), strict=True):
         rotor = 5.0 * max(float(spec.joint(joint).armature), 1e-3)
         laws = {
@@ -78,10 +77,8 @@ def _candidates(
             ("actuator_gain", "scale"): _GAIN,
         }
         for (effect, parameter), bounds in laws.items():
-            if (effect, (joint,)) not in there:
-                yield effect, (joint,), parameter, bounds
-    if ("command_delay", case.joints) not in there:
-        yield "command_delay", case.joints, "delay", (0.0, _DELAY)
+            yield effect, (joint,), parameter, bounds
+    yield "command_delay", case.joints, "delay", (0.0, _DELAY)
 
 
 def _refitted(
