@@ -37,6 +37,8 @@ from gfm.diagnosis.search.moves.reduce import (
     remove,
     rivals_of,
 )
+from gfm.diagnosis.search.nameless import _shown
+from gfm.diagnosis.search.read_off import ALIKE
 from gfm.diagnosis.search.screening import Screened
 from gfm.diagnosis.search.steps import run
 from gfm.diagnosis.search.support import support
@@ -659,6 +661,22 @@ def test_far_from_the_truth_a_curve_that_the_missing_torque_shows_speaks_against
     assert law.over.errors < -2.0
     weak = Case(runs(limit=LIMIT))
     assert nameless(weak, limit, torques=weak.torques) == [None]
+
+
+def test_a_curve_is_nearly_all_of_the_missing_torque_where_a_name_is_no_part_of_it():
+    """Of a cable that is told as a limit; not of a limit or a spring that are there."""
+    cable = Case(runs(torque=lambda q, _v: -20.0 * np.maximum(q - 0.2, 0.0)))
+    spring = Case(runs(torque=lambda q, _v: -5.0 * q))
+    stiff = instance("joint_spring", stiffness=5.0, rest_angle=0.0)
+    shares = []
+    for case, one in (
+        (cable, instance("torque_saturation", limit=5.0)),
+        (Case(runs(limit=LIMIT)), instance("torque_saturation", limit=LIMIT)),
+        (spring, stiff),
+    ):
+        here, (place, *_) = case.with_effects(one), case.search("armature").candidates
+        shares.append(max(share for share, *_ in _shown(here, case.torques, place)))
+    assert shares[0] > ALIKE > 5.0 * max(shares[1:])
 
 
 def shown(case, *before):

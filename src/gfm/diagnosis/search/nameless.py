@@ -3,7 +3,7 @@
 Two things give them away. Of several laws of one state of a joint, one whose amount changes with
 that state predicts better than all, or any curve over it does. And where a hypothesis is far from
 the truth, the missing torque may show such a curve: that predicts better in the place of a name
-which adds nothing beside it.
+which adds nothing beside it. Clearly better, or the curve is nearly all of the missing torque.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from gfm.diagnosis.inference.fitting import mean_square, without
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, P
 from gfm.diagnosis.search.naming import first_of_each
-from gfm.diagnosis.search.read_off import basis_of, column, read_off, whitened
+from gfm.diagnosis.search.read_off import ALIKE, basis_of, column, read_off, whitened
 from gfm.diagnosis.search.trace import Nameless
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Key
@@ -90,12 +90,13 @@ def _curve(here: Hypothesis[P], search: Search[P]) -> Iterator[tuple[Key, Namele
     if search.torques is None or not (asked and places) or mean_square(left) < FAR_OFF:
         return
     shown = [one for place in places for one in _shown(here, search.torques, place)]
-    _, state, curve = max(shown, key=lambda one: one[0])
+    share, state, curve = max(shown, key=lambda one: one[0])
     both = replace(here, fit=here.fitted((*here.effects, curve)))
     for one in asked:
         instead = here.fitted([*(e for e in here.effects if e is not one), curve])
         over = here.over(instead)
-        if (-over).notable and not both.over(instead).notable:
+        better = over.nats < 0.0 if share > ALIKE else (-over).notable
+        if better and not both.over(instead).notable:
             yield one.key, Nameless(over=over, state=state, joint=curve.joints[0])
 
 
