@@ -28,3 +28,18 @@ def test_the_robot_follows_its_motion_and_carries_the_object_along():
         data.qfrc_applied[:] = force
         mujoco.mj_step(stage.model, data)
     assert data.qpos[stage.qpos] == pytest.approx(swept[-1], abs=1e-6)  # whatever it pushes
+
+
+def test_segments_of_all_lengths_are_what_each_is_alone():
+    stage = make_stage(mujoco.MjSpec.from_string(SLIDE))
+    swept = 0.3 - 0.8 * stage.timestep_s * np.arange(-1, 252)
+    begin = Setting(
+        pose=np.array([-0.1, 0.0, 0.02, 1.0, 0.0, 0.0, 0.0]),
+        velocity=np.zeros(6),
+        robot=swept[:, None],
+    )
+    settings = [replace(begin, robot=begin.robot[:n]) for n in (251, 40, 120, 253, 40, 90)]
+    together = run(stage, settings)
+    for setting, poses in zip(settings, together, strict=True):
+        steps = len(setting.robot) - 1
+        assert np.array_equal(poses[:steps], run(stage, [setting])[0, :steps])

@@ -30,6 +30,8 @@ IMMOVABLE = 1e5
 SOLVER_TOLERANCE = 1e-15
 #: Longest time step, s: contacts of small objects are stiff.
 LONGEST_STEP_S = 0.002
+#: So many groups of segments are simulated, each as long as its longest takes.
+LENGTHS = 4
 #: Of contype and conaffinity, by which robot and object see each other.
 ROBOT_BIT = 1 << 30
 
@@ -147,9 +149,19 @@ def _touch_the_object_only(stage: Stage, robot_touches: bool) -> None:
 def run(stage: Stage, settings: Sequence[Setting]) -> Array:
     """Returns the object's pose at the start and after every time step, shape (S, K + 1, 7).
 
-    Shorter segments go on as they may until the longest ends.
+    In shorter segments than the longest it stays where it was after their last step, or later.
     """
-    steps = max(len(setting.robot) for setting in settings) - 2
+    steps = np.array([len(setting.robot) - 2 for setting in settings])
+    poses = np.empty((len(settings), steps.max() + 1, 7))
+    for alike in np.array_split(np.argsort(steps), min(LENGTHS, len(settings))):
+        own = _run_alike(stage, [settings[i] for i in alike], int(steps[alike].max()))
+        poses[alike, : own.shape[1]] = own
+        poses[alike, own.shape[1] :] = own[:, -1:]
+    return poses
+
+
+def _run_alike(stage: Stage, settings: Sequence[Setting], steps: int) -> Array:
+    """Returns the poses in segments of nearly one length, all of them simulated so far."""
     forces = np.stack([carrying_forces(stage, setting, steps) for setting in settings])
     data = [mujoco.MjData(stage.model) for _ in range(min(processors(), len(settings)))]
     states, _ = rollout.rollout(

@@ -12,7 +12,6 @@ from gfm.core import ConfigError, Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.objects.find import find, friction_cost, seen_and_unseen
 from gfm.diagnosis.objects.problem import ObjectProblem, predicted
-from gfm.diagnosis.objects.segments import Scene, cut
 from gfm.diagnosis.output.claims import credible, named_effects
 from gfm.diagnosis.output.errors import error_summary
 from gfm.diagnosis.output.result import ErrorSummary, EvidencePlot, NamedEffect, Series
@@ -20,11 +19,12 @@ from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance
 from gfm.effects.objects import free_body
 from gfm.excitation.blind_spots import BlindSpot
+from gfm.signals.object_segments import Scene, cut, moved
 from gfm.signals.object_track import plane_noise, track_of
 from gfm.sim.object_stage import make_stage, run
 
-#: Segments that are looked at, at most.
-MOST_SEGMENTS = 16
+#: Segments that are looked at, at most: those in which the object moves farthest.
+MOST_SEGMENTS = 24
 #: How far amounts are off although all fits: contacts of MuJoCo slide 1 % farther or less far than
 #: friction says. As a share of the amount, and of the coefficient of friction by so much.
 CONTACT_SHARE, CONTACT_FRICTION = 0.05, 0.005
@@ -145,11 +145,13 @@ def _problem(spec: mujoco.MjSpec, recordings: Sequence[Trajectory]) -> ObjectPro
         Scene(index=i, recording=recordings[i], track=track, stage=stage, air=air, noise=noise)
         for i, track in known.items()
     ]
-    segments = [segment for scene in scenes for segment in cut(scene)]
-    if not segments:
+    every = [segment for scene in scenes for segment in cut(scene)]
+    if not every:
         return None
-    spread = np.unique(np.linspace(0, len(segments) - 1, MOST_SEGMENTS).astype(int))
-    kept = tuple(segments[i] for i in spread)
+    # A fit of how a push goes on from its midst hides what differs, and is far off where it errs.
+    segments = [one for one in every if one.place_error is not None or not one.pushed] or every
+    farthest = sorted(segments, key=lambda one: -moved(one.plane, noise))[:MOST_SEGMENTS]
+    kept = tuple(one for one in segments if one in farthest)
     return ObjectProblem(spec=spec, segments=kept, noise=noise)
 
 

@@ -1,8 +1,10 @@
 """How the object moved as a least-squares problem: segments, model, noise, residuals.
 
 Residuals are measured minus predicted place and yaw in units of their noise. How a segment begins
-is known no better than the noise allows: it is fitted, segment by segment (three places and three
-speeds). What is outlying counts little more than what is not (`gfm.diagnosis.residuals.outliers`).
+is known no better than the noise allows. In the midst of a motion it is fitted, segment by segment
+(three places and three speeds). At rest it is known nearly, and what may be wrong with it makes
+errors that go together: residuals are weighed by their whole covariance. What is outlying counts
+little more than what is not (`gfm.diagnosis.residuals.outliers`).
 
 Shape letters: P poses of a segment, N numbers of all segments together.
 """
@@ -22,10 +24,10 @@ from typing_extensions import override
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.amounts import free_parameters
 from gfm.diagnosis.inference.fitting import without
-from gfm.diagnosis.objects.segments import ObjectSegment, own_velocity
 from gfm.diagnosis.residuals.outliers import OUTLYING, bounded
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.effects import EffectInstance
+from gfm.signals.object_segments import ObjectSegment, own_velocity
 from gfm.signals.object_track import in_plane, turned
 from gfm.sim.object_stage import Stage, make_stage, run
 
@@ -64,7 +66,7 @@ class ObjectProblem(SegmentedProblem):
     def parts(self, effects: Sequence[EffectInstance]) -> list[Array]:
         """Returns measured minus predicted in units of the noise, by segment, shape (3 P,) each.
 
-        What the initial state can explain is taken out.
+        What the initial state can explain is taken out, as far as that is unknown.
         """
         parts = self._whitened(make_stage(self.spec, effects), self.segments)
         if not self.state_basis:
@@ -105,38 +107,60 @@ class ObjectProblem(SegmentedProblem):
 
     def based(self, effects: Sequence[EffectInstance]) -> ObjectProblem:
         """Returns the problem with what initial states can explain near those measured."""
-        columns = self._derivatives(make_stage(self.spec, effects))
-        return replace(self, state_basis=tuple(orth(each, rcond=1e-3) for each in columns))
+        pairs = zip(self._derivatives(make_stage(self.spec, effects)), self.segments, strict=True)
+        return replace(self, state_basis=tuple(_unknown(*one) for one in pairs))
 
     @override
     def settled(self, effects: Sequence[EffectInstance]) -> ObjectProblem:
         # States that suited another model hold this one there: they are looked for from the start.
-        problem = self.as_measured()
-        for _ in range(ROUNDS):
-            problem = problem.nearer(effects)
-        return problem
+        stage, problem = make_stage(self.spec, effects), self.as_measured()
+        free = [i for i, one in enumerate(self.segments) if one.place_error is None]
+        segments = list(problem.segments)
+        for _ in range(ROUNDS if free else 0):
+            nearer = problem.subset(free)._nearer(stage)
+            for i, one in zip(free, nearer, strict=True):
+                segments[i] = one
+            problem = replace(problem, segments=tuple(segments))
+        return problem.based(effects)
 
-    def nearer(self, effects: Sequence[EffectInstance]) -> ObjectProblem:
-        """Returns the problem with initial states a Gauss-Newton step better, and their bases."""
-        stage = make_stage(self.spec, effects)
+    def _nearer(self, stage: Stage) -> list[ObjectSegment]:
+        """Returns segments whose initial states are a Gauss-Newton step better."""
         before = self._whitened(stage, self.segments)
         pairs = zip(self._derivatives(stage), before, strict=True)
         steps = [-np.linalg.lstsq(columns, left, rcond=1e-3)[0] for columns, left in pairs]
         steps = np.clip(steps, -FARTHEST, FARTHEST)
         moved = [_moved(*one) for one in zip(self.segments, steps, strict=True)]
         after = self._whitened(stage, moved)
-        kept = [
+        return [
             new if np.sum(b**2) < np.sum(a**2) else old
             for old, new, a, b in zip(self.segments, moved, before, after, strict=True)
         ]
-        return replace(self, segments=tuple(kept)).based(effects)
 
     def _derivatives(self, stage: Stage) -> list[Array]:
-        """Returns by how much each step of an initial state changes residuals, (3 P, 6) each."""
-        moved = [[one, *(_moved(one, step) for step in np.eye(6))] for one in self.segments]
+        """Returns by how much each unknown of an initial state changes residuals, (3 P, 3 or 6)."""
+        moved = [
+            [one, *(_moved(one, step) for step in np.eye(6)[: one.unknowns])]
+            for one in self.segments
+        ]
         parts = iter(self._whitened(stage, list(chain.from_iterable(moved))))
         each = [[next(parts) for _ in ways] for ways in moved]
         return [np.stack([one - still for one in others], axis=1) for still, *others in each]
+
+
+def _unknown(columns: Array, segment: ObjectSegment) -> Array:
+    """Returns what of a residual is its initial state, as far as it is unknown, shape (3 P, K).
+
+    What is left without it has the covariance of noise alone.
+
+    Args:
+        columns: By how much steps of what is unknown change the residual, shape (3 P, 3 or 6).
+        segment: Whose it is.
+    """
+    if segment.place_error is None:
+        return np.asarray(orth(columns, rcond=1e-3))
+    errors = segment.place_error / np.array(STATE_STEPS[:3])
+    ways, size, _ = np.linalg.svd(columns * errors, full_matrices=False)
+    return np.asarray(ways * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + size**2)))
 
 
 def predicted(segment: ObjectSegment, pose: Array, timestep_s: float) -> Array:

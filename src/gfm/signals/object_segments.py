@@ -1,7 +1,9 @@
 """Short segments in which the object moves: sliding by itself, and pushed.
 
 Contacts are chaotic over long times: a segment ends when the object rests, when it is touched or
-let go, or after a second. What does not move says nothing.
+let go, or after a second. A push from rest is followed farther, and no longer than that: how it
+begins is known, and how the object turns and drifts in it tells where its mass lies. What does not
+move says nothing.
 
 Shape letters: P poses, K time steps, R joints of the robot.
 """
@@ -24,8 +26,8 @@ from gfm.signals.object_track import Track, in_plane, turned
 from gfm.sim.object_stage import Setting, Stage, clearance, place
 from gfm.sim.smoothing import smoothing_spline
 
-#: Longest segments, s: of free sliding, and of pushing.
-LONGEST_FREE_S, LONGEST_PUSH_S = 1.0, 0.5
+#: Longest segments, s: of free sliding, of pushing, and of a push from rest.
+LONGEST_FREE_S, LONGEST_PUSH_S, LONGEST_FROM_REST_S = 1.0, 0.5, 1.5
 #: Shortest, s and poses.
 SHORTEST_S, LEAST_POSES = 0.08, 6
 #: Span of the polynomials from which speeds are taken, and of those at the start of a segment, s.
@@ -54,6 +56,8 @@ class ObjectSegment:
         reference: The pose since which yaw is counted, shape (7,).
         setting: With which it is simulated.
         pushed: Whether the robot touches the object in it.
+        place_error: Standard deviations of where it begins (x, y, yaw) if it begins at rest, shape
+            (3,); None where place and speed are what its own poses tell.
         measured: The same as it was measured to begin, where that was fitted.
     """
 
@@ -63,7 +67,13 @@ class ObjectSegment:
     reference: Array
     setting: Setting
     pushed: bool
+    place_error: Array | None = None
     measured: ObjectSegment | None = None
+
+    @property
+    def unknowns(self) -> int:
+        """How much of its beginning is unknown: places, and speeds where it does not rest."""
+        return 6 if self.place_error is None else 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,6 +95,33 @@ class Scene:
     stage: Stage
     air: Stage
     noise: Array
+
+    @cached_property
+    def size(self) -> Array:
+        """What turns x, y and yaw into distances, shape (3,)."""
+        mass, inertia = self.stage.inertia
+        return np.array([1.0, 1.0, np.sqrt(inertia / mass)])
+
+    @cached_property
+    def noise_m(self) -> float:
+        """Of a pose, as a distance."""
+        return float(np.linalg.norm(self.noise * self.size))
+
+    @cached_property
+    def period_s(self) -> float:
+        """From one pose to the next."""
+        return float(np.median(np.diff(self.track.time_s)))
+
+    @property
+    def half_window_s(self) -> float:
+        """Half of the time over which a speed is taken."""
+        return max(SPEED_S / 2.0, 2.5 * self.period_s)
+
+    @property
+    def slow_window_s(self) -> float:
+        """The same where a slow motion is to be seen beside the noise of its poses."""
+        noises = SLOW_SIGMAS * self.noise_m / SLOW_M_S
+        return max(self.half_window_s, float(np.cbrt(1.5 * self.period_s * noises**2)))
 
     @cached_property
     def robot(self) -> BSpline:
@@ -110,7 +147,8 @@ def _robot(recording: Trajectory, stage: Stage) -> Array:
 
 def cut(scene: Scene) -> list[ObjectSegment]:
     """Returns the segments of a recording in which the object moves."""
-    moving, touched = _moving(scene), _touched(scene)
+    touched = _touched(scene)
+    moving = _moving(scene, scene.half_window_s) | touched & _moving(scene, scene.slow_window_s)
     changes = 1 + np.flatnonzero(np.diff(np.where(moving, 1 + touched, 0)))
     return [
         segment
@@ -120,24 +158,18 @@ def cut(scene: Scene) -> list[ObjectSegment]:
     ]
 
 
-def _moving(scene: Scene) -> NDArray[np.bool_]:
-    """Returns at which poses the object moves, shape (P,)."""
+def _moving(scene: Scene, half_window_s: float) -> NDArray[np.bool_]:
+    """Returns at which poses the object moves as those around them show it, shape (P,)."""
     time_s, plane = scene.track.time_s, scene.track.plane
-    mass, inertia = scene.stage.inertia
-    size = np.array([1.0, 1.0, np.sqrt(inertia / mass)])  # a turn as a distance
     speed = np.zeros(len(time_s))
     for i, now in enumerate(time_s):
-        near = np.abs(time_s - now) <= _half_window_s(scene)
+        near = np.abs(time_s - now) <= half_window_s
         lapse = time_s[near] - time_s[near].mean()
         slope = lapse @ plane[near] / (lapse @ lapse)
-        noise = float(np.linalg.norm(scene.noise * size)) / np.sqrt(lapse @ lapse)
-        fast = float(np.linalg.norm(slope * size))
+        noise = scene.noise_m / np.sqrt(lapse @ lapse)
+        fast = float(np.linalg.norm(slope * scene.size))
         speed[i] = fast / max(SLOW_M_S, SLOW_SIGMAS * noise)
     return np.asarray(speed > 1.0)
-
-
-def _half_window_s(scene: Scene) -> float:
-    return max(SPEED_S / 2.0, 2.5 * float(np.median(np.diff(scene.track.time_s))))
 
 
 def _touched(scene: Scene) -> NDArray[np.bool_]:
@@ -155,11 +187,13 @@ def _pieces(scene: Scene, first: int, last: int, *, pushed: bool) -> list[Object
     """Returns the segments between two poses, between which the robot touches always or never."""
     time_s = scene.track.time_s
     start_s, end_s = float(time_s[first]), float(time_s[last - 1])
-    if not pushed:  # seen to move by what comes half a window later, and let go a little later
-        start_s += _half_window_s(scene)
-    elif _rests(scene, start_s):
-        start_s -= BEFORE_S
     longest, after = (LONGEST_PUSH_S, 0.0) if pushed else (LONGEST_FREE_S, AFTER_S)
+    if not pushed:  # seen to move by what comes half a window later, and let go a little later
+        start_s += scene.half_window_s
+    elif _rests(scene, start_s):
+        longest = LONGEST_FROM_REST_S
+        start_s -= BEFORE_S
+        end_s = min(end_s, start_s + longest)
     if end_s - start_s < SHORTEST_S:
         return []
     count = int(np.ceil((end_s + after - start_s) / longest))
@@ -184,11 +218,11 @@ def _segment(scene: Scene, start_s: float, end_s: float, *, pushed: bool) -> Obj
         return None
     first = int(here.argmax())
     start_s = float(track.time_s[first])
-    if np.max(np.ptp(track.plane[here], axis=0) / scene.noise) < LEAST_MOTION:
+    if moved(track.plane[here], scene.noise) < LEAST_MOTION:
         return None
     steps = int(np.ceil((end_s - start_s) / h)) + 1
     robot = scene.robot_at(np.asarray(start_s + h * np.arange(-1, steps + 1), np.float64))
-    start, velocity = _start(scene, start_s, pushed=pushed)
+    start, velocity, place_error = _start(scene, start_s, pushed=pushed)
     pose = turned(track.pose[first], start, track.plane[first])
     stage = scene.stage if pushed else scene.air
     seated = _seated(stage, Setting(pose=pose, velocity=np.zeros(6), robot=robot))
@@ -203,22 +237,29 @@ def _segment(scene: Scene, start_s: float, end_s: float, *, pushed: bool) -> Obj
         reference=track.pose[0],
         setting=Setting(pose=seated, velocity=own_velocity(seated, velocity), robot=robot),
         pushed=pushed,
+        place_error=place_error,
     )
 
 
-def _start(scene: Scene, start_s: float, *, pushed: bool) -> tuple[Array, Array]:
+def moved(plane: Array, noise: Array) -> float:
+    """Returns how far an object moves along a path (P, 3), in units of its noise (3,)."""
+    return float(np.max(np.ptp(plane, axis=0) / noise))
+
+
+def _start(scene: Scene, start_s: float, *, pushed: bool) -> tuple[Array, Array, Array | None]:
     """Returns where the object is at a time in the plane, and how fast, shape (3,) each.
 
-    By parabolas through what follows, or through what was before where it rested.
+    By parabolas through what follows; or, where it rested, as it lay before, and how well that is
+    known, shape (3,).
     """
     time_s, plane = scene.track.time_s, scene.track.plane
     if pushed and _rests(scene, start_s + BEFORE_S) and _rests(scene, start_s):
         before = (time_s <= start_s + BEFORE_S / 2.0) & (time_s > start_s - BEFORE_S)
-        return plane[before].mean(axis=0), np.zeros(3)
+        return plane[before].mean(axis=0), np.zeros(3), scene.noise / np.sqrt(before.sum())
     near = (time_s >= start_s - 1e-9) & (time_s <= start_s + START_S)
     degree = 2 if near.sum() > 4 else 1
     fit = np.polynomial.polynomial.polyfit(time_s[near] - start_s, plane[near], degree)
-    return fit[0], fit[1]
+    return fit[0], fit[1], None
 
 
 def own_velocity(pose: Array, velocity: Array) -> Array:
