@@ -18,6 +18,7 @@ from gfm.sim.object_stage import make_stage
 from slide import MASS, MU, REST_Z, SLIDE
 
 PERIOD_S, NOISE_M, NOISE_RAD = 1 / 60, 5e-4, 5e-3
+AMISS = np.array([0.0, 0.03, 0.0])
 EPOCH_NS = 1_000_000_000
 FREE = SLIDE.replace('pos="-0.35 0 0.03"', 'pos="0 4 0.03"')
 
@@ -182,6 +183,16 @@ def test_pushes_from_rest_tell_where_the_mass_lies():
     amounts = found.named[0].parameters
     assert amounts["x"].value == pytest.approx(0.015, abs=0.003)
     assert amounts["y"].value == pytest.approx(-0.01, abs=0.003)
+
+
+def test_nothing_is_said_of_an_object_that_is_not_where_the_model_has_it():
+    """A camera that is 3 cm off, towards the arm: the arm is inside what it pushes."""
+    runs = [pushed(seed, (0.015, -0.01)) for seed in range(2)]
+    tracks = [replace(one.object_track, position=one.object_track.position + AMISS) for one in runs]
+    runs = [replace(one, object_track=track) for one, track in zip(runs, tracks, strict=True)]
+    found = examine_object(spec(SLIDE), runs, runs, lambda _: None)
+    assert found.found.fit.effects == ()
+    assert "inside it, by what was measured" in found.notes[0]
 
 
 def test_a_mass_in_the_middle_is_not_moved():

@@ -10,6 +10,7 @@ Shape letters: P poses, K time steps, R joints of the robot.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -36,7 +37,7 @@ SPEED_S, START_S = 0.08, 0.15
 SLOW_M_S, SLOW_SIGMAS = 0.01, 4.0
 #: Time before a push, in which the robot comes near, and after the object came to rest, s.
 BEFORE_S, AFTER_S = 0.12, 0.1
-#: Distance between robot and object below which they may touch, m.
+#: Distance between robot and object below which they may touch, m, beside the noise.
 NEAR_M = 0.004
 #: Time in which an object comes to lie on what is below it, s, how much speed is left after each
 #: step meanwhile, and how much it may fall, m: what falls farther was held.
@@ -123,6 +124,18 @@ class Scene:
         noises = SLOW_SIGMAS * self.noise_m / SLOW_M_S
         return max(self.half_window_s, float(np.cbrt(1.5 * self.period_s * noises**2)))
 
+    @property
+    def within_m(self) -> float:
+        """Distance below which robot and object may touch."""
+        return NEAR_M + 4.0 * float(self.noise[0])
+
+    @cached_property
+    def distances_m(self) -> Array:
+        """From robot to object at each pose, negative inside, twice `within_m` at most, (P,)."""
+        far = 2.0 * self.within_m
+        pairs = zip(self.robot_at(self.track.time_s), self.track.pose, strict=True)
+        return np.array([clearance(self.stage, *pair, far) for pair in pairs])
+
     @cached_property
     def robot(self) -> BSpline:
         """The joints of the stage as functions of time, R of them."""
@@ -147,7 +160,7 @@ def _robot(recording: Trajectory, stage: Stage) -> Array:
 
 def cut(scene: Scene) -> list[ObjectSegment]:
     """Returns the segments of a recording in which the object moves."""
-    touched = _touched(scene)
+    touched = scene.distances_m < scene.within_m
     moving = _moving(scene, scene.half_window_s) | touched & _moving(scene, scene.slow_window_s)
     changes = 1 + np.flatnonzero(np.diff(np.where(moving, 1 + touched, 0)))
     return [
@@ -156,6 +169,21 @@ def cut(scene: Scene) -> list[ObjectSegment]:
         if moving[first]
         for segment in _pieces(scene, first, last, pushed=bool(touched[first]))
     ]
+
+
+def depth_m(scenes: Sequence[Scene]) -> float:
+    """Returns how deep in the object the robot is for a quarter of the time in which it pushes, m.
+
+    Nothing, where tool and object are where the model has them: no deeper than their noise.
+    """
+    pushed = [
+        scene.distances_m[
+            _moving(scene, scene.slow_window_s) & (scene.distances_m < scene.within_m)
+        ]
+        for scene in scenes
+    ]
+    every = np.concatenate(pushed)
+    return max(-float(np.percentile(every, 25)), 0.0) if len(every) else 0.0
 
 
 def _moving(scene: Scene, half_window_s: float) -> NDArray[np.bool_]:
@@ -170,17 +198,6 @@ def _moving(scene: Scene, half_window_s: float) -> NDArray[np.bool_]:
         fast = float(np.linalg.norm(slope * scene.size))
         speed[i] = fast / max(SLOW_M_S, SLOW_SIGMAS * noise)
     return np.asarray(speed > 1.0)
-
-
-def _touched(scene: Scene) -> NDArray[np.bool_]:
-    """Returns at which poses the robot may touch the object, shape (P,)."""
-    robot = scene.robot_at(scene.track.time_s)
-    within = NEAR_M + 4.0 * float(scene.noise[0])
-    near = [
-        clearance(scene.stage, q, p, 2.0 * within) < within
-        for q, p in zip(robot, scene.track.pose, strict=True)
-    ]
-    return np.array(near, bool)
 
 
 def _pieces(scene: Scene, first: int, last: int, *, pushed: bool) -> list[ObjectSegment]:

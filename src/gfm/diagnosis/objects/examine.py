@@ -19,7 +19,7 @@ from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance
 from gfm.effects.objects import free_body
 from gfm.excitation.blind_spots import BlindSpot
-from gfm.signals.object_segments import Scene, cut, moved
+from gfm.signals.object_segments import Scene, cut, depth_m, moved
 from gfm.signals.object_track import plane_noise, track_of
 from gfm.sim.object_stage import make_stage, run
 
@@ -85,13 +85,15 @@ def examine_object(
             "expected one for it"
         )
     report("looking at the object")
-    training = _problem(spec, recordings)
+    scenes = _scenes(spec, recordings)
+    training = _problem(spec, scenes)
     if training is None:
         return None
-    held = _problem(spec, holdout)
-    best = _with_better_cone(training)
+    held, depth = _problem(spec, _scenes(spec, holdout)), depth_m(scenes)
+    elsewhere = depth > scenes[0].within_m
+    best = training if elsewhere else _with_better_cone(training)
     seen, unseen = seen_and_unseen(best)
-    found = find(best, seen, report)
+    found = find(best, () if elsewhere else seen, report)
     judged, effects = held or training, found.fit.effects
     before, after = judged.settled(()), replace(judged, spec=best.spec).settled(effects)
     overall, place, yaw = _errors(before.parts(()), after.parts(effects), judged.noise)
@@ -105,7 +107,10 @@ def examine_object(
             BlindSpot(effect=e.name, joints=(), why=UNSEEN[e.name], motion=e.shown_by)
             for e in unseen
         ),
-        notes=_notes(found.problem, own=int(spec.option.cone), held=held is not None),
+        notes=(
+            *((_note_on_depth(depth),) if elsewhere else ()),
+            *_notes(found.problem, own=int(spec.option.cone), held=held is not None),
+        ),
     )
 
 
@@ -134,20 +139,25 @@ def _widened(named: NamedEffect) -> NamedEffect:
     return replace(named, parameters=parameters)
 
 
-def _problem(spec: mujoco.MjSpec, recordings: Sequence[Trajectory]) -> ObjectProblem | None:
-    """Returns the segments of recordings as a problem; None where the object never moves."""
+def _scenes(spec: mujoco.MjSpec, recordings: Sequence[Trajectory]) -> list[Scene]:
+    """Returns those recordings that have poses of the object, ready to be cut."""
     known = {i: track for i, one in enumerate(recordings) if (track := track_of(one)) is not None}
     if not known:
-        return None
+        return []
     noise = plane_noise([*known.values()])
     stage, air = make_stage(spec), make_stage(spec, robot_touches=False)
-    scenes = [
+    return [
         Scene(index=i, recording=recordings[i], track=track, stage=stage, air=air, noise=noise)
         for i, track in known.items()
     ]
+
+
+def _problem(spec: mujoco.MjSpec, scenes: Sequence[Scene]) -> ObjectProblem | None:
+    """Returns the segments of recordings as a problem; None where the object never moves."""
     every = [segment for scene in scenes for segment in cut(scene)]
     if not every:
         return None
+    noise = scenes[0].noise
     # A fit of how a push goes on from its midst hides what differs, and is far off where it errs.
     segments = [one for one in every if one.place_error is not None or not one.pushed] or every
     farthest = sorted(segments, key=lambda one: -moved(one.plane, noise))[:MOST_SEGMENTS]
@@ -177,6 +187,14 @@ def _errors(
     return tuple(
         error_summary([size * left[:, columns]], [size * rest[:, columns]], size, unit)
         for columns, size, unit in told
+    )
+
+
+def _note_on_depth(depth: float) -> str:
+    return (
+        f"Where the robot pushes the object it is {1e3 * depth:.0f} mm inside it, by what was "
+        "measured: one of them is elsewhere than the model has it, or has another shape (an offset "
+        "of an encoder or of a camera, another tool, another object). So nothing is said of it."
     )
 
 
