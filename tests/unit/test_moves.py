@@ -37,7 +37,7 @@ from gfm.diagnosis.search.moves.reduce import (
     remove,
     rivals_of,
 )
-from gfm.diagnosis.search.nameless import _shown
+from gfm.diagnosis.search.nameless import _adding_nothing, _shown
 from gfm.diagnosis.search.read_off import ALIKE
 from gfm.diagnosis.search.screening import Screened
 from gfm.diagnosis.search.steps import run
@@ -45,6 +45,7 @@ from gfm.diagnosis.search.support import support
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, find_effect
+from gfm.effects.curve import KNOTS, CurveOfPosition
 from gfm.signals.torque_domain import torque_domain, torque_views
 from pendulum import LENGTH, MASS, MODEL, PERIOD_S, swung
 
@@ -643,6 +644,20 @@ def test_a_curve_that_no_bent_law_is_speaks_against_the_laws_that_stand_for_it()
     assert (first.state, first.joint) == ("position", "j")
     both = Case(runs(torque=lambda q, _v: -0.3 * q + 0.05 * np.sin(4.0 * q)))
     assert nameless(both, spring, wave, torques=both.torques) == [None, None]
+
+
+def test_what_says_nothing_beside_a_law_without_a_name_stands_for_it_too():
+    """A constant torque, beside a curve that has it; dry friction says something of its own."""
+    rubbed = Case(runs(torque=lambda q, v: dry(q, v) - np.maximum(q - 0.2, 0.0) - 0.3))
+    curve = CurveOfPosition(np.array([-0.6, 0.6]))
+    knots = np.linspace(-0.6, 0.6, KNOTS)
+    amounts = {f"torque_{k}": -max(q - 0.2, 0.0) - 0.3 for k, q in enumerate(knots)}
+    law = EffectInstance(effect=curve, joints=("j",), values=amounts)
+    friction = instance("coulomb_friction", torque=FRICTION)
+    offset = instance("torque_offset", torque=-0.4)
+    here = rubbed.with_effects(friction, offset)
+    best = here.fitted((friction, offset, law))
+    assert [e.key[0] for e in _adding_nothing(here, best, here.effects)] == ["torque_offset"]
 
 
 def test_two_laws_that_hold_are_told_although_one_of_them_bent_may_be_both(rubbing):

@@ -1,9 +1,10 @@
 """Laws without a name: what acts where the library has nothing, told as what comes nearest to it.
 
 Two things give them away. Of several laws of one state of a joint, one whose amount changes with
-that state predicts better than all, or any curve over it does. And where a hypothesis is far from
-the truth, the missing torque may show such a curve: that predicts better in the place of a name
-which adds nothing beside it. Clearly better, or the curve is nearly all of the missing torque.
+that state predicts better than all, or any curve over it does; what says nothing beside that is
+part of it. And where a hypothesis is far from the truth, the missing torque may show such a curve:
+that predicts better in the place of a name which adds nothing beside it. Clearly better, or the
+curve is nearly all of the missing torque.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gfm.diagnosis.inference.fitting import mean_square, without
+from gfm.diagnosis.inference.fitting import Fit, mean_square, without
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, P
 from gfm.diagnosis.search.naming import first_of_each
@@ -72,10 +73,27 @@ def _one_law(
         if search.torques is not None:
             curves = _shown(here, search.torques, places[0]) if places else ()
             instead += [(*rest, curve) for _, of, curve in curves if of == state]
-        over = min((here.over(here.fitted(one)) for one in instead), key=lambda one: one.nats)
+        best = min(map(here.fitted, instead), key=lambda one: here.over(one).nats)
+        over = here.over(best)
         if (-over).notable:
             told = Nameless(over=over, state=state, joint=law[0].joints[0])
-            yield from ((one.key, told) for one in law)
+            parts = [one for one in rest if one.joints == law[0].joints]
+            yield from ((one.key, told) for one in (*law, *_adding_nothing(here, best, parts)))
+
+
+def _adding_nothing(
+    here: Hypothesis, best: Fit, parts: Sequence[EffectInstance]
+) -> list[EffectInstance]:
+    """Returns effects that say something, and nothing beside a law without a name: its part.
+
+    A load on a pendulum is a law of its position.
+    """
+    beside = replace(here, fit=best)
+    gains = here.over_less([(here.effects.index(one),) for one in parts])
+    saying = [one for gain, one in zip(gains, parts, strict=True) if gain.notable]
+    rests = [[e for e in best.effects if e.key != one.key] for one in saying]
+    rows = zip(saying, rests, strict=True)
+    return [one for one, rest in rows if not beside.over(here.fitted(rest)).notable]
 
 
 def _curve(here: Hypothesis[P], search: Search[P]) -> Iterator[tuple[Key, Nameless]]:
