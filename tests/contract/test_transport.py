@@ -306,6 +306,11 @@ def test_a_survey_hears_everybody_whose_key_matches(connect):
     servers = [connect().serve(f"status/{name}") for name in names]
     other = connect().serve("status/too/many/parts")
     asker = connect()
+    for name, server in zip(names, servers, strict=True):  # until the hub knows of each
+        ask = partial(asker.request, f"status/{name}", StatusRequest(), timeout_s=5.0)
+        pending, request = asked(server, ask)
+        request.reply(Ack())
+        answer(pending)
     answers: list[list[Message]] = []
     thread = Thread(
         target=lambda: answers.append(asker.survey("status/*/*", StatusRequest(), timeout_s=5.0))
