@@ -136,6 +136,16 @@ class Scene:
         pairs = zip(self.robot_at(self.track.time_s), self.track.pose, strict=True)
         return np.array([clearance(self.stage, *pair, far) for pair in pairs])
 
+    @property
+    def touched(self) -> NDArray[np.bool_]:
+        """At which poses the robot may touch the object, shape (P,)."""
+        return self.distances_m < self.within_m
+
+    @cached_property
+    def pushed(self) -> NDArray[np.bool_]:
+        """At which of these the object moves, be it slowly, shape (P,)."""
+        return self.touched & _moving(self, self.slow_window_s)
+
     @cached_property
     def robot(self) -> BSpline:
         """The joints of the stage as functions of time, R of them."""
@@ -160,8 +170,7 @@ def _robot(recording: Trajectory, stage: Stage) -> Array:
 
 def cut(scene: Scene) -> list[ObjectSegment]:
     """Returns the segments of a recording in which the object moves."""
-    touched = scene.distances_m < scene.within_m
-    moving = _moving(scene, scene.half_window_s) | touched & _moving(scene, scene.slow_window_s)
+    touched, moving = scene.touched, _moving(scene, scene.half_window_s) | scene.pushed
     changes = 1 + np.flatnonzero(np.diff(np.where(moving, 1 + touched, 0)))
     return [
         segment
@@ -176,13 +185,7 @@ def depth_m(scenes: Sequence[Scene]) -> float:
 
     Nothing, where tool and object are where the model has them: no deeper than their noise.
     """
-    pushed = [
-        scene.distances_m[
-            _moving(scene, scene.slow_window_s) & (scene.distances_m < scene.within_m)
-        ]
-        for scene in scenes
-    ]
-    every = np.concatenate(pushed)
+    every = np.concatenate([scene.distances_m[scene.pushed] for scene in scenes])
     return max(-float(np.percentile(every, 25)), 0.0) if len(every) else 0.0
 
 
