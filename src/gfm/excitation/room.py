@@ -24,6 +24,8 @@ _POINTS, _PASSES = 400, 4
 #: A side that is to blame keeps this share of itself; the least that a joint may be left.
 _SMALLER, _SLOWER, _LEAST_SHARE = 0.95, 0.85, 0.02
 _LEAST_PACE = 0.1
+#: So near, rad, a joint stands where it starts.
+_AT_START = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,11 +42,16 @@ class Room:
         return np.asarray(0.5 * (self.lower + self.upper))
 
     def smaller(self, limits: RobotLimits, fault: Fault) -> Room:
-        """Returns less of the room, so that the fault becomes less likely."""
+        """Returns less of the room, so that the fault becomes less likely.
+
+        Joints that are to blame and stand where they start cannot come nearer to it: all others do.
+        """
         if fault.kind is FaultKind.DYNAMICS:
             return replace(self, pace=np.where(fault.joints, _SLOWER, 1.0) * self.pace)
-        low = fault.joints & (fault.position < limits.start)
-        high = fault.joints & (fault.position > limits.start)
+        away = np.where(mask(limits), fault.position - limits.start, 0.0)
+        moved = np.abs(away) > _AT_START
+        blamed = fault.joints & moved if (fault.joints & moved).any() else moved
+        low, high = blamed & (away < 0.0), blamed & (away > 0.0)
         kept = limits.start + _SMALLER * (np.stack([self.lower, self.upper]) - limits.start)
         return replace(
             self,
