@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -11,7 +13,8 @@ from gfm.excitation.limits import Wishes, robot_limits
 from gfm.excitation.motion import Purpose
 from gfm.excitation.plan import Request, make_plan
 from gfm.excitation.programme import FAMILIES, families_for, shown_by
-from gfm.excitation.safety import FaultKind, SafetyCheck, refined
+from gfm.excitation.room import find_room
+from gfm.excitation.safety import Fault, FaultKind, SafetyCheck, refined
 
 POSITION, VELOCITY, EFFORT = CommandKind.POSITION, CommandKind.VELOCITY, CommandKind.EFFORT
 
@@ -332,3 +335,45 @@ def test_an_effect_that_no_motion_is_there_for_gets_all_of_them():
     assert "no motion is there for my_effect: all of them are proposed" in plan.notes
     assert families_for(("my_effect",)) == FAMILIES
     assert families_for(()) == FAMILIES
+
+
+def test_where_what_is_to_blame_stands_still_all_others_come_nearer():
+    limits = robot_limits({POSITION: arm()})
+    room, _ = find_room(SafetyCheck(arm(), limits, clearance_m=0.01), limits)
+    away = np.array([0.0, 0.5])
+    fault = Fault(
+        kind=FaultKind.CONTACT,
+        words="elbow and wall touch",
+        position=limits.start + away,
+        joints=np.array([True, False]),
+    )
+    less = room.smaller(limits, fault)
+    np.testing.assert_array_equal(less.lower, room.lower)
+    assert less.upper[0] == room.upper[0]
+    assert limits.start[1] < less.upper[1] < room.upper[1]
+
+
+def test_two_boxes_are_kept_apart_where_an_edge_comes_near_a_corner():
+    model = mujoco.MjModel.from_xml_string(
+        """
+        <mujoco><worldbody>
+          <geom name="wall" type="box" size="0.2 0.2 0.01"/>
+          <body name="plate" pos="0.25 0 0.06">
+            <joint name="slide" type="slide" axis="0 0 1" range="-1 1"/>
+            <geom type="box" size="0.04 0.005 0.04" euler="0 30 0" mass="1"/></body>
+        </worldbody><actuator><position name="slide" joint="slide" kp="100"/></actuator></mujoco>
+        """
+    )
+    limits = robot_limits({POSITION: model}, Wishes(acceleration={"": 1.0}))
+    data = mujoco.MjData(model)
+    for height in np.linspace(0.0, 0.2, 41):
+        data.qpos[:] = height
+        mujoco.mj_kinematics(model, data)
+        distance_m = mujoco.mj_geomDistance(model, data, 0, 1, 1.0, None)
+        assert distance_m > 0.0
+        for clearance_m in (0.02, 0.05):
+            check = SafetyCheck(
+                model, replace(limits, start=np.array([0.5])), clearance_m=clearance_m
+            )
+            fault = check.contact(np.array([[height]]))
+            assert (fault is not None) is (distance_m < clearance_m)
