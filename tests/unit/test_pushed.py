@@ -167,6 +167,28 @@ def test_a_robot_that_is_hardly_ever_in_the_air_is_judged_by_all_there_is():
     assert not all_segments(SPECS, [short], touching=True).segments
 
 
+@pytest.mark.parametrize(("lasts_s", "alone"), [(8.0, True), (2.0, False)])
+def test_recordings_that_touch_nothing_judge_by_themselves_where_they_are_long_enough(
+    lasts_s, alone
+):
+    run = recording(0, BLOCK_KG)
+    clear = run.time_s < lasts_s
+    away = replace(
+        run,
+        name="away",
+        stamp_ns=run.stamp_ns[clear],
+        position=run.position[clear] - 1.0,
+        command_stamp_ns=run.stamp_ns[clear],
+        command=run.command[clear],
+        object_track=None,
+    )
+    problem = all_segments(SPECS, [run, away])
+    assert bool(problem.air[0]) is not alone
+    assert problem.air[1] == [(0, int(clear.sum()))]
+    assert {segment.recording for segment in problem.segments} == ({1} if alone else {0, 1})
+    assert [piece.name for piece in airborne([run, away], problem)][-1] == "away"
+
+
 def test_what_nearly_touches_counts_as_touching():
     run = recording(0, BLOCK_KG)
     touch = Touch(SPECS[CommandKind.VELOCITY], run.joint_names)

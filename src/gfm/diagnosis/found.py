@@ -87,8 +87,8 @@ def find_by_itself(
 ) -> Found:
     """Returns what the model `specs`, beside which `given` stands, lacks of the robot by itself.
 
-    Where that says that the robot was elsewhere than it reports, recordings are cut anew, and the
-    search goes on from there: it may have touched something where it seemed to be in the air.
+    Where that says that the robot was elsewhere than it reports, and so touched something where it
+    seemed to be in the air, recordings are cut anew, and the search goes on from there.
 
     Args:
         recordings: What effects are looked for in and fitted to.
@@ -110,7 +110,8 @@ def find_by_itself(
     free = airborne(recordings, everything)
     result = search(short, long, everything, recordings, report, time_left, known, free)
     found = credible(result)
-    if short.air and not known and any(one.effect.displaces for one in found):
+    displaced = short.air and not known and any(one.effect.displaces for one in found)
+    if displaced and cutting(short.noise, placed=found).air != everything.air:
         report("cutting anew: the robot was elsewhere than it reports")
         return find_by_itself(recordings, specs, given, report, time_left, found)
     return Found(recordings=recordings, short=short, long=result.problem, results=(result,))

@@ -103,6 +103,35 @@ def in_the_air(touching: NDArray[np.bool_], recording: Trajectory) -> list[tuple
     return [(start, end) for start, end in pieces if time_s[end - 1] - time_s[start] >= LEAST_AIR_S]
 
 
+def surely_in_the_air(
+    touches: Sequence[NDArray[np.bool_]], recordings: Sequence[Trajectory]
+) -> list[list[tuple[int, int]]]:
+    """Returns those pieces of each recording in which a robot is surely in the air.
+
+    Where a robot touches something is told by a model that may have tool or object elsewhere. So
+    recordings in which it touches nothing say more of it than pieces of others: those are left out
+    where there is as much without them, and enough.
+
+    Args:
+        touches: Whether it touches something, at each measurement of each recording.
+        recordings: At whose measurements.
+    """
+    air = [in_the_air(*both) for both in zip(touches, recordings, strict=True)]
+    clear = [[] if there.any() else one for there, one in zip(touches, air, strict=True)]
+    clear_s = seconds(clear, recordings)
+    others_s = seconds(air, recordings) - clear_s
+    return clear if clear_s >= max(others_s, ENOUGH_AIR_S) else air
+
+
+def seconds(pieces: Sequence[Sequence[tuple[int, int]]], recordings: Sequence[Trajectory]) -> float:
+    """Returns how long pieces of recordings last together, s."""
+    return sum(
+        float(run.time_s[end - 1] - run.time_s[start])
+        for run, rows in zip(recordings, pieces, strict=True)
+        for start, end in rows
+    )
+
+
 def at_ease(touch: Touch, recording: Trajectory, edges: Array) -> Array:
     """Returns edges moved to the next row at which nothing is touched and an object rests.
 

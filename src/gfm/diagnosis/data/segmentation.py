@@ -22,7 +22,14 @@ from gfm.diagnosis.residuals.time_steps import with_suitable_steps
 from gfm.effects import EffectInstance
 from gfm.effects.elements import let_friction_hold
 from gfm.signals.smoothing import same_stamp_s, smooth_states, starts_at_rest
-from gfm.signals.touching import ENOUGH_AIR_S, Touch, at_ease, in_the_air, resting_pose
+from gfm.signals.touching import (
+    ENOUGH_AIR_S,
+    Touch,
+    at_ease,
+    resting_pose,
+    seconds,
+    surely_in_the_air,
+)
 from gfm.sim.commands import AHEAD_S, HISTORY_S
 from gfm.sim.plant import check_joints
 from gfm.sim.segment import Segment
@@ -98,20 +105,18 @@ def all_segments(
         for kind, spec in specs.items()
     }
     noise, segments = noise or measure_noise(recordings), list[Segment]()
-    air = dict[int, list[Rows]]()
-    for kind, spec in accurate.items():
-        own = {i: one for i, one in enumerate(recordings) if one.command_kind is kind}
-        touch = Touch(spec, joints, (*given, *placed))
-        rows, free = _rows(touch, own, windows_s[kind], SHORT[kind], touching=touching)
-        if free or not own:
+    along = {kind: Touch(spec, joints, (*given, *placed)) for kind, spec in accurate.items()}
+    rows, air = _rows(along, recordings, windows_s, touching=touching)
+    for spec in accurate.values():
+        if air:
             spec.option.disableflags |= _ONE_ROBOT
-        air |= free
-        segments += [one for i, run in own.items() for one in cut(run, i, noise, rows[i])]
+    for i, run in enumerate(recordings):
+        segments += cut(run, i, noise, rows[i])
     whole = all(air[i] == [(0, len(recordings[i].time_s))] for i in air)
     return Problem(
         specs=accurate,
         joints=joints,
-        segments=tuple(sorted(segments, key=lambda segment: segment.recording)),
+        segments=tuple(segments),
         noise=noise,
         given=tuple(given),
         still={name: at for one in still.values() for name, at in one.items()},
@@ -130,8 +135,12 @@ def airborne(recordings: Sequence[Trajectory], problem: Problem) -> list[Traject
 
 
 def _rows(
-    touch: Touch, runs: Mapping[int, Trajectory], window_s: float, short_s: float, *, touching: bool
-) -> tuple[dict[int, list[Rows]], dict[int, list[Rows]]]:
+    along: Mapping[CommandKind, Touch],
+    runs: Sequence[Trajectory],
+    windows_s: Mapping[CommandKind, float],
+    *,
+    touching: bool,
+) -> tuple[list[list[Rows]], dict[int, list[Rows]]]:
     """Returns the rows of each recording's segments, and of the pieces of which these are a part.
 
     The latter where the robot is judged by its motion in the air.
@@ -139,23 +148,26 @@ def _rows(
     Where it touches something, each begins with it in the air, if it can, and an object at rest.
     Nothing is followed for long then: what is touched a little earlier is soon elsewhere.
     """
-    touches = {i: touch.along(run) for i, run in runs.items()}
-    air = {i: in_the_air(touches[i], run) for i, run in runs.items()}
-    air_s = sum(runs[i].time_s[b - 1] - runs[i].time_s[a] for i in runs for a, b in air[i])
-    judges = air_s >= ENOUGH_AIR_S or not any(map(np.any, touches.values()))
+    touches = [along[run.command_kind].along(run) for run in runs]
+    air = surely_in_the_air(touches, runs)
+    judges = seconds(air, runs) >= ENOUGH_AIR_S or not any(map(np.any, touches))
     if judges and not touching:
-        return {
-            i: [rows for piece in air[i] for rows in windows(run, piece, window_s)]
-            for i, run in runs.items()
-        }, air
+        return [
+            [rows for piece in pieces for rows in windows(run, piece, windows_s[run.command_kind])]
+            for run, pieces in zip(runs, air, strict=True)
+        ], dict(enumerate(air))
     if touching and not judges:
-        return {i: [] for i in runs}, {}
-    at_rest = {}
-    for i, run in runs.items():
-        ends = [end for _, end in windows(run, (0, len(run.time_s)), min(window_s, short_s))]
-        at_rest[i] = list(pairwise(at_ease(touch, run, np.array([0, *ends])).tolist()))
+        return [[] for _ in runs], {}
+    at_rest = []
+    for run in runs:
+        kind = run.command_kind
+        short_s = min(windows_s[kind], SHORT[kind])
+        ends = [end for _, end in windows(run, (0, len(run.time_s)), short_s)]
+        edges = at_ease(along[kind], run, np.array([0, *ends]))
+        at_rest.append(list(pairwise(edges.tolist())))
     if touching:
-        at_rest = {i: [(a, b) for a, b in at_rest[i] if touches[i][a:b].any()] for i in runs}
+        pairs = zip(at_rest, touches, strict=True)
+        at_rest = [[(a, b) for a, b in rows if there[a:b].any()] for rows, there in pairs]
     return at_rest, {}
 
 
