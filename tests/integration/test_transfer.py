@@ -116,7 +116,7 @@ def test_attempts_of_which_nothing_is_recorded_are_refused(
 ) -> None:
     outcomes = ["out_of_time", "out_of_time"]
     attempts_in(tmp_path / "before", shipped_policy(POSITION), outcomes, recorded=False)
-    assert main(words) == 2
+    assert main([*words, "--air-seconds", "0"]) == 2
     assert "0 attempts to learn from and 0 that judge" in capsys.readouterr().err
     assert not (tmp_path / "diagnosis").exists()
 
@@ -135,6 +135,7 @@ def test_another_campaign_in_the_folder_is_refused(
         (["--trials", "1"], "--trials is 1, expected at least 2"),
         (["--minutes", "0"], "--minutes is 0, expected more than 0"),
         (["--learner-steps", "0"], "--learner-steps is 0, expected at least 1"),
+        (["--air-seconds", "3"], "--air-seconds is 3, expected 0, or 8 to 600"),
     ],
 )
 def test_settings_out_of_range_are_refused(

@@ -156,13 +156,18 @@ def arm_problem(name: str, settings: EnvironmentSettings, assets: EnvironmentAss
     )
 
 
-def nominal_cell(name: str) -> mujoco.MjSpec:
-    """Returns the published arm, furnished for the control task `name`."""
+def nominal_cell(name: str, command: CommandKind = CommandKind.VELOCITY) -> mujoco.MjSpec:
+    """Returns the published arm, furnished for the control task `name`.
+
+    Args:
+        name: Of the task.
+        command: What its actuators take.
+    """
     if name not in TASKS:
-        return sawyer_spec(command=CommandKind.VELOCITY)
+        return sawyer_spec(command=command)
     task = TASKS[name]
     return sawyer_spec(
-        command=CommandKind.VELOCITY,
+        command=command,
         end_effector=task.end_effector,
         free_object=task.free_object,
     )

@@ -83,8 +83,7 @@ def drive(
     if before is not None:
         before(driver.newest)
     for motion in motions:
-        _approach(driver, motion)
-        yield _record(driver, motion)
+        yield record_motion(driver, motion)
     driver.release()
 
 
@@ -95,8 +94,14 @@ def _approach(driver: Driver, motion: Motion) -> None:
         _follow(driver, motion, 0, np.zeros(len(motion.joint_names)), speed_share(motion))
 
 
-def _record(driver: Driver, motion: Motion) -> Driven:
-    """Drives one motion while the bridge records it."""
+def record_motion(driver: Driver, motion: Motion) -> Driven:
+    """Goes to where a motion begins, and drives it while the bridge records it.
+
+    Raises:
+        RefusedError: the bridge says no.
+        BadInputError: it has another control period.
+    """
+    _approach(driver, motion)
     about = {"purpose": str(motion.purpose), "motion": motion.name}
     began_ns, share = driver.newest.stamp_ns, speed_share(motion)
     with driver.recording(motion.name, about) as told:

@@ -93,7 +93,7 @@ def drive_policy(request: DriveRequest, console: Console | None = None) -> Drive
             each_s = 1e-9 * (clock.now_ns() - began_ns) / (len(kept.attempts) - before)
             console.print(_line(made, len(kept.attempts), request, each_s * len(left)))
 
-    interrupted = _driven(request, clock, arm.zero, all_made) if left else False
+    interrupted = on_robot(request, clock, arm.zero, all_made) if left else False
     report = _report(request, path, kept) if kept.attempts else None
     if report is not None:
         write_texts(request.out, evaluation_texts(report))
@@ -172,12 +172,22 @@ def _report(request: DriveRequest, policy: Path, kept: Kept) -> Evaluation:
     )
 
 
-def _driven(
+def on_robot(
     request: DriveRequest, clock: Clock, zero: Array, drives: Callable[[Driver, Person], None]
 ) -> bool:
     """Gets hold of a robot and has it driven; returns whether a signal ended that.
 
     A folder that was new, and in which nothing came of it, goes again.
+
+    Args:
+        request: Which robot, and for what folder.
+        clock: Of this process.
+        zero: What the joints report where the published arm is at zero, rad, shape (J,).
+        drives: Drives it, with whoever watches.
+
+    Raises:
+        BadInputError: the robot cannot be what is asked for.
+        UnreachableError: it does not answer.
     """
     fresh = not request.out.exists()
     try:

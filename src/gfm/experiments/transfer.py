@@ -21,6 +21,7 @@ from gfm.api.provenance import command_line, provenance
 from gfm.core import BadInputError, Clock, ConfigError
 from gfm.envs.matching_task import TASKS
 from gfm.experiments.adapt import AdaptRequest, adapt_policy
+from gfm.experiments.air_motion import AirMotions, air_motions
 from gfm.experiments.attempt_choice import judged_on, learned_from
 from gfm.experiments.attempt_files import Kept, recorded_s
 from gfm.experiments.diagnose_command import diagnose_files
@@ -46,6 +47,8 @@ from gfm.report.transfer import (
 from gfm_wire import SetPayload
 
 BEFORE = "before"
+#: Where the arm is recorded by itself.
+IN_THE_AIR = "in_the_air"
 _NEED_NAMES = (PLACED, TOLD, ADAPTED, CORRECTED)
 
 
@@ -59,10 +62,13 @@ class TransferRequest:
         minutes: For the search of the diagnosis.
         treatments: What is done to the policy, see TREATMENTS.
         learner_steps: Of each training; None for as many as the shipped settings say.
+        air_s: Length of each motion in the air that is recorded beside attempts; 0 for none, as in
+            the paper.
     """
 
     drive: DriveRequest
     minutes: float = 5.0
+    air_s: float = 8.0
     treatments: tuple[str, ...] = (ADAPTED,)
     learner_steps: int | None = None
 
@@ -87,6 +93,8 @@ class TransferRequest:
             )
         if not self.minutes > 0.0:
             raise ConfigError(f"--minutes is {self.minutes:g}, expected more than 0")
+        if self.air_s and not 8.0 <= self.air_s <= 600.0:
+            raise ConfigError(f"--air-seconds is {self.air_s:g}, expected 0, or 8 to 600")
         if self.learner_steps is not None and self.learner_steps < 1:
             raise ConfigError(f"--learner-steps is {self.learner_steps}, expected at least 1")
 
@@ -162,14 +170,17 @@ class _Campaign:
 
     def diagnose(self) -> Mapping[str, Any]:
         """Returns what the nominal cell lacks by the recordings of before, as report.json says."""
-        self._say("diagnosis: what the nominal cell lacks")
         out = self.request.out / "diagnosis"
         report = out / "report.json"
         if not report.is_file():
-            learned, held_out = self._recordings()
+            models, air = [self.models.nominal()], self.in_the_air()
+            if air.training:
+                models.append(self.models.by_positions())
+            learned, held_out = self._recordings(air)
+            self._say("diagnosis: what the nominal cell lacks")
             diagnose_files(
                 DiagnoseRequest(
-                    model=self.models.nominal(),
+                    model=models,
                     recordings=learned,
                     holdout=held_out,
                     minutes=self.request.minutes,
@@ -183,6 +194,15 @@ class _Campaign:
             )
         found: Mapping[str, Any] = json.loads(report.read_text())
         return found
+
+    def in_the_air(self) -> AirMotions:
+        """Returns recordings of the arm by itself; none where none are asked for."""
+        if not self.request.air_s:
+            return AirMotions()
+        self._say(f"{IN_THE_AIR}: the arm by itself, above the basket")
+        out, model = self.request.out / IN_THE_AIR, self.models.by_positions()
+        request = replace(self.request.drive, out=out)
+        return air_motions(request, model, self.request.air_s, self.console)
 
     def model(self, name: str) -> Path | None:
         """Returns the model that places the tool under a treatment; None for the nominal one."""
@@ -256,14 +276,15 @@ class _Campaign:
             lines += ["[learner.environment.control]", "randomisation = 0.5", "variants = 64"]
         return "\n".join(lines) + "\n"
 
-    def _recordings(self) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
-        """Returns the recordings of before to learn from, and those that judge."""
+    def _recordings(self, air: AirMotions) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+        """Returns the recordings to learn from, and those that judge."""
         made = Kept(self.request.out / BEFORE, {}).attempts
         lasts = {one.recording: recorded_s(one) for one in made}
         learned, judged = (
             tuple(Path(one.recording) for one in choice(made, lambda one: lasts[one.recording]))
             for choice in (learned_from, judged_on)
         )
+        learned, judged = (*air.training, *learned), (*air.held_out, *judged)
         if not learned or not judged:
             raise BadInputError(
                 f"{self.request.out / BEFORE}: {len(learned)} attempts to learn from and "

@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
 _DESCRIPTION = """\
-Closes the loop on a task: runs a policy on the robot and records it, finds what the nominal cell
-lacks, adapts the policy to the corrected model, and runs it on the robot again. Every step
-leaves a folder in --out and is not made a second time: the same command goes on where it was broken
-off.
+Closes the loop on a task: runs a policy on the robot and records it, and the arm by itself in the
+air, finds what the nominal cell lacks, adapts the policy to the corrected model, and runs it on the
+robot again. Every step leaves a folder in --out and is not made a second time: the same command
+goes on where it was broken off.
 """
 
 
@@ -31,6 +31,14 @@ def add_parser(subparsers: Subparsers) -> None:
         default=5.0,
         metavar="N",
         help="for the search of the diagnosis (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--air-seconds",
+        type=float,
+        default=8.0,
+        metavar="N",
+        help="length of each motion of the arm by itself, above the basket, that is recorded for "
+        "the diagnosis beside the attempts; 0 for none, as in the paper (default: %(default)g)",
     )
     parser.add_argument(
         "--treatments",
@@ -66,6 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
         minutes=arguments.minutes,
         treatments=tuple(arguments.treatments),
         learner_steps=arguments.learner_steps,
+        air_s=arguments.air_seconds,
     )
     stopped = StopSignal()
     stopped.install()

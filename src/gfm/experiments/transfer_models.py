@@ -34,12 +34,17 @@ class TransferModels:
         """Returns the file of the nominal cell."""
         return self._written("nominal", nominal_cell(self.task), ())
 
+    def by_positions(self) -> Path:
+        """Returns the file of the nominal cell whose joints are told positions."""
+        spec = nominal_cell(self.task, CommandKind.POSITION)
+        return self._written("nominal_position", spec, ())
+
     def corrected(self) -> Path:
         """Returns the file of the corrected cell as a policy is trained on it."""
         there = self.folder / f"{CORRECTED}.xml"
         if there.is_file():
             return there
-        found = load_nominal([self.folder / "diagnosis" / "corrected.xml"])
+        found = load_nominal([self._found()])
         spec = as_trained(found.specs[CommandKind.VELOCITY], self.task)
         return self._written(CORRECTED, spec, found.effects)
 
@@ -51,6 +56,12 @@ class TransferModels:
         found = load_nominal([self.corrected()])
         spec = bearing_payload(found.specs[CommandKind.VELOCITY])
         return self._written(TOLD, spec, found.effects)
+
+    def _found(self) -> Path:
+        """Returns the corrected model for commands of speeds, as the diagnosis left it."""
+        folder = self.folder / "diagnosis"
+        own = folder / f"corrected_{CommandKind.VELOCITY}.xml"  # of several kinds of command
+        return own if own.is_file() else folder / "corrected.xml"
 
     def _written(self, stem: str, spec: mujoco.MjSpec, effects: Sequence[EffectInstance]) -> Path:
         write_texts(self.folder, model_texts(stem, model_pair(spec, effects)))
