@@ -138,7 +138,7 @@ def summary(campaign: Campaign, folder: Path) -> Part:
             for one in hidden
         ],
         "named": [named_words(one) for one in report["diagnosis"]["effects"]],
-        "robot_min": sum(one["time_s"] for one in before["attempts"]) / 60.0,
+        "robot_min": (report["air_s"] + sum(one["time_s"] for one in before["attempts"])) / 60.0,
         "reached": {"as it came": reached(before)}
         | {name: reached(one) for name, one in report["after"].items()},
     }
@@ -181,8 +181,8 @@ def page(parts: Mapping[str, Part], planned: int) -> str:
 
 Written by `python benchmarks/campaigns.py`: {len(parts)} of {planned} campaigns, at
 {commits(parts)}. Reached: of five attempts at each of ten goals, with 95 % intervals (Wilson).
-Named: with amounts and confidence. Robot minutes: what the attempts as it came took; ten
-or more of them were given to the diagnosis.
+Named: with amounts and confidence. Robot minutes: what the attempts as it came took, ten
+or more of which were given to the diagnosis, and motions of the arm by itself.
 
 {table}
 """

@@ -31,6 +31,7 @@ def campaign_in(folder: Path) -> None:
         "confidence": 0.871,
     }
     report = {
+        "air_s": 72.0,
         "before": success(1, 0.004, 0.105),
         "after": {"told": success(49, 0.895, 0.996)},
         "diagnosis": {"effects": [named]},
@@ -56,7 +57,7 @@ def test_a_row_says_what_is_hidden_what_was_named_and_what_was_reached(tmp_path:
     assert told["as it came"] == "1 of 50 (0% to 10%)"
     assert told["told"] == "49 of 50 (90% to 100%)"
     assert told["placed"] == ""
-    assert cells[-1] == "5.0"
+    assert cells[-1] == "6.2"
 
 
 @pytest.mark.parametrize(

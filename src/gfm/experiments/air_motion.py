@@ -61,6 +61,10 @@ class AirMotions:
     held_out: tuple[Path, ...] = ()
     seconds: float = 0.0
 
+    def __bool__(self) -> bool:
+        """Says whether there are any."""
+        return bool(self.training)
+
 
 def air_motions(request: DriveRequest, model: Path, seconds: float, console: Console) -> AirMotions:
     """Returns recordings of the arm in the air; has them made where they are not there.
@@ -77,7 +81,7 @@ def air_motions(request: DriveRequest, model: Path, seconds: float, console: Con
         UnreachableError: the robot does not answer.
         KeyboardInterrupt: somebody ended it.
     """
-    if (made := _made(request.out)) is not None:
+    if made := recorded_in(request.out):
         return made
     arm = load_arm(EvaluationRequest(task=request.task))
     spec = load_specs(model)[CommandKind.POSITION]
@@ -91,7 +95,7 @@ def air_motions(request: DriveRequest, model: Path, seconds: float, console: Con
     if len(recordings) < len(told.plan.motions):
         raise KeyboardInterrupt
     write_plan(request.out, replace(told, recordings=recordings))
-    if (made := _made(request.out)) is None:
+    if not (made := recorded_in(request.out)):
         raise BadInputError(
             f"{request.out}: the bridge says that it recorded {next(iter(recordings.values()))}; "
             "expected that file on this machine"
@@ -163,15 +167,15 @@ def _driven(
     return recordings
 
 
-def _made(folder: Path) -> AirMotions | None:
-    """Returns what was recorded in a folder; None where that is not all of it."""
+def recorded_in(folder: Path) -> AirMotions:
+    """Returns what was recorded in a folder of `air_motions`; none where that is not all of it."""
     path = folder / "plan.json"
     if not path.is_file():
-        return None
+        return AirMotions()
     document = json.loads(path.read_text())
     recordings = [(Path(one["recording"] or ""), one["purpose"]) for one in document["motions"]]
     if not all(recording.is_file() for recording, _ in recordings):
-        return None
+        return AirMotions()
     return AirMotions(
         training=tuple(one for one, purpose in recordings if purpose == Purpose.TRAINING),
         held_out=tuple(one for one, purpose in recordings if purpose == Purpose.HELDOUT),

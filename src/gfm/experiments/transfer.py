@@ -21,7 +21,7 @@ from gfm.api.provenance import command_line, provenance
 from gfm.core import BadInputError, Clock, ConfigError
 from gfm.envs.matching_task import TASKS
 from gfm.experiments.adapt import AdaptRequest, adapt_policy
-from gfm.experiments.air_motion import AirMotions, air_motions
+from gfm.experiments.air_motion import AirMotions, air_motions, recorded_in
 from gfm.experiments.attempt_choice import judged_on, learned_from
 from gfm.experiments.attempt_files import Kept, recorded_s
 from gfm.experiments.diagnose_command import diagnose_files
@@ -130,6 +130,7 @@ def transfer(
         treatments=tuple(treatments),
         diagnosis=diagnosis,
         films=films,
+        air_s=recorded_in(request.out / IN_THE_AIR).seconds,
         provenance=provenance({"policy": (request.start,)}, request.drive.seed, command_line()),
     )
     write_texts(request.out, transfer_texts(report))
@@ -174,7 +175,7 @@ class _Campaign:
         report = out / "report.json"
         if not report.is_file():
             models, air = [self.models.nominal()], self.in_the_air()
-            if air.training:
+            if air:
                 models.append(self.models.by_positions())
             learned, held_out = self._recordings(air)
             self._say("diagnosis: what the nominal cell lacks")

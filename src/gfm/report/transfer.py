@@ -73,6 +73,7 @@ class Transfer:
         treatments: The same after what was done to it.
         diagnosis: Of the recordings of before, as its report.json has it.
         films: Of one target before and after.
+        air_s: How long the arm was recorded by itself, in the air, s.
         provenance: Files, versions, seed and command.
     """
 
@@ -80,6 +81,7 @@ class Transfer:
     treatments: tuple[Treatment, ...]
     diagnosis: Mapping[str, Any]
     films: Films
+    air_s: float = 0.0
     provenance: Mapping[str, object]
 
     @property
@@ -109,6 +111,7 @@ def transfer_json(transfer: Transfer) -> dict[str, object]:
         "diagnosis": {
             name: transfer.diagnosis[name] for name in ("verdict", "sentence", "effects")
         },
+        "air_s": transfer.air_s,
         "before": evaluation_json(transfer.before),
         "after": {one.name: evaluation_json(one.evaluation) for one in transfer.treatments},
         "provenance": dict(transfer.provenance),
