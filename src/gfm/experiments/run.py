@@ -294,6 +294,7 @@ class _Run:
                 out=out,
             ),
             minutes=_MINUTES,
+            air_s=0.0,  # what this robot hides shows in attempts, too, and ten minutes are short
             treatments=(PLACED,),
         )
         log = self._settings.folder / "logs" / "task.log"
