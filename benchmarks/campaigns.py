@@ -87,6 +87,8 @@ def campaigns(seeds: int) -> list[Campaign]:
             {"robot": "payload_0.6", "treatments": told, "engine": "drake"},
             {"robot": "offset_j1_0.04_payload_0.6", "treatments": told, "engine": "drake"},
             {"robot": "offset_j1_0.04", "treatments": placed, "task": "pose"},
+            {"robot": "payload_0.6", "treatments": told, "task": "pose"},
+            {"robot": "offset_j1_0.04_payload_0.6", "treatments": told, "task": "pose"},
         )
     ]
 
