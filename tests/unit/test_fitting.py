@@ -192,6 +192,23 @@ def test_intervals_cover_the_truth_about_as_often_as_they_say():
     assert 0.92 < np.mean(covered) < 0.98
 
 
+def test_errors_that_last_through_a_segment_make_intervals_wider():
+    rng = np.random.default_rng(0)
+    segments = [slice(60 * i, 60 * (i + 1)) for i in range(10)]
+    covered = {True: [], False: []}
+    for _ in range(300):
+        columns = np.repeat(rng.standard_normal((10, 2)), 60, axis=0)
+        columns += 0.3 * rng.standard_normal((600, 2))
+        lasting = np.repeat(rng.standard_normal(10), 60)
+        told = columns @ np.array([1.0, -2.0]) + lasting + 0.3 * rng.standard_normal(600)
+        found = np.linalg.lstsq(columns, told, rcond=None)[0]
+        for whole, hits in covered.items():
+            widths = half_widths(found, -columns, told - columns @ found, segments, whole=whole)
+            hits.extend(np.abs(found - np.array([1.0, -2.0])) < widths)
+    assert np.mean(covered[False]) < 0.8
+    assert 0.9 < np.mean(covered[True]) < 0.99
+
+
 def test_what_the_residual_does_not_depend_on_has_no_interval():
     columns = np.random.default_rng(0).standard_normal((600, 2)) * np.array([1.0, 0.0])
     seen, unseen = half_widths(np.ones(2), columns, np.ones(600), [slice(0, 600)])

@@ -112,8 +112,14 @@ def named_effects(
     """
     if not instances:
         return ()
-    fitted, segments = found.fit, found.problem.slices()
-    widths = half_widths(amounts(fitted.effects), fitted.jacobian, fitted.residual, segments)
+    fitted, problem = found.fit, found.problem
+    widths = half_widths(
+        amounts(fitted.effects),
+        fitted.jacobian,
+        fitted.residual,
+        problem.slices(),
+        whole=problem.errs_to_the_end,
+    )
     free = [(fitted.effects[i].key, name) for i, name in free_parameters(fitted.effects)]
     by_place = dict(zip(free, widths.tolist(), strict=True))
     holds = fitted.cost <= ADEQUATE_RATIO**2

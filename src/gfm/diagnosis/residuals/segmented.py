@@ -58,6 +58,11 @@ class SegmentedProblem(LeastSquares):
         ]
 
     @property
+    def errs_to_the_end(self) -> bool:
+        """Whether what is wrong at one moment of a segment is so until its end."""
+        return False
+
+    @property
     def channels(self) -> list[int]:
         """How many numbers each joint has at each measurement of every segment."""
         return [1] * len(self.segments)
