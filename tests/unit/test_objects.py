@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from gfm.core import CommandKind, ConfigError, ObjectTrack, Trajectory
 from gfm.diagnosis.diagnose import diagnose
-from gfm.diagnosis.objects.examine import examine_object
+from gfm.diagnosis.objects.examine import Contacts, examine_object
 from gfm.diagnosis.objects.problem import STATE_STEPS, _unknown
 from gfm.diagnosis.output.result import Verdict
 from gfm.signals.object_segments import Scene, _moving, cut
@@ -240,9 +240,21 @@ def test_what_brakes_with_the_speed_is_damping_and_no_friction():
 
 def test_pyramidal_contacts_are_not_taken_for_friction():
     found = part(slides(0), slides(1), text=FREE.replace("elliptic", "pyramidal"))
-    assert found.cone == int(mujoco.mjtCone.mjCONE_ELLIPTIC)
+    assert found.contacts.cone == int(mujoco.mjtCone.mjCONE_ELLIPTIC)
     assert found.found.fit.effects == ()
     assert any("elliptic" in note for note in found.notes)
+
+
+def test_contacts_are_made_harder_where_they_are_said_by_time_constants():
+    nominal = spec()
+    by_stiffness, *others = nominal.geoms
+    by_stiffness.solref[:] = (-1000.0, -10.0)
+    harder = Contacts(cone=int(mujoco.mjtCone.mjCONE_ELLIPTIC), time=0.5).applied(nominal)
+    assert harder.option.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
+    np.testing.assert_array_equal(harder.geoms[0].solref, (-1000.0, -10.0))
+    for before, after in zip(others, harder.geoms[1:], strict=True):
+        np.testing.assert_allclose(after.solref, before.solref * (0.5, 1.0))
+    assert harder.compile().geom_solref[-1, 0] == pytest.approx(0.01)
 
 
 def test_an_object_that_never_moves_is_left_alone():

@@ -11,6 +11,7 @@ from gfm.diagnosis.data.segmentation import WHOLE, airborne, all_segments, prepa
 from gfm.diagnosis.diagnose import diagnose
 from gfm.diagnosis.output.result import Verdict
 from gfm.diagnosis.search.candidates import places
+from gfm.diagnosis.search.loop import search_object
 from gfm.effects import EffectInstance, find_effect
 from gfm.effects.plugins import USUAL_SCALES
 from gfm.signals.torque_domain import torque_domain
@@ -232,6 +233,19 @@ def test_only_a_robot_that_pushes_feels_an_object():
     assert [place.joints for place in places(mass, ["j"], [USUAL_SCALES], pushing=True)] == [()]
     without = replace(recording(0, BLOCK_KG), object_track=None)
     assert not all_segments(SPECS, [without], windows_s=WHOLE, touching=True).pushing
+
+
+@pytest.mark.slow
+def test_what_a_robot_feels_is_asked_only_for_what_it_shall_tell():
+    runs = [recording(seed, 2.0 * BLOCK_KG) for seed in range(2)]
+    problem = prepared(all_segments(SPECS, runs, touching=True))
+    asked = {
+        name: search_object(problem, runs, [name], lambda _: None)
+        for name in ("object_mass", "object_friction")
+    }
+    for name, found in asked.items():
+        assert {one.effect.name for one in found.fit.effects} <= {name}
+    assert asked["object_mass"].fit.cost < asked["object_friction"].fit.cost
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from gfm.diagnosis.evidence import plots
 from gfm.diagnosis.evidence.links import evidence_chain
 from gfm.diagnosis.found import Found, find_by_itself, with_felt
 from gfm.diagnosis.learned import learned_report
-from gfm.diagnosis.objects.examine import ObjectPart, examine_object, with_cone
+from gfm.diagnosis.objects.examine import ObjectPart, examine_object
 from gfm.diagnosis.output.changes import Changes
 from gfm.diagnosis.output.claims import credible, suspects_of, verdict_on, verdict_on_both
 from gfm.diagnosis.output.correction import corrected_model
@@ -86,7 +86,8 @@ def diagnose(
     spec = native_spec(driven[recordings[0].command_kind], lacks)
     thing = examine_object(spec, recordings, holdout, report)
     beside = _with_object(driven, thing)
-    found = with_felt(found, beside, report, time_left)
+    unseen = () if thing is None else thing.unseen
+    found = with_felt(found, beside, unseen, report, time_left)
     named = found.named(keep_suspects=keep_suspects)
     report("measuring the corrected model on held-out recordings")
     robot = _judged(specs, beside, found, holdout, named, thing)
@@ -94,7 +95,7 @@ def diagnose(
         robot,
         gfm=learned_report(found.long, recordings, learned) if learned else None,
         changes=_changes(
-            found, since, lambda s: with_felt(look_in(s), beside, report, time_left), report
+            found, since, lambda s: with_felt(look_in(s), beside, unseen, report, time_left), report
         ),
         notes=(*notes, *robot.notes),
         provenance=dict(provenance or {}),
@@ -118,7 +119,7 @@ def _with_object(specs: Specs, thing: ObjectPart | None) -> Specs:
     if thing is None:
         return specs
     lacks = [one.instance() for one in thing.named]
-    return {kind: native_spec(with_cone(s, thing.cone), lacks) for kind, s in specs.items()}
+    return {kind: native_spec(thing.contacts.applied(s), lacks) for kind, s in specs.items()}
 
 
 def _judged(
@@ -186,7 +187,7 @@ def _corrected(
 ) -> dict[CommandKind, ModelPair]:
     """Returns the corrected models by the kind of command."""
     if thing is not None:
-        specs = {kind: with_cone(spec, thing.cone) for kind, spec in specs.items()}
+        specs = {kind: thing.contacts.applied(spec) for kind, spec in specs.items()}
         named = [*named, *thing.named]
     return {
         kind: corrected_model(spec, named, held.given, implicit=held.is_implicit(kind))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -120,18 +120,23 @@ def find_by_itself(
 def with_felt(
     found: Found,
     specs: Mapping[CommandKind, mujoco.MjSpec],
+    unseen: Collection[str],
     report: Callable[[str], None],
     time_left: Callable[[], float],
 ) -> Found:
     """Returns what was found, and what the robot feels of an object where it pushes one.
 
+    Of what the object's poses show they say more: contacts, which are rough, decide more of what
+    pushes back.
+
     Args:
         found: Of the robot by itself.
         specs: The model, with what it lacks of the object by the recorded poses.
+        unseen: Effects of the object that its poses do not show, by name.
         report: Told what is happening, in words.
         time_left: The share of the time for searching that is left.
     """
-    if found.result is None:
+    if found.result is None or not unseen:
         return found
     recordings, noise = found.recordings, found.short.noise
     beside = (*found.short.given, *credible(found.result))
@@ -139,7 +144,7 @@ def with_felt(
     if not pushing.pushing:
         return found
     report("looking at what the robot feels of the object")
-    felt = search_object(prepared(pushing, SEARCHED_S), recordings, report, time_left)
+    felt = search_object(prepared(pushing, SEARCHED_S), recordings, unseen, report, time_left)
     return replace(found, results=(found.result, felt))
 
 

@@ -25,6 +25,7 @@ PHYSICAL = (
     *("dof_armature", "dof_damping", "dof_dampingpoly", "dof_frictionloss"),
     *("tendon_damping", "tendon_stiffness", "tendon_range", "tendon_limited", "eq_data"),
     *("geom_pos", "geom_friction", "geom_priority", "geom_condim", "pair_friction", "pair_dim"),
+    *("geom_solref", "pair_solref"),
     *("actuator_trnid", "actuator_gear", "actuator_gainprm", "actuator_biasprm"),
     *("actuator_ctrlrange", "actuator_forcerange"),
     *("actuator_delay", "actuator_dynprm", "actuator_dyntype"),

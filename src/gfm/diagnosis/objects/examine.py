@@ -10,7 +10,7 @@ import numpy as np
 
 from gfm.core import ConfigError, Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.objects.find import find, friction_cost, seen_and_unseen
+from gfm.diagnosis.objects.find import Here, find, friction_cost, seen_and_unseen, settled_with
 from gfm.diagnosis.objects.problem import ObjectProblem, predicted
 from gfm.diagnosis.output.claims import credible, named_effects
 from gfm.diagnosis.output.errors import error_summary
@@ -37,6 +37,32 @@ UNSEEN = {
 }
 
 
+@dataclass(frozen=True, kw_only=True)
+class Contacts:
+    """How contacts are computed.
+
+    Attributes:
+        cone: Of friction, a `mujoco.mjtCone`: pyramidal ones hold less along their diagonals.
+        time: Their time constants, as shares of the model's: soft ones give way, and throw back.
+    """
+
+    cone: int
+    time: float = 1.0
+
+    def applied(self, spec: mujoco.MjSpec) -> mujoco.MjSpec:
+        """Returns a model with such contacts."""
+        changed = spec.copy()
+        changed.option.cone = self.cone
+        for one in (*changed.geoms, *changed.pairs):
+            if one.solref[0] > 0.0:  # what is below says stiffness and damping instead
+                one.solref[0] *= self.time
+        return changed
+
+    def times(self, share: float) -> Contacts:
+        """Returns such contacts with other time constants."""
+        return replace(self, time=share * self.time)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ObjectPart:
     """What is known of the object.
@@ -45,18 +71,20 @@ class ObjectPart:
         found: The search.
         overall: Held-out error of place and yaw together, in units of their noise.
         errors: Held-out errors of the place (m) and the yaw (rad).
-        cone: How contacts are computed: the model's own, or the elliptic one where it fits better.
+        contacts: How they are computed: as the model says, or otherwise where that predicts better.
         plots: The object's path.
         blind_spots: What the recordings could not have shown.
+        unseen: Effects that the poses do not show, by name; none where nothing is said of it.
         notes: What a reader should know.
     """
 
     found: SearchResult[ObjectProblem]
     overall: ErrorSummary
     errors: tuple[ErrorSummary, ErrorSummary]
-    cone: int
+    contacts: Contacts
     plots: tuple[EvidencePlot, ...]
     blind_spots: tuple[BlindSpot, ...]
+    unseen: tuple[str, ...]
     notes: tuple[str, ...]
 
     @property
@@ -91,9 +119,17 @@ def examine_object(
         return None
     held, depth = _problem(spec, _scenes(spec, holdout)), depth_m(scenes)
     elsewhere = depth > scenes[0].within_m
-    best = training if elsewhere else _with_better_cone(training)
+    own = Contacts(cone=int(spec.option.cone))
+    contacts = own if elsewhere else _with_better_cone(training, own)
+    best = replace(training, spec=contacts.applied(spec))
     seen, unseen = seen_and_unseen(best)
     found = find(best, () if elsewhere else seen, report)
+    if not elsewhere:
+        report("looking at contacts")
+        harder = _as_hard(training, contacts, found)
+        if harder != contacts:
+            contacts, best = harder, replace(training, spec=harder.applied(spec))
+            found = find(best, seen, report, found.fit.effects)
     judged, effects = held or training, found.fit.effects
     before, after = judged.settled(()), replace(judged, spec=best.spec).settled(effects)
     overall, place, yaw = _errors(before.parts(()), after.parts(effects), judged.noise)
@@ -101,28 +137,50 @@ def examine_object(
         found=found,
         overall=overall,
         errors=(place, yaw),
-        cone=int(best.spec.option.cone),
+        contacts=contacts,
         plots=(_path_plot(before, after, effects),),
         blind_spots=tuple(
             BlindSpot(effect=e.name, joints=(), why=UNSEEN[e.name], motion=e.shown_by)
             for e in unseen
         ),
+        unseen=() if elsewhere else tuple(e.name for e in unseen),
         notes=(
             *((_note_on_depth(depth),) if elsewhere else ()),
-            *_notes(found.problem, own=int(spec.option.cone), held=held is not None),
+            *_notes(found.problem, own, contacts, held=held is not None),
         ),
     )
 
 
-def _with_better_cone(problem: ObjectProblem) -> ObjectProblem:
-    """Returns the problem with those contacts with which friction explains more: its, or elliptic.
+def _with_better_cone(problem: ObjectProblem, own: Contacts) -> Contacts:
+    """Returns those contacts with which friction explains more: the model's, or elliptic ones."""
+    elliptic = replace(own, cone=int(mujoco.mjtCone.mjCONE_ELLIPTIC))
+    if elliptic == own:
+        return own
+    return min(
+        (own, elliptic),
+        key=lambda one: friction_cost(replace(problem, spec=one.applied(problem.spec))),
+    )
 
-    Pyramidal ones hold less along their diagonals.
+
+def _as_hard(
+    problem: ObjectProblem, contacts: Contacts, found: SearchResult[ObjectProblem]
+) -> Contacts:
+    """Returns contacts as hard as it predicts clearly better with what was found, if it does.
+
+    What they err would pass for an effect; and what an effect does, for contacts. So they are asked
+    after it, beside it.
     """
-    elliptic = with_cone(problem.spec, int(mujoco.mjtCone.mjCONE_ELLIPTIC))
-    if problem.spec.option.cone == elliptic.option.cone:
-        return problem
-    return min(problem, replace(problem, spec=elliptic), key=friction_cost)
+
+    def there(one: Contacts) -> Here:
+        return settled_with(replace(problem, spec=one.applied(problem.spec)), found.fit.effects)
+
+    for share in (0.5, 2.0):
+        here, best = there(contacts), contacts
+        while (other := there(best.times(share))).over(here.fit).clear:
+            here, best = other, best.times(share)
+        if best != contacts:
+            return best
+    return contacts
 
 
 def _widened(named: NamedEffect) -> NamedEffect:
@@ -165,13 +223,6 @@ def _problem(spec: mujoco.MjSpec, scenes: Sequence[Scene]) -> ObjectProblem | No
     return ObjectProblem(spec=spec, segments=kept, noise=noise)
 
 
-def with_cone(spec: mujoco.MjSpec, cone: int) -> mujoco.MjSpec:
-    """Returns a model with another kind of contacts."""
-    changed = spec.copy()
-    changed.option.cone = cone
-    return changed
-
-
 def _errors(
     before: Sequence[Array], after: Sequence[Array], noise: Array
 ) -> tuple[ErrorSummary, ...]:
@@ -198,7 +249,9 @@ def _note_on_depth(depth: float) -> str:
     )
 
 
-def _notes(problem: ObjectProblem, *, own: int, held: bool) -> tuple[str, ...]:
+def _notes(
+    problem: ObjectProblem, own: Contacts, contacts: Contacts, *, held: bool
+) -> tuple[str, ...]:
     pushed = sum(segment.pushed for segment in problem.segments)
     notes = [
         f"The object was followed through {len(problem.segments)} short segments in which it "
@@ -207,10 +260,16 @@ def _notes(problem: ObjectProblem, *, own: int, held: bool) -> tuple[str, ...]:
     ]
     if not held:
         notes.append("The object moves in no held-out recording: its errors are those of the fit.")
-    if int(problem.spec.option.cone) != own:
+    if contacts.cone != own.cone:
         notes.append(
             "Friction of the object is the same in all directions: contacts are elliptic in "
             "corrected.xml; the pyramidal ones of the model slide farther along their diagonals."
+        )
+    if contacts.time != own.time:
+        kind = "harder" if contacts.time < own.time else "softer"
+        notes.append(
+            f"The object moves as where contacts are {kind}: in corrected.xml their time constants "
+            f"(solref) are {contacts.time:g} times those of the model."
         )
     return tuple(notes)
 

@@ -34,9 +34,19 @@ def seen_and_unseen(problem: ObjectProblem) -> tuple[list[Effect], list[Effect]]
 
 
 def find(
-    problem: ObjectProblem, seen: Sequence[Effect], report: Callable[[str], None]
+    problem: ObjectProblem,
+    seen: Sequence[Effect],
+    report: Callable[[str], None],
+    known: Sequence[EffectInstance] = (),
 ) -> SearchResult[ObjectProblem]:
-    """Returns which of some effects the object lacks."""
+    """Returns which of some effects the object lacks.
+
+    Args:
+        problem: Segments, and the model without any.
+        seen: The effects.
+        report: Told what is happening, in words.
+        known: Those with which the search begins.
+    """
 
     def others(here: Here, known: Sequence[EffectInstance]) -> list[Fit]:
         new = [one for one in seen if one not in [e.effect for e in known]]
@@ -59,8 +69,14 @@ def find(
         return others(rest, (*rest.effects, instance))
 
     search = Search[ObjectProblem](report=report)
-    here = run(nominal_hypothesis(in_turn(problem, ())[0]), search, [one_more, two_more])
+    here = run(settled_with(problem, known), search, [one_more, two_more])
     return end(here, search, rivals)
+
+
+def settled_with(problem: ObjectProblem, effects: Sequence[EffectInstance]) -> Here:
+    """Returns the hypothesis that the object lacks some effects, in the amounts that fit."""
+    settled, fitted = in_turn(problem, effects)
+    return replace(nominal_hypothesis(settled), fit=fitted)
 
 
 def friction_cost(problem: ObjectProblem) -> float:

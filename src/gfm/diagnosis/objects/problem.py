@@ -58,6 +58,11 @@ class ObjectProblem(SegmentedProblem):
     segments: tuple[ObjectSegment, ...]
     noise: Array
 
+    @property
+    @override
+    def errs_to_the_end(self) -> bool:
+        return True  # where a contact leads the object aside, it stays aside
+
     @override
     def residuals(self, candidates: Sequence[Sequence[EffectInstance]]) -> Array:
         rows = [np.concatenate(self.parts(effects)) for effects in candidates]

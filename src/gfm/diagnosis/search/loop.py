@@ -10,7 +10,7 @@ gains anything, or where its time is over.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import partial, reduce
 
@@ -26,7 +26,7 @@ from gfm.diagnosis.search.naming import equals_of, fitly_named, looked_for, reco
 from gfm.diagnosis.search.steps import end, run
 from gfm.diagnosis.search.trace import SearchResult, Step, parts_of
 from gfm.diagnosis.search.under_way import Search
-from gfm.effects import EffectInstance, Scope, effect_library
+from gfm.effects import EffectInstance, effect_library
 from gfm.effects.nominal_parameters import least_amounts
 from gfm.signals.torque_domain import torque_domain, torque_views
 
@@ -94,6 +94,7 @@ def _motors_beside(before: Hypothesis[P], search: Search[P], best: Step) -> Step
 def search_object(
     problem: Problem,
     recordings: Sequence[Trajectory],
+    names: Collection[str],
     report: Callable[[str], None],
     time_left: Callable[[], float] = lambda: 1.0,
 ) -> SearchResult[Problem]:
@@ -102,11 +103,12 @@ def search_object(
     Args:
         problem: Of segments in which the robot touches it, what the robot itself lacks given.
         recordings: From which they were cut.
+        names: Of the effects that are looked for.
         report: Told what is happening, in words.
         time_left: The share of the time for searching that is left.
     """
     nominal, under_way = _begun(problem, recordings, report, time_left)
-    under_way.candidates = [p for p in under_way.candidates if p.effect.scope is Scope.OBJECT]
+    under_way.candidates = [p for p in under_way.candidates if p.effect.name in names]
     return _fitly_told(end(run(nominal, under_way, (add,)), under_way))
 
 
