@@ -129,7 +129,7 @@ def examine_object(
         harder = _as_hard(training, contacts, found)
         if harder != contacts:
             contacts, best = harder, replace(training, spec=harder.applied(spec))
-            found = find(best, seen, report, found.fit.effects)
+            found = find(best, seen, report)
     judged, effects = held or training, found.fit.effects
     before, after = judged.settled(()), replace(judged, spec=best.spec).settled(effects)
     overall, place, yaw = _errors(before.parts(()), after.parts(effects), judged.noise)

@@ -34,19 +34,9 @@ def seen_and_unseen(problem: ObjectProblem) -> tuple[list[Effect], list[Effect]]
 
 
 def find(
-    problem: ObjectProblem,
-    seen: Sequence[Effect],
-    report: Callable[[str], None],
-    known: Sequence[EffectInstance] = (),
+    problem: ObjectProblem, seen: Sequence[Effect], report: Callable[[str], None]
 ) -> SearchResult[ObjectProblem]:
-    """Returns which of some effects the object lacks.
-
-    Args:
-        problem: Segments, and the model without any.
-        seen: The effects.
-        report: Told what is happening, in words.
-        known: Those with which the search begins.
-    """
+    """Returns which of some effects the object lacks."""
 
     def others(here: Here, known: Sequence[EffectInstance]) -> list[Fit]:
         new = [one for one in seen if one not in [e.effect for e in known]]
@@ -69,7 +59,7 @@ def find(
         return others(rest, (*rest.effects, instance))
 
     search = Search[ObjectProblem](report=report)
-    here = run(settled_with(problem, known), search, [one_more, two_more])
+    here = run(settled_with(problem, ()), search, [one_more, two_more])
     return end(here, search, rivals)
 
 
