@@ -20,6 +20,8 @@ from gfm.effects import Effect, EffectInstance, Scope, effect_library
 
 Here: TypeAlias = Hypothesis[ObjectProblem]
 
+#: What no pose depends on where the robot's motion is given, but for contacts that give way.
+FELT = "object_mass"
 #: An effect is seen where an amount that matters changes all residuals together by so much.
 SEEN = 6.0
 #: From one start of a fit to the next, in amounts that matter.
@@ -29,7 +31,7 @@ FAR = 2.0
 def seen_and_unseen(problem: ObjectProblem) -> tuple[list[Effect], list[Effect]]:
     """Returns the effects of the object on which segments depend, and those on which not."""
     effects = [one for one in effect_library().values() if one.scope is Scope.OBJECT]
-    seen = [one for one in effects if _is_seen(problem, one)]
+    seen = [one for one in effects if one.name != FELT and _is_seen(problem, one)]
     return seen, [one for one in effects if one not in seen]
 
 
