@@ -107,9 +107,8 @@ def all_segments(
     noise, segments = noise or measure_noise(recordings), list[Segment]()
     along = {kind: Touch(spec, joints, (*given, *placed)) for kind, spec in accurate.items()}
     rows, air = _rows(along, recordings, windows_s, touching=touching)
-    for spec in accurate.values():
-        if air:
-            spec.option.disableflags |= _ONE_ROBOT
+    for spec in accurate.values() if air else ():
+        spec.option.disableflags |= _ONE_ROBOT
     for i, run in enumerate(recordings):
         segments += cut(run, i, noise, rows[i])
     whole = all(air[i] == [(0, len(recordings[i].time_s))] for i in air)
