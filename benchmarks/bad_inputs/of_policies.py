@@ -89,7 +89,10 @@ TRANSFER = cases(
     ),
     ("an unknown treatment", lambda: ["--task", "pose", "--treatments", "luck", "--out", "out"]),
     ("less than no time", lambda: ["--task", "pose", "--minutes", "-1", "--out", "out"]),
-    ("motions that are too short", lambda: ["--task", "pose", "--air-seconds", "3", "--out", "out"]),
+    (
+        "motions that are too short",
+        lambda: ["--task", "pose", "--air-seconds", "3", "--out", "out"],
+    ),
     ("a folder that is in use", lambda: ["--task", "pose", "--out", _in_use()]),
 )
 ADAPT = cases(
