@@ -84,7 +84,7 @@ def diagnose(
     # Where the tool is follows from the joints: an encoder's offset would be told as the object's.
     lacks = [] if found.result is None else credible(found.result)
     spec = native_spec(driven[recordings[0].command_kind], lacks)
-    thing = examine_object(spec, recordings, holdout, report)
+    thing = examine_object(spec, recordings, holdout, report, time_left)
     beside = _with_object(driven, thing)
     unseen = () if thing is None else thing.unseen
     found = with_felt(found, beside, unseen, report, time_left)

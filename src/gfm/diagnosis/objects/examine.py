@@ -98,8 +98,16 @@ def examine_object(
     recordings: Sequence[Trajectory],
     holdout: Sequence[Trajectory],
     report: Callable[[str], None],
+    time_left: Callable[[], float] = lambda: 1.0,
 ) -> ObjectPart | None:
     """Returns what the object lacks in a model; None where none is recorded, or none moves.
+
+    Args:
+        spec: The model, with what it lacks of the robot.
+        recordings: To learn from.
+        holdout: To judge by.
+        report: Told what is happening, in words.
+        time_left: The share of the time for searching that is left; contacts are asked within it.
 
     Raises:
         ConfigError: poses were recorded and the model has no free body, or several.
@@ -124,7 +132,7 @@ def examine_object(
     best = replace(training, spec=contacts.applied(spec))
     seen, unseen = seen_and_unseen(best)
     found = find(best, () if elsewhere else seen, report)
-    if not elsewhere:
+    if not elsewhere and time_left() > 0.0:
         report("looking at contacts")
         harder = _as_hard(training, contacts, found)
         if harder != contacts:
