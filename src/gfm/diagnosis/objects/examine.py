@@ -182,13 +182,13 @@ def _as_hard(
     def there(one: Contacts) -> Here:
         return settled_with(replace(problem, spec=one.applied(problem.spec)), found.fit.effects)
 
+    here, best = there(contacts), contacts
     for share in (0.5, 2.0):
-        here, best = there(contacts), contacts
         while (other := there(best.times(share))).over(here.fit).clear:
             here, best = other, best.times(share)
         if best != contacts:
-            return best
-    return contacts
+            break
+    return best
 
 
 def _widened(named: NamedEffect) -> NamedEffect:
