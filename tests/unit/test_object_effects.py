@@ -89,6 +89,38 @@ def test_the_centre_of_mass_is_moved_in_the_frame_of_the_object():
     assert compiled.body("block").mass[0] == pytest.approx(0.2)
 
 
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("object_friction", {"coefficient": 0.1}),
+        ("object_mass", {"mass": 0.1}),
+        ("object_com", {"x": 0.01, "y": -0.02, "z": 0.003}),
+    ],
+)
+def test_an_object_is_the_same_beside_an_arm_that_bears_a_payload(name, values):
+    arm = """<body name="arm"><joint name="hinge" axis="0 0 1"/>
+      <geom type="capsule" size="0.02 0.1" mass="3" friction="0.7"/></body>"""
+    text = BLOCK.format(floor='friction="0.4"', box="").replace("<body", arm + "<body", 1)
+    effects = [
+        EffectInstance(
+            effect=find_effect("payload"),
+            joints=("hinge",),
+            values={"mass": 0.5, "com_x": 0.0, "com_y": 0.0, "com_z": 0.1},
+        ),
+        EffectInstance(effect=find_effect(name), joints=(), values=values),
+    ]
+    both, alone = (
+        native_spec(mujoco.MjSpec.from_string(text), own).compile()
+        for own in (effects, effects[1:])
+    )
+    for attribute in ("mass", "inertia", "ipos"):
+        ours, wanted = (getattr(m.body("block"), attribute) for m in (both, alone))
+        np.testing.assert_array_equal(ours, wanted)
+    np.testing.assert_array_equal(both.geom("box").friction, alone.geom("box").friction)
+    assert both.geom("box").priority == alone.geom("box").priority
+    assert both.body("block").mass[0] == pytest.approx(0.2 + values.get("mass", 0.0))
+
+
 @pytest.mark.parametrize("name", ["object_friction", "object_mass", "object_com", "object_damping"])
 def test_a_model_without_a_free_body_is_refused(name):
     effect = find_effect(name)

@@ -57,10 +57,8 @@ class ObjectFriction(Effect):
 
     @override
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
-        own = list(_geoms(_object(spec, self)))
-        ids = {geom.id for geom in own}
-        others = [g for g in spec.geoms if g.id not in ids and (g.contype or g.conaffinity)]
-        for geom in own:
+        others = [g for g in _geoms_beside(spec.worldbody) if g.contype or g.conaffinity]
+        for geom in _geoms(_object(spec, self)):
             _decide_alone(geom, others)
             geom.friction[0] = max(geom.friction[0] + values["coefficient"], LEAST_FRICTION)
 
@@ -73,6 +71,14 @@ def _geoms(body: mujoco.MjsBody) -> Iterator[mujoco.MjsGeom]:
     yield from body.geoms
     for child in body.bodies:
         yield from _geoms(child)
+
+
+def _geoms_beside(body: mujoco.MjsBody) -> Iterator[mujoco.MjsGeom]:
+    """Yields the geoms of a body and what hangs on it, but for those of the object."""
+    yield from body.geoms
+    for child in body.bodies:
+        if not any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in child.joints):
+            yield from _geoms_beside(child)
 
 
 def _decide_alone(geom: mujoco.MjsGeom, others: Sequence[mujoco.MjsGeom]) -> None:
@@ -114,7 +120,7 @@ class ObjectMass(Effect):
     @override
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
         body = _object(spec, self)
-        _say_inertia(spec, body)
+        _say_inertia(spec, body, self)
         total = max(body.mass + values["mass"], LEAST_MASS_KG)
         body.inertia = np.asarray(body.inertia) * (total / body.mass)
         body.mass = total
@@ -141,7 +147,7 @@ class ObjectCom(Effect):
     @override
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:
         body = _object(spec, self)
-        _say_inertia(spec, body)
+        _say_inertia(spec, body, self)
         body.ipos = np.asarray(body.ipos) + np.array([values[axis] for axis in ("x", "y", "z")])
 
     @override
@@ -157,14 +163,14 @@ class ObjectCom(Effect):
         return total if self.admissible(total) else None
 
 
-def _say_inertia(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+def _say_inertia(spec: mujoco.MjSpec, body: mujoco.MjsBody, effect: Effect) -> None:
     """Writes down the mass and inertia that MuJoCo would take from the body's geoms."""
     if body.explicitinertial:
         return
-    place = [one.id for one in spec.bodies].index(body.id)
     copy = spec.copy()
+    twin = _object(copy, effect)  # whose id is only right once it is compiled
     model = copy.compile()
-    index = list(copy.bodies)[place].id
+    index = twin.id
     body.mass, body.inertia = float(model.body_mass[index]), model.body_inertia[index]
     body.ipos, body.iquat = model.body_ipos[index], model.body_iquat[index]
     body.explicitinertial = True
