@@ -22,6 +22,7 @@ from gfm.sim.batch import HybridBatch
 from gfm.sim.hybrid import HybridModel
 from gfm.sim.learned import ForceEnsemble, LearnedForces
 from gfm.sim.randomised import randomised_models
+from gfm.sim.ranges import DrawnModels
 
 #: Of the allowed velocities (Jeong et al. 2019, section IV-C).
 VELOCITY_SHARE = 0.05
@@ -45,7 +46,7 @@ class ArmProblem:
     model: HybridModel
     settings: ControlSettings = field(default_factory=ControlSettings)
     ensemble: tuple[LearnedForces, ...] = ()
-    drawn: tuple[mujoco.MjModel, ...] = ()
+    drawn: DrawnModels | None = None
 
     def __post_init__(self) -> None:
         period_s = self.model.control_period_s
@@ -63,7 +64,9 @@ class ArmProblem:
 
     @property
     def nominal(self) -> mujoco.MjModel:
-        """The model without randomisation."""
+        """What is known of the arm: the model without randomisation, or with usual amounts."""
+        if self.drawn is not None:
+            return self.drawn.usual
         return self.model.models[CommandKind.VELOCITY]
 
     @property
@@ -81,8 +84,10 @@ class ArmProblem:
     def variants(self) -> tuple[mujoco.MjModel, ...]:
         """What an episode's model is drawn from."""
         settings = self.settings
+        if self.drawn is not None:
+            return self.drawn.variants
         if settings.randomisation == 0.0:
-            return self.drawn or (self.nominal,)
+            return (self.nominal,)
         rng = np.random.default_rng(_VARIANTS_SEED)  # every actor draws from the same ones
         return randomised_models(self.nominal, settings.variants, settings.randomisation, rng)
 
@@ -115,11 +120,22 @@ class Arm:
         members = problem.ensemble
         self._ensemble = ForceEnsemble(members, problem.model, num_envs) if members else None
         self._learner_steps = 0
+        self._misread: Array = np.zeros((num_envs, self._joints))
 
     @property
     def qpos(self) -> Array:
-        """Live positions, shape (N, nq)."""
+        """Live positions, as encoders tell them, shape (N, nq)."""
         return self._batch.qpos
+
+    @property
+    def placed(self) -> Array:
+        """Positions at which the nominal arm stands where this one does, shape (N, nq).
+
+        Encoders of drawn models may count from elsewhere than those of the nominal one.
+        """
+        qpos = self.qpos.copy()
+        qpos[:, self._problem.model.layout.qpos] -= self._misread
+        return qpos
 
     @property
     def qvel(self) -> Array:
@@ -140,6 +156,8 @@ class Arm:
         chosen = self._rng.integers(len(problem.variants), size=len(ids))
         rest = np.zeros((len(ids), self.qvel.shape[1]))
         models = [problem.variants[i] for i in chosen]
+        own = [model.qpos0[problem.model.layout.qpos] for model in models]
+        self._misread[ids] = np.array(own) - problem.zero
         self._batch.reset(ids, models, qpos, rest, np.zeros((len(ids), self._joints)))
         if self._ensemble is not None:
             self._ensemble.reset(ids, models, qpos, rest, self._rng)

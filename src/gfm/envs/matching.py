@@ -119,12 +119,12 @@ class Matching(BatchedEnvironment):
 
     def scene(self) -> Scene:
         """Returns where tool and object are now."""
-        return self._scene(self._object_pose())
+        return self._scene(self._arm.placed, self._object_pose())
 
-    def _scene(self, pose: Array) -> Scene:
-        """Returns where the tool is now, and objects in poses of shape (N, 7)."""
+    def _scene(self, qpos: Array, pose: Array) -> Scene:
+        """Returns where the tool is at positions (N, nq), and objects in poses of shape (N, 7)."""
         return Scene(
-            tip=self._tip.positions(self._arm.qpos),
+            tip=self._tip.positions(qpos),
             position=pose[:, :3].copy(),
             axes=body_axes(pose[:, 3:]),
         )
@@ -147,8 +147,7 @@ class Matching(BatchedEnvironment):
         self._outcomes.start(chosen)
         if self._sensors is not None:
             self._sensors.begin(chosen, self._object_pose())
-        scene = self.scene()
-        seen = self._seen(scene)
+        scene, seen = self.scene(), self._seen()
         self._view.begin(chosen, *self._joints(), seen)
         self._potential[chosen] = self._potentials(scene)[chosen]
         return self._view.observation(seen, self._goal)
@@ -159,7 +158,7 @@ class Matching(BatchedEnvironment):
         scene, task, goal = self.scene(), self._task, self._goal
         if self._sensors is not None:
             self._sensors.see(self._object_pose())
-        seen = self._seen(scene)
+        seen = self._seen()
         self._view.see(*self._joints(), seen)
         failure = failures(scene, diverged)
         failed = failure != Outcome.RUNNING
@@ -183,9 +182,11 @@ class Matching(BatchedEnvironment):
         """Returns where the objects are: m and quaternion w x y z, shape (N, 7)."""
         return np.asarray(self._arm.qpos[:, self._problem.model.layout.object_qpos])
 
-    def _seen(self, scene: Scene) -> Scene:
-        """Returns a scene as a policy sees it."""
-        return scene if self._sensors is None else self._scene(self._sensors.object_pose)
+    def _seen(self) -> Scene:
+        """Returns the scene as a policy sees it: the tool is where encoders tell."""
+        sensors = self._sensors
+        pose = self._object_pose() if sensors is None else sensors.object_pose
+        return self._scene(self._arm.qpos, pose)
 
     def _joints(self) -> tuple[Array, Array]:
         """Returns joint positions and velocities as a policy sees them, shape (N, J) each."""

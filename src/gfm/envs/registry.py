@@ -23,6 +23,7 @@ from gfm.envs.matching_task import TASKS
 from gfm.sim.cell import furnish
 from gfm.sim.hybrid import ForceLimits, HybridModel
 from gfm.sim.learned import LearnedForces
+from gfm.sim.ranges import DrawnModels
 from gfm.sim.sawyer import sawyer_spec
 
 
@@ -83,7 +84,7 @@ class EnvironmentAssets:
     effects: tuple[EffectInstance, ...] = ()
     trajectories: Sequence[Trajectory] = ()
     ensemble: tuple[LearnedForces, ...] = ()
-    drawn: tuple[mujoco.MjModel, ...] = ()
+    drawn: DrawnModels | None = None
 
 
 def fit_problem(settings: EnvironmentSettings, assets: EnvironmentAssets) -> FitProblem:

@@ -78,7 +78,7 @@ def _drawn_assets(
 ) -> EnvironmentAssets:
     """Returns the same for a control task whose models have amounts drawn from ranges.
 
-    The first of them is drawn, too: whoever builds the environment gets the same ones.
+    Whoever builds the environment gets the same ones.
     """
     control, kind = settings.control, CommandKind.VELOCITY
     if kind not in files:
@@ -95,7 +95,7 @@ def _drawn_assets(
     except ValueError as exc:
         raise _refused(file, exc) from exc
     return EnvironmentAssets(
-        models={kind: drawn[0]},
+        models={kind: drawn.variants[0]},
         effects=effects,
         ensemble=tuple(read_forces(forces_path(path)) for path in control.ensemble),
         drawn=drawn,

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from gfm.core import BadInputError, UnknownNameError
-from gfm.effects import EffectInstance, Scope, find_effect
+from gfm.effects import Effect, EffectInstance, Scope, find_effect
 
 #: Files that list effects: beside a model, and reports.
 BESIDE, REPORT = "gfm.effects/1", "gfm.diagnosis/1"
@@ -42,6 +42,15 @@ def read_effects(path: Path) -> tuple[EffectInstance, ...]:
     return tuple(_instance(entry, f"effects {path}", beside=schema == BESIDE) for entry in entries)
 
 
+def check_joints(effect: Effect, joints: Sequence[str], where: str) -> None:
+    """Raises BadInputError where an effect acts on another number of joints than it is told."""
+    if len(joints) != _JOINTS.get(effect.scope, len(joints)):
+        raise BadInputError(
+            f"{where}: {effect.name} on {', '.join(joints) or 'no joint'}; "
+            f"expected {_JOINTS[effect.scope]}"
+        )
+
+
 def _instance(entry: Mapping[str, Any], where: str, *, beside: bool) -> EffectInstance:
     try:
         effect = find_effect(entry["effect"])
@@ -62,10 +71,6 @@ def _instance(entry: Mapping[str, Any], where: str, *, beside: bool) -> EffectIn
         )
     if not effect.possible(amounts):
         raise BadInputError(f"{where}: {effect.name} {amounts}: out of bounds")
-    if len(joints) != _JOINTS.get(effect.scope, len(joints)):
-        raise BadInputError(
-            f"{where}: {effect.name} on {', '.join(joints) or 'no joint'}; "
-            f"expected {_JOINTS[effect.scope]}"
-        )
+    check_joints(effect, joints, where)
     in_model = beside and effect.native and entry.get("native") is True
     return EffectInstance(effect=effect, joints=joints, values=amounts, in_model=in_model)

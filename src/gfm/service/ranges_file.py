@@ -9,6 +9,7 @@ from typing import Any
 
 from gfm.core import BadInputError, UnknownNameError
 from gfm.effects import EffectInstance, find_effect
+from gfm.service.effects_file import check_joints
 from gfm.sim.ranges import EffectRange
 
 SCHEMA = "gfm.ranges/1"
@@ -47,6 +48,7 @@ def _range(entry: Mapping[str, Any], where: str) -> EffectRange:
             f"{where}: {exc!r} in {str(entry)[:80]}; expected effect, joints, and parameters with "
             "mean, low and high each"
         ) from exc
+    check_joints(effect, joints, where)
     crossed = [name for name in told if not low[name] <= high[name]]
     if crossed or not (effect.possible(low) and effect.possible(high)):
         raise BadInputError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -45,14 +45,27 @@ def with_usual(
     return (*effects, *(one.usual for one in ranges if not one.in_model))
 
 
+@dataclass(frozen=True, kw_only=True)
+class DrawnModels:
+    """What a robot may be, and what is known of it.
+
+    Attributes:
+        usual: With the mean of every range.
+        variants: With amounts drawn from them; MjData's layout is the same in all of these.
+    """
+
+    usual: mujoco.MjModel
+    variants: tuple[mujoco.MjModel, ...]
+
+
 def drawn_models(
     spec: mujoco.MjSpec,
     ranges: Sequence[EffectRange],
     effects: Sequence[EffectInstance],
     count: int,
     rng: np.random.Generator,
-) -> tuple[mujoco.MjModel, ...]:
-    """Returns so many models with amounts drawn from ranges; MjData's layout is the same in all.
+) -> DrawnModels:
+    """Returns so many models with amounts drawn from ranges, and the usual one.
 
     Args:
         spec: The robot.
@@ -62,7 +75,11 @@ def drawn_models(
         rng: From which is drawn.
     """
     inside = [one for one in ranges if one.in_model]
-    return tuple(
-        stepping_spec(spec, (*effects, *(one.drawn(rng) for one in inside))).compile()
-        for _ in range(count)
+
+    def compiled(amounts: Iterable[EffectInstance]) -> mujoco.MjModel:
+        return stepping_spec(spec, (*effects, *amounts)).compile()
+
+    return DrawnModels(
+        usual=compiled(one.usual for one in inside),
+        variants=tuple(compiled(one.drawn(rng) for one in inside) for _ in range(count)),
     )
