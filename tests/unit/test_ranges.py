@@ -185,6 +185,15 @@ def test_another_file_is_refused_in_one_line(tmp_path, text, message):
     assert str(path) in str(refused.value)
 
 
+def test_ranges_of_another_robot_are_refused_in_one_line(tmp_path):
+    ranges, model = files(tmp_path)
+    ranges.write_text(ranges.read_text().replace(JOINT, "elbow"))
+    with pytest.raises(
+        BadInputError, match=r"ranges .*coulomb_friction on joint 'elbow', which .*"
+    ):
+        load_assets(settings(ranges, model))
+
+
 def test_ranges_need_the_model_that_was_diagnosed(tmp_path):
     ranges, _ = files(tmp_path)
     told = EnvironmentSettings(control=ControlSettings(ranges=str(ranges)))

@@ -24,7 +24,7 @@ from gfm.envs.registry import (
 from gfm.policies import forces_path
 from gfm.recording import read_recording
 from gfm.service.force_files import read_forces
-from gfm.service.model_files import ModelFile, read_robot, shared_effects
+from gfm.service.model_files import ModelFile, check_there, read_robot, shared_effects
 from gfm.service.ranges_file import read_ranges
 from gfm.sim.plant import stepping_spec
 from gfm.sim.ranges import drawn_models, with_usual
@@ -87,6 +87,7 @@ def _drawn_assets(
             "(models.velocity)"
         )
     file, ranges = files[kind], read_ranges(Path(control.ranges))
+    check_there(file.spec, [one.usual for one in ranges], f"ranges {control.ranges}", file.where)
     effects = with_usual(ranges, file.effects)
     rng = np.random.default_rng(_DRAWN_SEED)
     try:

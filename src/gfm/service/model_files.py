@@ -87,7 +87,7 @@ def read_model(name: Path | str, actuators: ActuatorRule | None = None) -> Model
     file = _made_ready(found.spec, found.path, found.made, actuators)
     beside = effects_path(found.path)
     effects = read_effects(beside) if beside.is_file() else ()
-    _check_joints(file.spec, effects, beside, found.path)
+    check_there(file.spec, effects, f"effects {beside}", found.path)
     return replace(file, effects=effects)
 
 
@@ -115,16 +115,17 @@ def _made_ready(
     )
 
 
-def _check_joints(
-    spec: mujoco.MjSpec, effects: Iterable[EffectInstance], beside: Path, path: Path
+def check_there(
+    spec: mujoco.MjSpec, effects: Iterable[EffectInstance], where: str, model: object
 ) -> None:
+    """Raises BadInputError where one of `effects`, told by `where`, is on a joint of no `model`."""
     there = [joint.name for joint in spec.joints]
     for instance in effects:
         for name in instance.joints:
             if name not in there:
                 raise BadInputError(
-                    f"effects {beside}: {instance.effect.name} on joint {name!r}, which {path} "
-                    f"does not have; expected one of {', '.join(there)}"
+                    f"{where}: {instance.effect.name} on joint {name!r}, which {model} does not "
+                    f"have; expected one of {', '.join(there)}"
                 )
 
 
