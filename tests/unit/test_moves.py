@@ -646,6 +646,19 @@ def test_a_curve_that_no_bent_law_is_speaks_against_the_laws_that_stand_for_it()
     assert nameless(both, spring, wave, torques=both.torques) == [None, None]
 
 
+def test_far_from_the_truth_a_lone_law_gives_way_to_one_that_leaves_next_to_nothing():
+    """A spring that hardens, told as one that does not; and a real spring, not all that acts."""
+    spring = instance("joint_spring", stiffness=5.0, rest_angle=0.0)
+    hard = Case(runs(torque=lambda q, _v: -30.0 * q**3))
+    assert hard.with_effects(spring).fit.cost > FAR_OFF
+    (law,) = nameless(hard, spring)
+    assert (law.state, law.joint) == ("position", "j")
+    assert law.over.errors < -2.0
+    rubbed = Case(runs(torque=lambda q, v: -5.0 * q - 1.0 * np.sign(v) * np.sqrt(np.abs(v))))
+    assert rubbed.with_effects(spring).fit.cost > FAR_OFF
+    assert nameless(rubbed, spring) == [None]
+
+
 def test_what_says_nothing_beside_a_law_without_a_name_stands_for_it_too():
     """A constant torque, beside a curve that has it; dry friction says something of its own."""
     rubbed = Case(runs(torque=lambda q, v: dry(q, v) - np.maximum(q - 0.2, 0.0) - 0.3))

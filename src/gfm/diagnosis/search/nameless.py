@@ -2,9 +2,10 @@
 
 Two things give them away. Of several laws of one state of a joint, one whose amount changes with
 that state predicts better than all, or any curve over it does; what says nothing beside that is
-part of it. And where a hypothesis is far from the truth, the missing torque may show such a curve:
-that predicts better in the place of a name which adds nothing beside it. Clearly better, or the
-curve is nearly all of the missing torque.
+part of it. Whether a lone law bends is told to first order (`steadiness.bends`); far from the truth
+it is fitted bent as well, and gives way where a tenth of what was left stays at most. And there the
+missing torque may show such a curve: that predicts better in the place of a name which adds nothing
+beside it. Clearly better, or the curve is nearly all of the missing torque.
 """
 
 from __future__ import annotations
@@ -61,10 +62,11 @@ def bent_by(how: type[BentLaw], here: Hypothesis, law: Sequence[EffectInstance])
 def _one_law(
     here: Hypothesis[P], search: Search[P], nats: Mapping[Key, float]
 ) -> Iterator[tuple[Key, Nameless]]:
-    """Yields several laws of one state that stand for one: the strongest, bent; or a curve."""
+    """Yields laws of one state that stand for another: the strongest, bent; or a curve."""
     for law in laws_of(here.effects):
         torques, state = [one for one in law if can_bend(one)], law[0].effect.law_of
-        if state is None or len(law) < 2 or not torques:
+        lone = len(law) < 2
+        if state is None or not torques or (lone and not _most_is_left_on(law, here)):
             continue
         rest = [one for one in here.effects if one not in law]
         alone = here.fitted([*rest, max(torques, key=lambda one: nats[one.key])])
@@ -74,11 +76,18 @@ def _one_law(
             curves = _shown(here, search.torques, places[0]) if places else ()
             instead += [(*rest, curve) for _, of, curve in curves if of == state]
         best = min(map(here.fitted, instead), key=lambda one: here.over(one).nats)
-        over = here.over(best)
-        if (-over).notable:
+        over, nearly_all = here.over(best), best.cost < (1.0 - ALIKE) * here.fit.cost
+        if (-over).notable and (nearly_all or not lone):
             told = Nameless(over=over, state=state, joint=law[0].joints[0])
             parts = [one for one in rest if one.joints == law[0].joints]
             yield from ((one.key, told) for one in (*law, *_adding_nothing(here, best, parts)))
+
+
+def _most_is_left_on(law: Sequence[EffectInstance], here: Hypothesis) -> bool:
+    """Returns whether a law's joint is where most is left, where that is far from the truth."""
+    costs = np.mean(here.fit.residual[here.problem.blocks.rows] ** 2, axis=0)
+    most = here.problem.joints[int(np.argmax(costs))]
+    return here.fit.cost > FAR_OFF and law[0].joints[0] == most
 
 
 def _adding_nothing(
