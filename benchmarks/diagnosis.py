@@ -29,7 +29,7 @@ from effects_10_seeds import commit
 from known_truth import page
 from known_truth.arms import arm_plans
 from known_truth.generate import generate
-from known_truth.plans import Plan, plans
+from known_truth.plans import Plan, plans, unforeseen_plans
 from known_truth.score import Score, score
 from peer import PEERS
 
@@ -39,11 +39,14 @@ PAGES = Path(__file__).parents[1] / "docs" / "results"
 #: Where pages go, by whose hand simulated.
 PAGE = {"own": PAGES / "known_truth.md", "other": PAGES / "known_truth_other_hand.md"}
 #: Of the three robots that are drawn anew for each case, and of published arms.
-PLANS = {"drawn": plans, "arms": arm_plans}
+PLANS = {"drawn": plans, "arms": arm_plans, "unforeseen": unforeseen_plans}
 #: What they are.
 ROBOTS = {
     "drawn": """Three robots: a servo pendulum, a planar arm of two joints, a spatial arm
 of seven. Each is drawn anew: lengths, masses, gains, motions, sizes of effects.""",
+    "unforeseen": """Four of the usual robots, with laws that were not there while the search was
+built: friction of grease that warms up, a magnet's detent, drag of moving air, a drive whose iron
+saturates, a drive that is stronger one way.""",
     "arms": """Five arms in the numbers of their published models: UR5e, Panda, Kinova Gen3 and
 SO-ARM100 under position commands, Unitree Z1 under torques. Motions and sizes of effects are
 drawn.""",

@@ -170,6 +170,70 @@ class CommandSteps(Outside):
         return self._step * round(value / self._step)
 
 
+@final
+class FadingFriction(Outside):
+    """Viscous friction of grease that warms up."""
+
+    def __init__(self, coefficient: float, time_s: float) -> None:
+        self._coefficient, self._time_s = coefficient, time_s
+
+    @override
+    def torque(self, time_s: float, q: float, v: float) -> float:
+        cold = math.exp(-max(time_s, 0.0) / self._time_s)
+        return -self._coefficient * (0.2 + 0.8 * cold) * v
+
+
+@final
+class Detent(Outside):
+    """A magnet that pulls a joint into one angle, from nearby only."""
+
+    def __init__(self, torque: float, at: float, width: float) -> None:
+        self._torque, self._at, self._width = torque, at, width
+
+    @override
+    def torque(self, time_s: float, q: float, v: float) -> float:
+        away = (q - self._at) / self._width
+        return -self._torque * away * math.exp(0.5 - 0.5 * away**2)
+
+
+@final
+class Wind(Outside):
+    """Drag of air that moves."""
+
+    def __init__(self, coefficient: float, speed: float) -> None:
+        self._coefficient, self._speed = coefficient, speed
+
+    @override
+    def torque(self, time_s: float, q: float, v: float) -> float:
+        through = v - self._speed
+        return -self._coefficient * through * abs(through)
+
+
+@final
+class SoftDrive(Outside):
+    """A motor whose iron saturates: it gives less the more it should give."""
+
+    def __init__(self, torque: float) -> None:
+        self._torque = torque
+
+    @override
+    def drive(self, time_s: float, torque: float, v: float) -> float:
+        return torque / math.hypot(1.0, torque / self._torque)
+
+
+@final
+class UnevenDrive(Outside):
+    """A drive that is stronger one way than the other."""
+
+    def __init__(self, difference: float) -> None:
+        self._difference = difference
+
+    @override
+    def drive(self, time_s: float, torque: float, v: float) -> float:
+        return torque + 0.5 * self._difference * abs(torque)
+
+
+#: Laws that were there while the search was built.
 STRANGE: Mapping[str, Callable[..., Outside]] = {
     "cubic_spring": CubicSpring,
     "hysteretic_spring": HystereticSpring,
@@ -183,12 +247,21 @@ STRANGE: Mapping[str, Callable[..., Outside]] = {
     "command_steps": CommandSteps,
 }
 
+#: Laws that came when it was.
+UNFORESEEN: Mapping[str, Callable[..., Outside]] = {
+    "fading_friction": FadingFriction,
+    "detent": Detent,
+    "wind": Wind,
+    "soft_drive": SoftDrive,
+    "uneven_drive": UnevenDrive,
+}
+
 
 def outside(effect: str, parameters: Mapping[str, float]) -> Outside:
     """Returns a fresh law."""
-    return STRANGE[effect](**parameters)
+    return {**STRANGE, **UNFORESEEN}[effect](**parameters)
 
 
 def is_strange(effect: str) -> bool:
     """Returns whether an effect is one that the vocabulary has no name for."""
-    return effect == SLIPPING or effect in STRANGE
+    return effect == SLIPPING or effect in STRANGE or effect in UNFORESEEN

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from known_truth.outside import SLIPPING, STRANGE
+from known_truth.outside import SLIPPING, STRANGE, UNFORESEEN
 from known_truth.robots import PENDULUM, PLANAR, SPATIAL, Robot
 
 
@@ -197,6 +197,24 @@ def plans(seed: int = 0) -> list[Plan]:
             for i, plan in enumerate(listed)
         ]
     return made
+
+
+def unforeseen_plans(seed: int = 0) -> list[Plan]:
+    """Returns cases with laws that nobody had thought of: alone, and beside dry friction."""
+    setups = [setup for setup in SETUPS if setup.name not in SPATIAL_SETUPS[:2]]
+    cases = [
+        Plan(
+            name=f"{setup.name}-{category}-{'+'.join(effects)}",
+            setup=setup,
+            category=category,
+            effects=effects,
+            seed=0,
+        )
+        for setup in setups
+        for law in UNFORESEEN
+        for category, effects in (("outside", (law,)), ("beside", ("coulomb_friction", law)))
+    ]
+    return [replace(one, seed=1_000_000 * seed + 9000 + i) for i, one in enumerate(cases)]
 
 
 def _singles(setup: Setup) -> list[Plan]:

@@ -110,6 +110,10 @@ def _payload(place: Place, rng: np.random.Generator, strength: float) -> dict[st
     return {"mass": mass} | dict(zip(("com_x", "com_y", "com_z"), com.tolist(), strict=True))
 
 
+def _soft(place: Place, rng: np.random.Generator, strength: float) -> dict[str, float]:
+    return {"torque": float(rng.uniform(1.5, 4.0) * place.torque / strength)}
+
+
 def _tilt(place: Place, rng: np.random.Generator, strength: float) -> dict[str, float]:
     tilt = strength * rng.uniform(0.02, 0.08, 2) * rng.choice([-1.0, 1.0], 2)
     # A planar arm's own plane stays upright: leaning out of it can hardly be seen.
@@ -182,5 +186,20 @@ DRAWS: Mapping[str, Draw] = {
         _linear("stall", 1.2, 1.8, _torque), fastest=lambda p, rng: rng.uniform(1.0, 1.5) * p.speed
     ),
     "command_steps": _linear("step", 0.02, 0.06, lambda p: p.reach),
+    "fading_friction": _with(
+        _linear("coefficient", 0.1, 0.4, lambda p: p.torque / p.speed),
+        time_s=lambda _, rng: rng.uniform(2.0, 6.0),
+    ),
+    "detent": _with(
+        _linear("torque", 0.1, 0.4, _torque),
+        at=lambda p, rng: p.robot.rest[p.joint] + rng.uniform(-0.5, 0.5) * p.reach,
+        width=lambda p, rng: rng.uniform(0.1, 0.3) * p.reach,
+    ),
+    "wind": _with(
+        _linear("coefficient", 0.1, 0.4, lambda p: p.torque / p.speed**2),
+        speed=lambda p, rng: _sign(rng) * rng.uniform(0.2, 0.8) * p.speed,
+    ),
+    "soft_drive": _soft,
+    "uneven_drive": _signed(_linear("difference", 0.1, 0.4, lambda _: 1.0)),
     "slipping_payload": _with(_payload, at_s=lambda _, rng: rng.uniform(3.0, 5.0)),
 }
