@@ -36,6 +36,7 @@ def swung(
     limit=np.inf,
     loss=0.0,
     dead=0.0,
+    uneven=0.0,
     inertia=0.0,
     start=0.0,
     finely=False,
@@ -43,8 +44,9 @@ def swung(
     """Returns what it does when `told` positions every 10 ms, shape (T,).
 
     Beside its servo (times `gain`, `delay` late, of at most `limit` N m, less a share of `loss` for
-    every N m, less `dead` N m) and gravity a `torque` of its state acts, and `inertia` comes on top
-    of what MODEL has. Integrated `finely` where a kink of a law is met often.
+    every N m, less `dead` N m, `uneven` more one way than the other) and gravity a `torque` of its
+    state acts, and `inertia` comes on top of what MODEL has. Integrated `finely` where a kink of a
+    law is met often.
     """
     stamps, commands = PERIOD_S * np.arange(len(told)), told.tolist()
 
@@ -55,6 +57,7 @@ def swung(
         limited = min(max(servo, -limit), limit)
         drive = limited * (1.0 - loss * abs(limited))
         drive -= min(max(drive, -dead), dead)
+        drive += 0.5 * uneven * abs(drive)
         gravity = -MASS * 9.81 * LENGTH * sin(q)
         return [v, (drive + gravity + torque(q, v)) / (MASS * LENGTH**2 + ROTOR + inertia)]
 

@@ -5,21 +5,23 @@ import pytest
 
 from gfm.effects import EffectInstance, find_effect
 from gfm.effects.bent import (
-    BENT_BY,
     BEYOND,
     SLIGHTLY,
+    BentByDrive,
     BentByPosition,
     BentBySpeed,
     BentLaw,
     bent,
-    can_bend,
     slightly,
+    ways_to_bend,
 )
-from gfm.effects.effect import Motion
+from gfm.effects.effect import DRIVE, Motion
 
 #: From -1 to 3, and 0 to 2 as fast as it goes; most of both is a little less.
 PLACES, SPEEDS = np.linspace(-1.0, 3.0, 101), np.linspace(-2.0, 2.0, 101)
 MOST_PLACES, MOST_SPEEDS = np.array([-0.92, 2.92]), np.array([0.04, 1.96])
+#: Its drive gives 5 N m at most, and nearly always 4.8.
+MOVED = Motion(position=PLACES, velocity=SPEEDS, drive=np.linspace(-5.0, 5.0, 101))
 
 
 def instance(name, joint="hinge", **values):
@@ -29,10 +31,10 @@ def instance(name, joint="hinge", **values):
 def torque(how, law, q, v, **amounts):
     values = {p.name: 0.0 for p in how.parameters} | amounts
     motion = Motion(position=np.array(q), velocity=np.array(v), drive=np.zeros(len(q)))
-    return how(law, how.state(PLACES, SPEEDS)).torque(motion, values)
+    return how(law, MOVED).torque(motion, values)
 
 
-@pytest.mark.parametrize("how", BENT_BY.values())
+@pytest.mark.parametrize("how", [BentByPosition, BentBySpeed])
 def test_a_law_that_does_not_bend_adds_nothing(how):
     rubbing = [instance("viscous_friction", coefficient=3.0)]
     assert torque(how, rubbing, [0.0, 1.0], [1.0, -2.0]) == pytest.approx([0.0, 0.0])
@@ -70,21 +72,55 @@ def test_many_simulations_have_amounts_of_their_own():
     values = {name: np.array([0.0, 1.0, 2.0]) if name == "degree_1" else 0.0 for name in names}
     values = {name: np.broadcast_to(value, 3) for name, value in values.items()}
     motion = Motion(position=np.zeros(3), velocity=np.full(3, 1.96), drive=np.zeros(3))
-    bend = BentBySpeed(law, BentBySpeed.state(PLACES, SPEEDS))
+    bend = BentBySpeed(law, MOVED)
     assert bend.torque(motion, values) == pytest.approx([0.0, 1.0, 2.0])
 
 
-@pytest.mark.parametrize("how", BENT_BY.values())
-def test_a_law_is_bent_in_one_way_at_a_time(how):
-    straight = bent(how, [instance("torque_offset", torque=1.0)], PLACES, SPEEDS)
-    assert not any(straight.values.values())
-    amounts = np.array([list(way.values.values()) for way in slightly(straight)])
-    assert amounts == pytest.approx(SLIGHTLY * np.eye(3))
+def test_a_drive_bends_with_the_torque_that_it_should_give():
+    drive = np.array([-4.8, 0.0, 2.4, 9.0])
+    motion = Motion(position=np.zeros(4), velocity=np.zeros(4), drive=drive)
+    effect = BentByDrive([instance("actuator_gain", scale=0.5)], MOVED)
+    values = {"degree_1": np.full(4, 2.0), "degree_2": np.zeros(4), "degree_3": np.zeros(4)}
+    bend = np.array([-1.0, 0.0, 0.5, BEYOND])
+    assert effect.drive_change(motion, values) == pytest.approx(2.0 * bend * drive)
+    assert effect.torque(motion, values) is None
 
 
-def test_only_torques_of_the_state_of_one_joint_bend():
-    assert can_bend(instance("stribeck_friction", static_excess=1.0, stribeck_velocity=0.1))
-    assert not can_bend(instance("armature", inertia=0.1))
-    assert not can_bend(instance("backlash", gap=0.1))
+def test_a_law_is_bent_in_one_way_at_a_time():
+    ways = bent([instance("torque_offset", torque=1.0)], MOVED)
+    assert list(ways) == ["position", "velocity"]
+    for straight in ways.values():
+        assert not any(straight.values.values())
+        amounts = np.array([list(way.values.values()) for way in slightly(straight)])
+        assert amounts == pytest.approx(SLIGHTLY * np.eye(3))
+
+
+def test_what_is_no_torque_does_not_bend_with_the_torques_of_its_state():
+    law = [
+        instance("encoder_offset", offset=0.1),
+        instance("joint_spring", stiffness=1.0, rest_angle=0),
+    ]
+    motion = Motion(position=np.array([2.92]), velocity=np.zeros(1), drive=np.zeros(1))
+    way = bent(law, MOVED)["position"]
+    first = {name: float(name == "degree_1") for name in way.values}
+    assert way.effect.torque(motion, first) == pytest.approx([-2.92])
+
+
+def test_only_laws_of_the_state_of_one_joint_bend():
+    stribeck = instance("stribeck_friction", static_excess=1.0, stribeck_velocity=0.1)
+    assert list(ways_to_bend(stribeck)) == ["position", "velocity"]
+    for drive in (
+        instance("actuator_gain", scale=0.9),
+        instance("torque_saturation", limit=3.0),
+        instance("drive_dead_zone", torque=0.1),
+        instance("drive_loss", coefficient=0.1),
+    ):
+        assert list(ways_to_bend(drive)) == [DRIVE]
     payload = {"mass": 1.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.1}
-    assert not can_bend(instance("payload", **payload))
+    for none in (
+        instance("armature", inertia=0.1),
+        instance("backlash", gap=0.1),
+        instance("actuator_lag", time_constant=0.01),
+        instance("payload", **payload),
+    ):
+        assert not ways_to_bend(none)

@@ -37,14 +37,14 @@ from gfm.diagnosis.search.moves.reduce import (
     remove,
     rivals_of,
 )
-from gfm.diagnosis.search.nameless import _adding_nothing, _shown
+from gfm.diagnosis.search.nameless import STATES, _adding_nothing, _shown
 from gfm.diagnosis.search.read_off import ALIKE
 from gfm.diagnosis.search.screening import Screened
 from gfm.diagnosis.search.steps import run
 from gfm.diagnosis.search.support import support
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
-from gfm.effects import EffectInstance, find_effect
+from gfm.effects import EffectInstance, Motion, find_effect
 from gfm.effects.curve import KNOTS, CurveOfPosition
 from gfm.signals.torque_domain import torque_domain, torque_views
 from pendulum import LENGTH, MASS, MODEL, PERIOD_S, swung
@@ -614,6 +614,14 @@ def test_laws_that_only_come_near_leave_what_they_would_do_bent():
     assert min(bent(hard, instance("joint_spring", stiffness=1.0, rest_angle=0.0))) > 0.5
 
 
+def test_a_gain_leaves_what_a_drive_does_that_is_stronger_one_way():
+    gain = instance("actuator_gain", scale=1.1)
+    for truth, least, most in (({"uneven": 0.3}, 0.3, 1.0), ({"gain": 1.15}, 0.0, 0.05)):
+        case = Case(runs(**truth))
+        told = support(case.with_effects(gain), case.search(torques=case.torques), ())
+        assert least <= told[gain.key].bends <= most
+
+
 def nameless(case, *effects, **more):
     """The law without a name for which each of several effects stands."""
     told = support(case.with_effects(*effects), case.search("armature", **more), ())
@@ -662,7 +670,8 @@ def test_far_from_the_truth_a_lone_law_gives_way_to_one_that_leaves_next_to_noth
 def test_what_says_nothing_beside_a_law_without_a_name_stands_for_it_too():
     """A constant torque, beside a curve that has it; dry friction says something of its own."""
     rubbed = Case(runs(torque=lambda q, v: dry(q, v) - np.maximum(q - 0.2, 0.0) - 0.3))
-    curve = CurveOfPosition(np.array([-0.6, 0.6]))
+    ends = np.array([-0.6, 0.6])
+    curve = CurveOfPosition(Motion(position=ends, velocity=ends, drive=ends))
     knots = np.linspace(-0.6, 0.6, KNOTS)
     amounts = {f"torque_{k}": -max(q - 0.2, 0.0) - 0.3 for k, q in enumerate(knots)}
     law = EffectInstance(effect=curve, joints=("j",), values=amounts)
@@ -703,7 +712,7 @@ def test_a_curve_is_nearly_all_of_the_missing_torque_where_a_name_is_no_part_of_
         (spring, stiff),
     ):
         here, (place, *_) = case.with_effects(one), case.search("armature").candidates
-        shares.append(max(share for share, *_ in _shown(here, case.torques, place)))
+        shares.append(max(share for share, *_ in _shown(here, case.torques, place, STATES)))
     assert shares[0] > ALIKE > 5.0 * max(shares[1:])
 
 

@@ -18,6 +18,7 @@ from typing_extensions import override
 
 from gfm.core.checks import Array
 from gfm.effects.effect import (
+    DRIVE,
     Effect,
     EffectInstance,
     Motion,
@@ -27,7 +28,7 @@ from gfm.effects.effect import (
     Scope,
     Values,
 )
-from gfm.effects.of_state import OfPosition, OfSpeed
+from gfm.effects.of_state import OfDrive, OfPosition, OfSpeed
 
 #: Degree of the polynomials by which an amount changes, over what most of the time is between.
 DEGREE, MOSTLY = 3, (2.0, 98.0)
@@ -38,59 +39,74 @@ SLIGHTLY, MOST = 0.02, 10.0
 
 
 class BentLaw(Effect):
-    """torque(q, v) * sum_k amount_k P_k(state), Legendre polynomials P of one state of a joint."""
+    """Something that a joint feels, times sum_k amount_k P_k(state), Legendre polynomials P."""
 
     native = False
-    stepwise = True
     parameters = tuple(
         Parameter(name=f"degree_{k}", unit="1", lower=-MOST, upper=MOST)
         for k in range(1, DEGREE + 1)
     )
     shown_by = "all positions at all speeds"
 
-    def __init__(self, law: Sequence[EffectInstance], states: Array) -> None:
+    def __init__(self, law: Sequence[EffectInstance], motion: Motion) -> None:
         """Bends effects together.
 
         Args:
             law: Of one joint, with their amounts.
-            states: In which that joint was, see `state`, shape (M,).
+            motion: Of that joint: in these states.
         """
         self._law = tuple(law)
-        self._span = np.percentile(states, MOSTLY)
+        self._span = np.percentile(self.state(motion), MOSTLY)
 
     @staticmethod
     @abstractmethod
-    def state(position: Array, velocity: Array) -> Array:
-        """Returns with which state amounts change, shape (N,), at positions and velocities."""
+    def state(motion: Motion) -> Array:
+        """Returns with which state amounts change, shape (N,)."""
 
     @override
     def probes(self, scales: Scales) -> Sequence[ProbeGroup]:
         return ()
 
+    def bend(self, motion: Motion, values: Mapping[str, Array] | Values) -> Array:
+        """Returns by what share of itself a law changes, shape (N,)."""
+        amounts = np.array([values[p.name] for p in self.parameters]).reshape(DEGREE, -1)
+        return _series(self.state(motion), self._span, amounts)
+
+
+class BentTorque(BentLaw):
+    """A torque that changes with a state of its joint."""
+
+    stepwise = True
+
     @override
     def torque(self, motion: Motion, values: Values) -> Array | None:
         whole = sum(np.asarray(one.effect.torque(motion, one.values)) for one in self._law)
-        amounts = np.array([values[p.name] for p in self.parameters]).reshape(DEGREE, -1)
-        bend = _series(self.state(motion.position, motion.velocity), self._span, amounts)
-        return np.asarray(whole * bend)
+        return np.asarray(whole * self.bend(motion, values))
 
 
 @final
-class BentByPosition(OfPosition, BentLaw):
-    """A law whose amount changes along the way."""
+class BentByPosition(OfPosition, BentTorque):
+    """A torque that changes along the way."""
 
     name = "bent_by_position"
 
 
 @final
-class BentBySpeed(OfSpeed, BentLaw):
-    """A law whose amount changes with the speed."""
+class BentBySpeed(OfSpeed, BentTorque):
+    """A torque that changes with the speed."""
 
     name = "bent_by_speed"
 
 
-#: How a law of one state of its joint is bent.
-BENT_BY: Mapping[str | None, type[BentLaw]] = {"position": BentByPosition, "velocity": BentBySpeed}
+@final
+class BentByDrive(OfDrive, BentLaw):
+    """A drive whose gain changes with the torque that it should give."""
+
+    name = "bent_by_drive"
+
+    @override
+    def drive_change(self, motion: Motion, values: Mapping[str, Array]) -> Array | None:
+        return motion.drive * self.bend(motion, values)
 
 
 def _series(state: Array, span: Array, amounts: Array) -> Array:
@@ -101,25 +117,29 @@ def _series(state: Array, span: Array, amounts: Array) -> Array:
     return np.asarray(legval(np.clip(place, -BEYOND, BEYOND), coefficients, tensor=False))
 
 
-def can_bend(instance: EffectInstance) -> bool:
-    """Returns whether an effect is a torque of the state of one joint."""
-    return instance.effect.scope is Scope.JOINT and instance.has_law
+def ways_to_bend(instance: EffectInstance) -> Mapping[str, type[BentLaw]]:
+    """Returns how an effect may change with states of its joint; nothing where it is no law."""
+    if instance.effect.scope is not Scope.JOINT:
+        return {}
+    if instance.has_law:
+        return {"position": BentByPosition, "velocity": BentBySpeed}
+    return {DRIVE: BentByDrive} if instance.effect.law_of == DRIVE else {}
 
 
-def bent(
-    how: type[BentLaw], law: Sequence[EffectInstance], position: Array, velocity: Array
-) -> EffectInstance:
-    """Returns what bends a law, by nothing so far.
+def bent(law: Sequence[EffectInstance], motion: Motion) -> dict[str, EffectInstance]:
+    """Returns what bends a law, by nothing so far, by each state with which it may change.
 
     Args:
-        how: By which state of its joint.
-        law: Effects on one joint, of which `can_bend` holds.
-        position: Where the joint was, rad or m, shape (M,).
-        velocity: How fast it moved there, shape (M,).
+        law: Effects on one joint that are laws of one state; those that can bend do so together.
+        motion: Of that joint.
     """
-    effect = how(law, how.state(position, velocity))
-    nothing = {p.name: 0.0 for p in effect.parameters}
-    return EffectInstance(effect=effect, joints=law[0].joints, values=nothing)
+    able = [one for one in law if ways_to_bend(one)]
+    told = {}
+    for state, how in (ways_to_bend(able[0]) if able else {}).items():
+        effect = how(able, motion)
+        nothing = {p.name: 0.0 for p in effect.parameters}
+        told[state] = EffectInstance(effect=effect, joints=law[0].joints, values=nothing)
+    return told
 
 
 def slightly(straight: EffectInstance) -> list[EffectInstance]:

@@ -13,6 +13,7 @@ from typing_extensions import override
 from gfm.core.checks import Array
 from gfm.effects.delays import LEAST_S
 from gfm.effects.effect import (
+    DRIVE,
     Effect,
     Motion,
     Parameter,
@@ -35,6 +36,7 @@ class ActuatorGain(Effect):
     """The drive's torque is that of the model times a factor."""
 
     name = "actuator_gain"
+    law_of = DRIVE
     needs_drive = True
     parameters = (Parameter(name="scale", unit="1", lower=1e-3, upper=50.0),)
     shown_by = "known load: gravity or acceleration"
@@ -65,6 +67,7 @@ class DriveLoss(Effect):
     """
 
     name = "drive_loss"
+    law_of = DRIVE
     needs_drive = True
     costly = True
     native = False
@@ -91,6 +94,7 @@ class DriveDeadZone(Effect):
     """
 
     name = "drive_dead_zone"
+    law_of = DRIVE
     needs_drive = True
     costly = True
     native = False
@@ -140,6 +144,7 @@ class TorqueSaturation(Effect):
     """The drive's torque is limited."""
 
     name = "torque_saturation"
+    law_of = DRIVE
     needs_drive = True
     abrupt = True
     valleys = ("limit",)

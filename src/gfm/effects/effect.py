@@ -94,6 +94,10 @@ class Scales:
     lowest_m: tuple[tuple[float, float, float, float], ...] = ()
 
 
+#: The state of a joint that its drive should give a torque.
+DRIVE = "drive torque"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Motion:
     """One joint's signals, shape (T,) each: along a motion, or at one moment of many simulations.
@@ -192,8 +196,8 @@ class Effect(ABC):
     #: Over which signal of `Motion` the report draws its law: velocity, position or drive (over the
     #: size of the drive torque, against the motion).
     seen_over: ClassVar[str] = "velocity"
-    #: The one state of its joint of which its torque is a law, "position" or "velocity"; None where
-    #: there is none, or more than that. Several laws of one state are one law.
+    #: The one state of its joint of which its torque is a law, "position", "velocity" or `DRIVE`;
+    #: None where there is none, or more than that. Several laws of one state are one law.
     law_of: ClassVar[str | None] = None
     #: Effects that look like it in many motions: they are always put beside it.
     confused_with: ClassVar[tuple[str, ...]] = ()

@@ -5,23 +5,31 @@ from __future__ import annotations
 import numpy as np
 
 from gfm.core.checks import Array
+from gfm.effects.effect import Motion
 
 
 class OfPosition:
     """Of where the joint is."""
 
     @staticmethod
-    def state(position: Array, velocity: Array) -> Array:
-        """Returns the state, shape (N,), at positions and velocities."""
-        del velocity
-        return position
+    def state(motion: Motion) -> Array:
+        """Returns the state along a motion, shape (T,)."""
+        return motion.position
 
 
 class OfSpeed:
     """Of how fast it moves, whichever way."""
 
     @staticmethod
-    def state(position: Array, velocity: Array) -> Array:
-        """Returns the state, shape (N,), at positions and velocities."""
-        del position
-        return np.abs(velocity)
+    def state(motion: Motion) -> Array:
+        """Returns the state along a motion, shape (T,)."""
+        return np.abs(motion.velocity)
+
+
+class OfDrive:
+    """Of the torque that its drive should give."""
+
+    @staticmethod
+    def state(motion: Motion) -> Array:
+        """Returns the state along a motion, shape (T,)."""
+        return motion.drive

@@ -47,6 +47,15 @@ class TorqueView:
         """What the motion takes."""
         return self.missing + self.drive
 
+    def motion(self, joint: int, other: int | None = None) -> Motion:
+        """Returns the signals of one joint, and the velocity of the other one of a pair."""
+        return Motion(
+            position=self.position[:, joint],
+            velocity=self.velocity[:, joint],
+            drive=self.drive[:, joint],
+            other_velocity=None if other is None else self.velocity[:, other],
+        )
+
     def law(self, instance: EffectInstance) -> Array:
         """Returns the torque of an effect's law, N m, shape (T, J); zero where it has none."""
         return self.added(instance) if instance.has_law else np.zeros_like(self.missing)
@@ -59,13 +68,7 @@ class TorqueView:
         torque = np.zeros_like(self.missing)
         if instance.in_closed_form:
             first, *second = (self.joints.index(name) for name in instance.joints)
-            motion = Motion(
-                position=self.position[:, first],
-                velocity=self.velocity[:, first],
-                drive=self.drive[:, first],
-                other_velocity=self.velocity[:, second[0]] if second else None,
-            )
-            torque[:, first] = instance.added(motion)
+            torque[:, first] = instance.added(self.motion(first, *second))
             torque[:, second] = -torque[:, [first] * len(second)]
         return torque
 

@@ -61,11 +61,6 @@ class Blocks:
     limit: Array | float
     each_segment: bool
 
-    @property
-    def rows(self) -> NDArray[np.intp]:
-        """Rows of each joint, shape (M, J)."""
-        return np.concatenate([piece.reshape(-1, piece.shape[2]) for piece in self.pieces])
-
     def spectrum(self, residual: Array) -> Array:
         """Returns a residual that counts in full in frequencies, block by block, shape (N,)."""
         out = np.empty_like(residual)

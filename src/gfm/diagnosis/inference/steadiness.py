@@ -70,7 +70,7 @@ def bends(fitted: Fit, ways: Array, blocks: Blocks, joint: int) -> float:
     change, covariance = _told(scaled, fitted.residual, [piece.ravel() for piece in blocks.pieces])
     known, own = np.split(scaled, [fitted.jacobian.shape[1]], axis=1)
     beyond = without(own, np.linalg.qr(known)[0])
-    rows = blocks.rows
+    rows = np.concatenate([piece.reshape(-1, piece.shape[2]) for piece in blocks.pieces])
     square, bend = beyond[rows[:, joint]].T @ beyond[rows[:, joint]], len(known.T)
     told = float(change[bend:] @ square @ change[bend:])
     chance = float(np.trace(square @ covariance[bend:, bend:]))

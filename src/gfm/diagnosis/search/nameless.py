@@ -22,10 +22,14 @@ from gfm.diagnosis.search.naming import first_of_each
 from gfm.diagnosis.search.read_off import ALIKE, basis_of, column, read_off, whitened
 from gfm.diagnosis.search.trace import Nameless
 from gfm.diagnosis.search.under_way import Search
-from gfm.effects import EffectInstance, Key
-from gfm.effects.bent import BENT_BY, BentLaw, bent, can_bend
+from gfm.effects import EffectInstance, Key, Motion
+from gfm.effects.bent import bent, ways_to_bend
 from gfm.effects.curve import CURVE_OF
+from gfm.effects.effect import DRIVE
 from gfm.signals.torque_domain import TorqueDomain
+
+#: States over which a curve may stand for any effect. A drive bears whatever acts: not over that.
+STATES = ("position", "velocity")
 
 
 def nameless_laws(
@@ -52,42 +56,44 @@ def laws_of(effects: Sequence[EffectInstance]) -> list[list[EffectInstance]]:
     return list(laws.values())
 
 
-def bent_by(how: type[BentLaw], here: Hypothesis, law: Sequence[EffectInstance]) -> EffectInstance:
-    """Returns what bends a law over the states in which its joint was."""
+def bent_by(
+    here: Hypothesis, law: Sequence[EffectInstance], domain: TorqueDomain | None
+) -> dict[str, EffectInstance]:
+    """Returns what bends a law over states of its joint, by state; torques tell that of a drive."""
+    if not any(map(ways_to_bend, law)) or (domain is None and law[0].effect.law_of == DRIVE):
+        return {}
     joint = here.problem.joints.index(law[0].joints[0])
     position, velocity = (state[:, joint] for state in here.problem.states())
-    return bent(how, law, position, velocity)
+    drive = position if domain is None else domain.view.drive[:, joint]
+    return bent(law, Motion(position=position, velocity=velocity, drive=drive))
 
 
 def _one_law(
     here: Hypothesis[P], search: Search[P], nats: Mapping[Key, float]
 ) -> Iterator[tuple[Key, Nameless]]:
     """Yields laws of one state that stand for another: the strongest, bent; or a curve."""
+    most = here.problem.joints[int(np.argmax(here.problem.joint_costs(here.fit.residual)))]
+    far_off = [most] if here.fit.cost > FAR_OFF else []
     for law in laws_of(here.effects):
-        torques, state = [one for one in law if can_bend(one)], law[0].effect.law_of
+        torques, state = [one for one in law if ways_to_bend(one)], law[0].effect.law_of
         lone = len(law) < 2
-        if state is None or not torques or (lone and not _most_is_left_on(law, here)):
+        if state is None or not torques or (lone and law[0].joints[0] not in far_off):
             continue
         rest = [one for one in here.effects if one not in law]
         alone = here.fitted([*rest, max(torques, key=lambda one: nats[one.key])])
-        instead = [(*alone.effects, bent_by(BENT_BY[state], here, alone.effects[-1:]))]
+        bends = bent_by(here, alone.effects[-1:], search.torques)
+        instead = [(*alone.effects, bends[state])] if state in bends else []
         places = [place for place in search.candidates if place.joints == law[0].joints]
-        if search.torques is not None:
-            curves = _shown(here, search.torques, places[0]) if places else ()
-            instead += [(*rest, curve) for _, of, curve in curves if of == state]
-        best = min(map(here.fitted, instead), key=lambda one: here.over(one).nats)
+        if search.torques is not None and places:
+            curves = _shown(here, search.torques, places[0], [state])
+            instead += [(*rest, curve) for _, _, curve in curves]
+        fits = map(here.fitted, instead)
+        best = min(fits, key=lambda one: here.over(one).nats, default=here.fit)
         over, nearly_all = here.over(best), best.cost < (1.0 - ALIKE) * here.fit.cost
         if (-over).notable and (nearly_all or not lone):
             told = Nameless(over=over, state=state, joint=law[0].joints[0])
             parts = [one for one in rest if one.joints == law[0].joints]
             yield from ((one.key, told) for one in (*law, *_adding_nothing(here, best, parts)))
-
-
-def _most_is_left_on(law: Sequence[EffectInstance], here: Hypothesis) -> bool:
-    """Returns whether a law's joint is where most is left, where that is far from the truth."""
-    costs = np.mean(here.fit.residual[here.problem.blocks.rows] ** 2, axis=0)
-    most = here.problem.joints[int(np.argmax(costs))]
-    return here.fit.cost > FAR_OFF and law[0].joints[0] == most
 
 
 def _adding_nothing(
@@ -110,13 +116,12 @@ def _curve(here: Hypothesis[P], search: Search[P]) -> Iterator[tuple[Key, Namele
 
     None near the truth, and of laws of one state: those are asked whether they bend.
     """
-    asked = [one for one in here.effects if not (one.effect.law_of or one.effect.intermittent)]
-    places = first_of_each(search.candidates, lambda place: place.joints)
-    places = [place for place in places if len(place.joints) == 1]
+    asked = [e for e in here.effects if not (e.effect.law_of in STATES or e.effect.intermittent)]
+    places = first_of_each([p for p in search.candidates if len(p.joints) == 1], lambda p: p.joints)
     left = here.problem.plain().residuals([here.effects])[0]
     if search.torques is None or not (asked and places) or mean_square(left) < FAR_OFF:
         return
-    shown = [one for place in places for one in _shown(here, search.torques, place)]
+    shown = [one for at in places for one in _shown(here, search.torques, at, STATES)]
     share, state, curve = max(shown, key=lambda one: one[0])
     both = replace(here, fit=here.fitted((*here.effects, curve)))
     for one in asked:
@@ -128,14 +133,14 @@ def _curve(here: Hypothesis[P], search: Search[P]) -> Iterator[tuple[Key, Namele
 
 
 def _shown(
-    here: Hypothesis[P], domain: TorqueDomain, candidate: Place
+    here: Hypothesis[P], domain: TorqueDomain, candidate: Place, states: Sequence[str]
 ) -> Iterator[tuple[float, str, EffectInstance]]:
-    """Yields curves over each state of a joint, with what they explain of its missing torque."""
+    """Yields curves over states of a joint, with what they explain of its missing torque."""
     j = here.problem.joints.index(candidate.joints[0])
-    position, velocity = (states[:, j] for states in here.problem.states())
+    motion = domain.view.motion(j)
     missing, basis = whitened(domain, domain.missing()), basis_of(domain, here.effects)
-    for state, kind in CURVE_OF.items():
-        place = replace(candidate, effect=kind(kind.state(position, velocity)))
+    for state in states:
+        place = replace(candidate, effect=CURVE_OF[state](motion))
         for one, *_ in read_off(domain, place, without(missing, basis), basis):
             of_joint = np.stack([missing, missing - column(domain, one)], axis=1)
             whole, left = np.sum(of_joint.reshape(-1, len(here.problem.joints), 2)[:, j] ** 2, 0)

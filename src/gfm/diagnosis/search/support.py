@@ -20,7 +20,8 @@ from gfm.diagnosis.search.nameless import bent_by, laws_of, nameless_laws
 from gfm.diagnosis.search.trace import Evidence, Nameless
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Key
-from gfm.effects.bent import BENT_BY, SLIGHTLY, can_bend, slightly
+from gfm.effects.bent import SLIGHTLY, slightly
+from gfm.signals.torque_domain import TorqueDomain
 
 
 def support(
@@ -31,7 +32,7 @@ def support(
     For those that a few segments judge, what spoke for them there: all others know nothing of it.
     """
     rivals = {one.instance.key: one for one in compared}
-    steady, gains = _steadiness(here), gains_of_each(here)
+    steady, gains = _steadiness(here, search.torques), gains_of_each(here)
     nats = {instance.key: gain.nats for gain, instance in gains}
     nothing = dict[Key, Nameless]()
     nameless = search.in_its_time(partial(nameless_laws, here, search, nats), nothing)
@@ -55,7 +56,7 @@ def support(
     return told
 
 
-def _steadiness(here: Hypothesis) -> dict[Key, tuple[float, float]]:
+def _steadiness(here: Hypothesis, domain: TorqueDomain | None) -> dict[Key, tuple[float, float]]:
     """Returns for each effect by what share of itself it differs between parts of the data.
 
     And how much of what is left on its joint its law would explain if it were bent. Laws of one
@@ -72,16 +73,15 @@ def _steadiness(here: Hypothesis) -> dict[Key, tuple[float, float]]:
         known = replace(fitted, jacobian=fitted.jacobian[:, beside])
         parts = apart(known, blocks, own[beside], (without - whole) * weights)
         bend = 0.0
-        if torques := [one for one in law if can_bend(one)]:
+        if straight := list(bent_by(here, law, domain).values()):
             joint = here.problem.joints.index(law[0].joints[0])
-            bend = bends(known, _ways(here, torques) * weights[:, None], blocks, joint)
+            bend = bends(known, _ways(here, straight) * weights[:, None], blocks, joint)
         told |= dict.fromkeys((one.key for one in law), (parts, bend))
     return told
 
 
-def _ways(here: Hypothesis, law: Sequence[EffectInstance]) -> Array:
+def _ways(here: Hypothesis, straight: Sequence[EffectInstance]) -> Array:
     """Returns what a law changes in the residual, bent in K ways, by its size, shape (N, K)."""
-    straight = [bent_by(how, here, law) for how in BENT_BY.values()]
     sets = [(*here.effects, way) for one in straight for way in slightly(one)]
     still, *rows = here.problem.coarse().residuals([(*here.effects, straight[0]), *sets])
     return np.stack([(row - still) / SLIGHTLY for row in rows], axis=1)
