@@ -712,7 +712,7 @@ def test_a_curve_is_nearly_all_of_the_missing_torque_where_a_name_is_no_part_of_
         (spring, stiff),
     ):
         here, (place, *_) = case.with_effects(one), case.search("armature").candidates
-        shares.append(max(share for share, *_ in _shown(here, case.torques, place, STATES)))
+        shares.append(max(share for share, *_ in _shown(case.torques, place, STATES, here.effects)))
     assert shares[0] > ALIKE > 5.0 * max(shares[1:])
 
 

@@ -85,7 +85,7 @@ def _one_law(
         instead = [(*alone.effects, bends[state])] if state in bends else []
         places = [place for place in search.candidates if place.joints == law[0].joints]
         if search.torques is not None and places:
-            curves = _shown(here, search.torques, places[0], [state])
+            curves = _shown(search.torques, places[0], [state], rest)
             instead += [(*rest, curve) for _, _, curve in curves]
         fits = map(here.fitted, instead)
         best = min(fits, key=lambda one: here.over(one).nats, default=here.fit)
@@ -121,7 +121,7 @@ def _curve(here: Hypothesis[P], search: Search[P]) -> Iterator[tuple[Key, Namele
     left = here.problem.plain().residuals([here.effects])[0]
     if search.torques is None or not (asked and places) or mean_square(left) < FAR_OFF:
         return
-    shown = [one for at in places for one in _shown(here, search.torques, at, STATES)]
+    shown = [one for at in places for one in _shown(search.torques, at, STATES, here.effects)]
     share, state, curve = max(shown, key=lambda one: one[0])
     both = replace(here, fit=here.fitted((*here.effects, curve)))
     for one in asked:
@@ -133,15 +133,15 @@ def _curve(here: Hypothesis[P], search: Search[P]) -> Iterator[tuple[Key, Namele
 
 
 def _shown(
-    here: Hypothesis[P], domain: TorqueDomain, candidate: Place, states: Sequence[str]
+    domain: TorqueDomain, candidate: Place, states: Sequence[str], others: Sequence[EffectInstance]
 ) -> Iterator[tuple[float, str, EffectInstance]]:
-    """Yields curves over states of a joint, with what they explain of its missing torque."""
-    j = here.problem.joints.index(candidate.joints[0])
-    motion = domain.view.motion(j)
-    missing, basis = whitened(domain, domain.missing()), basis_of(domain, here.effects)
+    """Yields curves over states of a joint, beside others, and their share of its torque."""
+    joints = domain.problem.joints
+    motion = domain.view.motion(j := joints.index(candidate.joints[0]))
+    missing, basis = whitened(domain, domain.missing()), basis_of(domain, others)
     for state in states:
         place = replace(candidate, effect=CURVE_OF[state](motion))
         for one, *_ in read_off(domain, place, without(missing, basis), basis):
             of_joint = np.stack([missing, missing - column(domain, one)], axis=1)
-            whole, left = np.sum(of_joint.reshape(-1, len(here.problem.joints), 2)[:, j] ** 2, 0)
+            whole, left = np.sum(of_joint.reshape(-1, len(joints), 2)[:, j] ** 2, 0)
             yield 1.0 - left / max(whole, 1e-12), state, one
