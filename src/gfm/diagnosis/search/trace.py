@@ -88,7 +88,7 @@ class Nameless(NamedTuple):
     """A law without a name that predicts better than an effect, or several, in whose place it is.
 
     `over` is by how much they predict better (less than nothing), `state` that of which it is a
-    law, position or velocity, of `joint`.
+    law, position, velocity or drive torque, of `joint`.
     """
 
     over: Difference
