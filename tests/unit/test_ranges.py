@@ -143,7 +143,7 @@ def test_a_policy_sees_the_tool_where_encoders_tell_and_is_paid_for_where_it_is(
 
 def test_the_wide_ranges_are_of_the_published_cell(tmp_path):
     _, model = files(tmp_path)
-    told = settings(CONFIGS / "wide_ranges.toml", model)
+    told = settings(CONFIGS / "ranges/wide.toml", model)
     assets = load_assets(told, partial(furnished, "position_matching"))
     usual = assets.drawn.usual
     for one, mass in ((usual, 0.0), *((drawn, 0.075) for drawn in assets.drawn.variants)):
