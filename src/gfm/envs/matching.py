@@ -147,7 +147,8 @@ class Matching(BatchedEnvironment):
         self._outcomes.start(chosen)
         if self._sensors is not None:
             self._sensors.begin(chosen, self._object_pose())
-        scene, seen = self.scene(), self._seen()
+        scene = self.scene()
+        seen = self._seen(scene)
         self._view.begin(chosen, *self._joints(), seen)
         self._potential[chosen] = self._potentials(scene)[chosen]
         return self._view.observation(seen, self._goal)
@@ -158,7 +159,7 @@ class Matching(BatchedEnvironment):
         scene, task, goal = self.scene(), self._task, self._goal
         if self._sensors is not None:
             self._sensors.see(self._object_pose())
-        seen = self._seen()
+        seen = self._seen(scene)
         self._view.see(*self._joints(), seen)
         failure = failures(scene, diverged)
         failed = failure != Outcome.RUNNING
@@ -182,9 +183,11 @@ class Matching(BatchedEnvironment):
         """Returns where the objects are: m and quaternion w x y z, shape (N, 7)."""
         return np.asarray(self._arm.qpos[:, self._problem.model.layout.object_qpos])
 
-    def _seen(self) -> Scene:
-        """Returns the scene as a policy sees it: the tool is where encoders tell."""
+    def _seen(self, scene: Scene) -> Scene:
+        """Returns a scene as a policy sees it: the tool is where encoders tell."""
         sensors = self._sensors
+        if sensors is None and self._problem.drawn is None:
+            return scene
         pose = self._object_pose() if sensors is None else sensors.object_pose
         return self._scene(self._arm.qpos, pose)
 
