@@ -353,19 +353,6 @@ def test_the_policy_beside_the_checkpoint_acts_as_the_served_one(tmp_path):
     np.testing.assert_array_equal(*actions)
 
 
-def test_the_policy_beside_the_checkpoint_is_averaged_and_the_served_one_is_not(tmp_path):
-    learning = msgspec.structs.replace(LEARNING, averaged_steps=100)
-    bench = Bench(config(checkpoint_dir=str(tmp_path), learning=learning))
-    served = []
-    for steps in (2, 4, 6):
-        bench.learn(steps)
-        served.append(bench.learner.weights.tensors["mean.weight"])
-    bench.learner.close()
-    kept = read_weights(tmp_path / POLICY).tensors["mean.weight"]
-    np.testing.assert_allclose(kept, np.mean(served, axis=0), atol=1e-7)
-    assert not np.array_equal(kept, served[-1])
-
-
 def test_checkpoints_are_written_periodically(tmp_path):
     bench = Bench(config(checkpoint_dir=str(tmp_path), checkpoint_period_s=30.0))
     bench.learn(1)

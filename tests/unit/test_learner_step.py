@@ -9,9 +9,7 @@ from gfm.core import Batch, EnvironmentSpec
 from gfm.rl.learner import learner_step
 from gfm.rl.learner_state import (
     LearnerSettings,
-    averaged_tensors,
     init_learner,
-    load_policy_tensors,
     load_state_arrays,
     policy_tensors,
     state_arrays,
@@ -139,42 +137,6 @@ def test_targets_change_only_once_a_period():
     online = state.networks.policy.mean.weight.detach().numpy()
     np.testing.assert_array_equal(policy_tensors(state)["mean.weight"], online)
     assert (online != first).any()
-
-
-def test_what_is_left_is_the_mean_of_the_policies_that_acted():
-    settings = replace(SMALL, target_period=1, averaged_steps=100)
-    state, acted = init_learner(SPEC, settings, 0), []
-    for i in range(5):
-        state, _ = learn(state, [batch(i)], settings)
-        acted.append(policy_tensors(state)["mean.weight"])
-    left = averaged_tensors(state)["mean.weight"]
-    np.testing.assert_allclose(left, np.mean(acted, axis=0), atol=1e-6)
-    assert np.abs(left - acted[-1]).max() > 1e-4
-
-
-def test_older_policies_than_are_averaged_are_forgotten():
-    settings = replace(SMALL, target_period=1, averaged_steps=2)
-    state = init_learner(SPEC, settings, 0)
-    state, _ = learn(state, [batch(0)], settings)
-    before = averaged_tensors(state)["mean.weight"]
-    for i in range(1, 4):
-        state, _ = learn(state, [batch(i)], settings)
-        before = 0.5 * (before + policy_tensors(state)["mean.weight"])
-    np.testing.assert_allclose(averaged_tensors(state)["mean.weight"], before, atol=1e-6)
-
-
-@pytest.mark.parametrize("period", [1, 3])
-def test_one_step_leaves_the_policy_that_acted_last(period):
-    settings = replace(SMALL, target_period=period)
-    state, _ = learn(init_learner(SPEC, settings, 0), map(batch, range(4)), settings)
-    assert_same(averaged_tensors(state), policy_tensors(state))
-
-
-def test_a_policy_with_which_one_begins_is_what_is_left_until_something_is_learned():
-    given = policy_tensors(init_learner(SPEC, SMALL, 5))
-    state = init_learner(SPEC, SMALL, 0)
-    load_policy_tensors(state, given)
-    assert_same(averaged_tensors(state), given)
 
 
 def test_the_normaliser_is_fixed_after_its_steps():

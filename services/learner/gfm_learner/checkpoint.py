@@ -29,7 +29,7 @@ from gfm_learner.config import LearnerConfig
 
 CHECKPOINT = "checkpoint.npz"
 POLICY = "policy.npz"
-_FORMAT = "gfm.checkpoint/3"
+_FORMAT = "gfm.checkpoint/2"
 _GENERATOR = "generator"
 
 _log = logging.getLogger(__name__)

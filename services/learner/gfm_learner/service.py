@@ -16,7 +16,7 @@ from typing_extensions import override
 from gfm.core import Batch, Clock, GfmError, Status, Weights
 from gfm.recording.weights_file import write_weights
 from gfm.rl.learner import Stats, learner_step
-from gfm.rl.learner_state import averaged_tensors, policy_tensors
+from gfm.rl.learner_state import policy_tensors
 from gfm.service import Service, make_status
 from gfm.service.metrics import MetricsSink
 from gfm.service.refusals import Refusals
@@ -173,13 +173,12 @@ class LearnerService(Service):
         self._gauges = row
         self._metrics.write(steps, self._clock.utc_ns() * 1e-9, row)
 
-    def _make_weights(self, *, averaged: bool = False) -> Weights:
-        tensors_of = averaged_tensors if averaged else policy_tensors
+    def _make_weights(self) -> Weights:
         return Weights(
             version=self._progress.state.steps,
             created_ns=self._clock.utc_ns(),
             spec_digest=self._progress.spec.digest,
-            tensors=tensors_of(self._progress.state),
+            tensors=policy_tensors(self._progress.state),
             run=self._config.run,
             life=self._life,
         )
@@ -206,7 +205,7 @@ class LearnerService(Service):
         folder = Path(self._config.checkpoint_dir)
         try:
             save_checkpoint(folder / CHECKPOINT, self._config, self._progress, self._life)
-            write_weights(folder / POLICY, self._make_weights(averaged=True))
+            write_weights(folder / POLICY, self._make_weights())
         except OSError as error:
             self._failed_saves += 1
             steps, reason = self._progress.state.steps, error.strerror or error

@@ -68,11 +68,8 @@ def learner_step(
     state.optimiser.step()
     networks.duals.clamp()
     steps = state.steps + 1
-    copies, other = divmod(steps, settings.target_period)
-    if other == 0:
+    if steps % settings.target_period == 0:
         networks.update_targets()
-        share = max(1.0 / copies, settings.target_period / settings.averaged_steps)
-        networks.average(min(share, 1.0))
     stats = _mpo_scalars(mpo, settings.limits) | {
         "critic_loss": critic_loss.detach().mean(),
         "policy_gradient_norm": norms[0],

@@ -57,9 +57,6 @@ class LearnerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         normaliser_steps: Steps whose observations shape the normaliser; it is fixed afterwards.
         critic_first_steps: Steps in which only the critic learns: a policy that begins well would
             unlearn it while its critic is still random.
-        averaged_steps: Last steps over which the weights of the policy are averaged that a training
-            leaves (Polyak and Juditsky 1992): from one step to the next a policy forgets here what
-            it learns there. 1 leaves the last one as it is.
     """
 
     policy_hidden: Widths = (200, 200)
@@ -79,7 +76,6 @@ class LearnerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     gradient_limit: Positive = 40.0
     normaliser_steps: Annotated[int, Meta(ge=0)] = 1000
     critic_first_steps: Annotated[int, Meta(ge=0)] = 200
-    averaged_steps: Count = 1
 
 
 class Networks(nn.Module):
@@ -98,7 +94,6 @@ class Networks(nn.Module):
         self.critic = CriticNetwork(spec.observation_size, spec.action_size, settings.critic_hidden)
         self.target_policy = deepcopy(self.policy).requires_grad_(requires_grad=False)
         self.target_critic = deepcopy(self.critic).requires_grad_(requires_grad=False)
-        self.averaged_policy = deepcopy(self.policy).requires_grad_(requires_grad=False)
         self.duals = Duals(
             spec.action_size,
             settings.limits,
@@ -125,13 +120,6 @@ class Networks(nn.Module):
             pairs = zip(target.parameters(), online.parameters(), strict=True)
             for copy, original in pairs:
                 copy.copy_(original)
-
-    @torch.no_grad()
-    def average(self, share: float) -> None:
-        """Moves the averaged policy by a share of the way to the policy, 0..1."""
-        pairs = zip(self.averaged_policy.parameters(), self.policy.parameters(), strict=True)
-        for averaged, newest in pairs:
-            averaged.lerp_(newest, share)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,22 +161,16 @@ def policy_tensors(state: LearnerState) -> dict[str, Array32]:
     The target policy, as in Acme: MPO's trust region is drawn around it and its samples are what
     is improved on, so that what acts and what is evaluated stay close and traces stay long.
     """
-    return _tensors(state.networks.target_policy, state.networks.policy_normaliser)
-
-
-def averaged_tensors(state: LearnerState) -> dict[str, Array32]:
-    """Returns copies of the averaged policy's parameters by name: what a training leaves."""
-    return _tensors(state.networks.averaged_policy, state.networks.policy_normaliser)
-
-
-def _tensors(policy: PolicyNetwork, normaliser: Normaliser) -> dict[str, Array32]:
-    tensors = policy.state_dict() | {"shift": normaliser.shift, "scale": normaliser.scale}
+    networks = state.networks
+    tensors = dict(networks.target_policy.state_dict())
+    normaliser = networks.policy_normaliser
+    tensors |= {"shift": normaliser.shift, "scale": normaliser.scale}
     return {name: np.array(tensor.cpu().numpy()) for name, tensor in tensors.items()}
 
 
 @torch.no_grad()
 def load_policy_tensors(state: LearnerState, tensors: Mapping[str, Array32]) -> None:
-    """Starts policy, its copies and its normaliser from given parameters, in place.
+    """Starts policy, target policy and the policy's normaliser from given parameters, in place.
 
     That normaliser stays as it is given: the first layer was made for it. Weights that are given as
     exactly zero stay zero: the policy shall not come to depend on what it was kept from seeing.
@@ -201,10 +183,9 @@ def load_policy_tensors(state: LearnerState, tensors: Mapping[str, Array32]) -> 
     normaliser.fixed.fill_(value=True)
     normaliser.shift.copy_(given.pop("shift"))
     normaliser.scale.copy_(given.pop("scale"))
-    networks = state.networks
-    for policy in (networks.policy, networks.target_policy, networks.averaged_policy):
-        policy.load_state_dict(given)
-    _hold_zeros(networks.policy)
+    state.networks.policy.load_state_dict(given)
+    state.networks.target_policy.load_state_dict(given)
+    _hold_zeros(state.networks.policy)
 
 
 def state_arrays(state: LearnerState) -> dict[str, NDArray[Any]]:
