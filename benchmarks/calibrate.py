@@ -26,7 +26,7 @@ from known_truth.told import Told, all_told
 from scipy.optimize import minimize
 
 from gfm.diagnosis.inference.constants import CONFIDENCE
-from gfm.diagnosis.output.claims import MOST_BENT
+from gfm.diagnosis.output.claims import APART, MOST_BENT
 
 FEATURES = ("z_rival", "apart", "bends", "disagrees")
 #: Weights of the squares of all amounts: without them they run away where right and wrong names can
@@ -53,7 +53,7 @@ def features(evidence: Mapping[str, Any] | None) -> Array | None:
     return np.array(
         [
             math.log1p(max(z_rival, 0.0)),
-            math.sqrt(max(apart, 0.0)),
+            math.log1p(max(apart, 0.0) / APART),
             math.atanh(math.sqrt(min(bends, MOST_BENT))),
             disagrees,
         ]

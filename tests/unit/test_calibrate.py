@@ -110,10 +110,10 @@ def test_features_stay_within_their_limits():
         "z_without": -3.0,
         "z_rival": np.e - 1.0,
         "bends": 0.0,
-        "apart": 0.25,
+        "apart": 0.3,
         "disagrees": 0.1,
     }
-    assert calibrate.features(figures) == pytest.approx([1.0, 0.5, 0.0, 0.1])
+    assert calibrate.features(figures) == pytest.approx([1.0, np.log(4.0), 0.0, 0.1])
     assert calibrate.features(figures | {"bends": 0.25})[2] == pytest.approx(np.arctanh(0.5))
     assert np.isfinite(calibrate.features(figures | {"bends": 1.0})[2])
     del figures["z_rival"]  # nothing rivals it: so much better than without it

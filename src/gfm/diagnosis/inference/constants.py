@@ -19,12 +19,11 @@ WRONG_ALIKE = 0.05
 #: Degrees of freedom of the predictive density: blocks differ in how far a model is off.
 DEGREES_OF_FREEDOM = 4.0
 #: Of a name: weights of four figures (see `output.claims.confidence`). That nothing else says it
-#: as well: by how many standard errors the hypothesis predicts better than with its best rival, and
-#: by what share of itself the effect differs between parts of the data; no constant is beside them:
-#: an exact law and its equal are even odds. That its law holds: a constant, how much of what is
-#: left the law leaves by not changing with the state, and how far its amount is from that which the
-#: missing torque tells.
-CONFIDENCE = (1.50, -2.38, 5.18, -6.99, -7.58)
+#: as well: how clearly the hypothesis predicts better than with its best rival, and how far the
+#: effect may differ between parts of the data; no constant is beside them: an exact law and its
+#: equal are even odds. That its law holds: a constant, how much of what is left the law leaves by
+#: not changing with the state, and how far its amount is from that which the missing torque tells.
+CONFIDENCE = (1.66, -1.54, 5.18, -6.99, -7.58)
 #: Share of what speaks for an effect that is taken to speak for it against its best rival, where
 #: no time was left to weigh one.
 UNWEIGHED = 0.71

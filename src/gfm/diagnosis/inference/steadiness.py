@@ -2,8 +2,7 @@
 
 A law that holds has the same amounts early and late, in large motions and in small ones, and in
 every state of its joint. One that only comes near to what acts is fitted to each part anew, and
-what it misses is what it would do if it were bent. How sure a fit is of amounts does not tell the
-two apart: with little noise both are sure.
+what it misses is what it would do if it were bent. With little noise, a fit is sure of both.
 
 Shape letters: N numbers of a residual, P parameters, K ways to bend a law.
 """
@@ -23,13 +22,14 @@ from gfm.diagnosis.inference.score import RIDGE
 
 
 def apart(fitted: Fit, blocks: Blocks, own: NDArray[np.bool_], response: Array) -> float:
-    """Returns by what share of itself an effect differs between parts of the data, beyond chance.
+    """Returns by what share of itself an effect may differ between parts of the data.
 
-    To first order around amounts that were fitted to all of them; the most of three pairs of parts:
+    By how much it clearly does, and what chance may add: two standard errors of it in all parts.
+    To first order around amounts that were fitted to all; the most of three pairs of parts:
     recordings (blocks, where there is one) in turn, the early and the late half of each, and where
-    the effect does little and where it does much. Where it is clear; what chance makes of it is
-    taken off its square (as DerSimonian and Laird 1986 do between studies). A part in which the
-    effect does next to nothing is sure of no amount.
+    the effect does little and where it does much. What chance makes of a difference is taken off
+    its square (as DerSimonian and Laird 1986 do between studies). A part in which the effect does
+    next to nothing is sure of no amount.
 
     Args:
         fitted: The effect, and what else the parts know of.
@@ -38,18 +38,20 @@ def apart(fitted: Fit, blocks: Blocks, own: NDArray[np.bool_], response: Array) 
         response: What the effect changes in the residual, shape (N,).
     """
     scaled = fitted.jacobian / (np.linalg.norm(fitted.jacobian, axis=0) + 1e-9)
-    square, size = scaled[:, own].T @ scaled[:, own], float(response @ response)
+    square = scaled[:, own].T @ scaled[:, own]
     rows = [piece.ravel() for piece in blocks.pieces]
     strength = np.array([np.mean(response[one] ** 2) for one in rows])
-    shares = [0.0]
+    _, variance = _told(scaled, fitted.residual, rows)
+    differs, unsure = [0.0], float(np.trace(square @ variance[np.ix_(own, own)]))
     for parts in _parts(blocks.recording, strength):
         told = [_told(scaled, fitted.residual, [rows[i] for i in part]) for part in parts]
         change = (told[0][0] - told[1][0])[own]
         covariance = (told[0][1] + told[1][1])[np.ix_(own, own)]
-        differs, chance = float(change @ square @ change), float(np.trace(square @ covariance))
-        if differs > CLEARLY**2 * chance:
-            shares.append(float(np.sqrt((differs - chance) / max(size, 1.0))))
-    return max(shares)
+        size, chance = float(change @ square @ change), float(np.trace(square @ covariance))
+        if size > CLEARLY**2 * chance:
+            differs.append(size - chance)
+    amount = max(float(response @ response), 1.0)
+    return float((np.sqrt(max(differs)) + CLEARLY * np.sqrt(unsure)) / np.sqrt(amount))
 
 
 def bends(fitted: Fit, ways: Array, blocks: Blocks, joint: int) -> float:

@@ -40,6 +40,8 @@ SPREAD_WIDTH, SPREADS_HELD, SPREADS_ASKED = 2.5, 28, 29
 FAR_FROM_NOISE = 10.0
 #: Most that counts of what a bent law explains, so that a confidence stays finite.
 MOST_BENT = 0.99
+#: Share of itself by which an effect may differ between parts before that speaks against it.
+APART = 0.1
 #: Share of the squared residual from which on a candidate that lost is told.
 LEAST_GAIN = 0.01
 
@@ -87,7 +89,7 @@ def features(evidence: Evidence) -> np.ndarray:
     return np.array(
         [
             np.log1p(max(evidence.over_rival.errors, 0.0)),
-            np.sqrt(evidence.apart),
+            np.log1p(evidence.apart / APART),
             np.arctanh(np.sqrt(min(evidence.bends, MOST_BENT))),
             evidence.disagrees,
         ]
@@ -215,9 +217,9 @@ def _speaks_for(evidence: Evidence) -> str:
         return f"{law} predicts better by {-over.nats:.0f} ± {over.error:.0f} nats"
     return (
         f"predicts better than {other} by {evidence.over_rival.errors:.1f} standard errors; its "
-        f"amount differs by {evidence.apart:.0%} between parts of the data; {evidence.bends:.0%} "
-        "of what is left is as if its amount changed with the state of the joint; by the missing "
-        f"torque its amount is another by {evidence.disagrees:.2f}"
+        f"amount may differ by {evidence.apart:.0%} between parts of the data; "
+        f"{evidence.bends:.0%} of what is left is as if its amount changed with the state of the "
+        f"joint; by the missing torque its amount is another by {evidence.disagrees:.2f}"
     )
 
 

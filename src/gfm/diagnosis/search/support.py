@@ -57,7 +57,7 @@ def support(
 
 
 def _steadiness(here: Hypothesis, domain: TorqueDomain | None) -> dict[Key, tuple[float, float]]:
-    """Returns for each effect by what share of itself it differs between parts of the data.
+    """Returns for each effect by what share of itself it may differ between parts of the data.
 
     And how much of what is left on its joint its law would explain if it were bent. Laws of one
     state of one joint are one law, as terms of a series are: they are asked together.

@@ -105,7 +105,7 @@ class Evidence:
         rival: By how much it predicts better than with the best rival in its place; None where
             nothing rivals it.
         by: That rival.
-        apart: By what share of itself it differs between parts of the data, beyond chance.
+        apart: By what share of itself it may differ between parts of the data.
         bends: How much of what is left on its joint it leaves by not changing with the state.
         disagrees: By how much its amount is not that which the missing torque tells.
         nameless: A law without a name for which it stands; None where it predicts as well.

@@ -203,17 +203,14 @@ def _best_in_rollouts(before: Hypothesis, sets: Sequence[Sequence[EffectInstance
     fits = _rolled(before, sets)
     there = replace(before, fit=max(fits, key=lambda fitted: -before.over(fitted).nats))
     good = [i for i, fitted in enumerate(fits) if not there.over(fitted).clear]
-    return min(good, key=lambda i: (_count(sets[i]), before.over(fits[i]).nats))
+    numbers = [sum(len(one.effect.parameters) for one in new) for new in sets]
+    return min(good, key=lambda i: (numbers[i], before.over(fits[i]).nats))
 
 
 def _rolled(before: Hypothesis, sets: Sequence[Sequence[EffectInstance]]) -> list[Fit]:
     """Returns what sets of effects leave in rollouts with their amounts."""
     residuals = before.problem.residuals([(*before.effects, *new) for new in sets])
     return [replace(before.fit, residual=r) for r in residuals]
-
-
-def _count(effects: Sequence[EffectInstance]) -> int:
-    return sum(len(one.effect.parameters) for one in effects)
 
 
 def _with_amounts(
