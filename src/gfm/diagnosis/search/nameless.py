@@ -4,8 +4,8 @@ Two things give them away. Of several laws of one state of a joint, one whose am
 that state predicts better than all, or any curve over it does; what says nothing beside that is
 part of it. Whether a lone law bends is told to first order (`steadiness.bends`); far from the truth
 it is fitted bent as well, and gives way where a tenth of what was left stays at most. And there the
-missing torque may show such a curve: that predicts better in the place of a name which adds nothing
-beside it. Clearly better, or the curve is nearly all of the missing torque.
+missing torque may show such a curve: that predicts better in the place of a name that adds nothing
+clear beside it. Clearly better, or the curve is nearly all of the missing torque.
 """
 
 from __future__ import annotations
@@ -121,14 +121,14 @@ def _curve(here: Hypothesis[P], search: Search[P]) -> Iterator[tuple[Key, Namele
     left = here.problem.plain().residuals([here.effects])[0]
     if search.torques is None or not (asked and places) or mean_square(left) < FAR_OFF:
         return
-    shown = [one for at in places for one in _shown(search.torques, at, STATES, here.effects)]
-    share, state, curve = max(shown, key=lambda one: one[0])
-    both = replace(here, fit=here.fitted((*here.effects, curve)))
     for one in asked:
-        instead = here.fitted([*(e for e in here.effects if e is not one), curve])
+        rest = [effect for effect in here.effects if effect is not one]
+        shown = [law for at in places for law in _shown(search.torques, at, STATES, rest)]
+        share, state, curve = max(shown, key=lambda law: law[0])
+        instead, both = here.fitted([*rest, curve]), here.fitted([*here.effects, curve])
         over = here.over(instead)
         better = over.nats < 0.0 if share > ALIKE else (-over).notable
-        if better and not both.over(instead).notable:
+        if better and not replace(here, fit=both).over(instead).clear:
             yield one.key, Nameless(over=over, state=state, joint=curve.joints[0])
 
 
