@@ -38,10 +38,9 @@ from gfm.effects import EffectInstance
 SPREAD_WIDTH, SPREADS_HELD, SPREADS_ASKED = 2.5, 28, 29
 #: More noise floors than this are left by something else than inexact laws.
 FAR_FROM_NOISE = 10.0
-#: Most that counts of what a bent law explains, so that a confidence stays finite.
-MOST_BENT = 0.99
-#: Share of itself by which an effect may differ between parts before that speaks against it.
-APART = 0.1
+#: Share of itself by which an effect may differ between parts before that speaks against it, and
+#: most that counts of what a bent law explains, so that a confidence stays finite.
+APART, MOST_BENT = 0.1, 0.99
 #: Share of the squared residual from which on a candidate that lost is told.
 LEAST_GAIN = 0.01
 

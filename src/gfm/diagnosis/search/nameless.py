@@ -4,8 +4,7 @@ Two things give them away. Of several laws of one state of a joint, one whose am
 that state predicts better than all, or any curve over it does; what says nothing beside that is
 part of it. Whether a lone law bends is told to first order (`steadiness.bends`); far from the truth
 it is fitted bent as well, and gives way where a tenth of what was left stays at most. And there the
-missing torque may show such a curve: that predicts better in the place of a name that adds nothing
-clear beside it. Clearly better, or the curve is nearly all of the missing torque.
+missing torque may show such a curve: it predicts better than a name that adds nothing clear to it.
 """
 
 from __future__ import annotations

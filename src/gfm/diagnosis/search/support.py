@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from gfm.core.checks import Array
+from gfm.diagnosis.inference.amounts import amounts
 from gfm.diagnosis.inference.constants import UNWEIGHED
 from gfm.diagnosis.inference.fitting import always
 from gfm.diagnosis.inference.score import Difference
@@ -43,13 +44,12 @@ def support(
         beside = rivals.get(instance.key, Compared(instance=instance))
         rival = -beside.rival.gain if beside.rival else None
         unweighed = Difference(UNWEIGHED * without.nats, without.error)
-        parts, bend = steady[instance.key]
         told[instance.key] = Evidence(
             without=search.held.get(instance.key, without),
             rival=rival if beside.weighed else unweighed,
             by=beside.rival.new[0] if beside.rival else None,
-            apart=parts,
-            bends=bend,
+            apart=steady[instance.key][0],
+            bends=steady[instance.key][1],
             disagrees=unlike.get(instance.key, 0.0),
             nameless=nameless.get(instance.key),
         )
@@ -71,7 +71,9 @@ def _steadiness(here: Hypothesis, domain: TorqueDomain | None) -> dict[Key, tupl
         own = np.array([one in law for one in fitted.effects])[fitted.owners]
         beside = own | steady  # what acts now and then, a part may not know
         known = replace(fitted, jacobian=fitted.jacobian[:, beside])
-        parts = apart(known, blocks, own[beside], (without - whole) * weights)
+        linear = fitted.jacobian[:, own] @ amounts(fitted.effects)[own]  # less where more is alike
+        does = min((without - whole) * weights, linear, key=np.linalg.norm)
+        parts = apart(known, blocks, own[beside], does)
         bend = 0.0
         if straight := list(bent_by(here, law, domain).values()):
             joint = here.problem.joints.index(law[0].joints[0])
