@@ -13,6 +13,7 @@ from gfm.diagnosis.data.segmentation import all_segments, prepared
 from gfm.diagnosis.inference.constants import UNWEIGHED
 from gfm.diagnosis.inference.fitting import Fit, fit, measured
 from gfm.diagnosis.inference.score import Difference
+from gfm.diagnosis.inference.steadiness import apart
 from gfm.diagnosis.search.candidates import Place, joint_scales
 from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, parameters_of
 from gfm.diagnosis.search.moves.add import (
@@ -590,6 +591,17 @@ def test_laws_of_one_state_are_as_steady_as_they_are_together(rubbing):
     assert told["coulomb_friction"].apart == told["viscous_friction"].apart
     assert told["coulomb_friction"].bends == told["viscous_friction"].bends
     assert told["coulomb_friction"].apart != told["joint_spring"].apart
+
+
+def test_an_amount_is_as_unsure_as_what_more_of_it_would_do():
+    """Damping that nearly holds a joint does much; twice as much would do little more."""
+    case = Case(runs(4, torque=lambda _q, v: -20.0 * v))
+    damping = instance("viscous_friction", coefficient=20.0)
+    here = case.with_effects(damping)
+    with_it, without = case.problem.plain().residuals([here.effects, ()])
+    own = np.array([True])
+    of_all_it_does = apart(here.fit, case.problem.blocks, own, without - with_it)
+    assert support(here, case.search(), ())[damping.key].apart > 2.0 * of_all_it_does > 0.0
 
 
 def bent(case, *effects):

@@ -2,7 +2,7 @@
 
 A law that holds has the same amounts early and late, in large motions and in small ones, and in
 every state of its joint. One that only comes near to what acts is fitted to each part anew, and
-what it misses is what it would do if it were bent. With little noise, a fit is sure of both.
+what it misses is what it would do if it were bent. With little noise, fits are sure of either.
 
 Shape letters: N numbers of a residual, P parameters, K ways to bend a law.
 """
