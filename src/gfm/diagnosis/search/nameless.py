@@ -124,10 +124,10 @@ def _curve(here: Hypothesis[P], search: Search[P]) -> Iterator[tuple[Key, Namele
         rest = [effect for effect in here.effects if effect is not one]
         shown = [law for at in places for law in _shown(search.torques, at, STATES, rest)]
         share, state, curve = max(shown, key=lambda law: law[0])
-        instead, both = here.fitted([*rest, curve]), here.fitted([*here.effects, curve])
-        over = here.over(instead)
+        over = here.over(instead := here.fitted([*rest, curve]))
         better = over.nats < 0.0 if share > ALIKE else (-over).notable
-        if better and not replace(here, fit=both).over(instead).clear:
+        both = replace(here, fit=here.fitted([*here.effects, curve])) if better else here
+        if better and not both.over(instead).clear:
             yield one.key, Nameless(over=over, state=state, joint=curve.joints[0])
 
 
