@@ -43,7 +43,7 @@ def test_an_interrupted_run_stops_its_services(tmp_path):
         [*GFM, "--out", str(out)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     ) as process:
         deadline_s = time.monotonic() + 60.0
-        while not list(out.glob("recordings/*")):
+        while not all(map(any, (out.glob("recordings/*"), out.glob("task/before/recordings/*")))):
             assert time.monotonic() < deadline_s
             assert process.poll() is None
             time.sleep(0.1)
@@ -51,7 +51,10 @@ def test_an_interrupted_run_stops_its_services(tmp_path):
         assert process.communicate(timeout=120.0)[1] == "interrupted\n"
     assert process.returncode == 130
     logs = {path.name: path.read_text() for path in (out / "logs").glob("*.log")}
+    assert logs.pop("task.log").endswith("interrupted\n")
     assert set(logs) == {"replay.log", "robot.log", "robot-bridge.log", "router.log"}
+    logs |= {str(path): path.read_text() for path in (out / "task").rglob("*.log")}
+    assert len(logs) == 7
     assert all("stopped" in text for text in logs.values())
 
 

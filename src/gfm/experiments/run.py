@@ -1,7 +1,8 @@
 """What `gfm run` does: the whole loop once, with real services, in one folder.
 
-Services are processes of their own; this one drives, diagnoses, compares and reports. The file in
-which the simulated robot sealed what it hides is opened after everything else is decided.
+Services are processes of their own; this one drives, diagnoses, compares and reports. The loop on a
+task, which has a robot of its own, is closed beside all that. The file in which the simulated robot
+sealed what it hides is opened after everything else is decided.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ from gfm.experiments.progress import Phase, RunProgress
 from gfm.experiments.run_settings import RunSettings
 from gfm.experiments.sealed import unseal
 from gfm.experiments.slsqp import Identified, identify
-from gfm.experiments.transfer import TransferRequest, transfer
+from gfm.experiments.task_beside import TaskBeside
+from gfm.experiments.transfer import TransferRequest
 from gfm.launch import (
     LOCKSTEP,
     Supervisor,
@@ -81,7 +83,7 @@ _EXPECTED_S = {
     DIAGNOSE: 35.0,
     LEARN: 40.0,
     LEARN_REST: 20.0,
-    TASK: 270.0,
+    TASK: 60.0,
     EVALUATE: 5.0,
 }
 #: Learning ends so long before the budget does, and is not begun for less than the second, s.
@@ -89,7 +91,7 @@ _RESERVE_S, _LEAST_LEARNING_S = 50.0, 20.0
 #: Longest time that is spent on learning, s.
 _MOST_LEARNING_S = 20.0
 #: The task, how many of its goals, attempts at each, and minutes for what their recordings tell.
-_TASK, _GOALS, _TRIALS, _MINUTES = "position_matching", 4, 2, 1.5
+_TASK, _GOALS, _TRIALS, _MINUTES = "position_matching", 4, 2, 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,9 +143,11 @@ class _Run:
 
     def report(self) -> RunReport:
         """Runs all phases."""
-        with self._progress:
+        with self._progress, self._task_beside() as beside:
             with self._supervisor() as supervisor:
                 self._start(supervisor)
+                if not self._settings.skip_task:
+                    beside.start()
                 recorded = self._drive(supervisor)
                 test, nominal = self._measure(recorded)
                 identified = self._identify(recorded)
@@ -151,7 +155,7 @@ class _Run:
                 fitted = self._learn(supervisor, recorded)
                 rest = self._learn_rest(recorded, corrected) if diagnosis.effects else None
                 facts = system_facts(supervisor)
-            task = self._on_task()
+            task = self._on_task(beside)
             return self._compare(
                 Findings(
                     test=test,
@@ -279,11 +283,8 @@ class _Run:
             inputs = self._fit_inputs(recorded, corrected, "checkpoints/corrected")
             return ForceFit(inputs, self._clock).finish()
 
-    def _on_task(self) -> Transfer | None:
-        """Returns what a policy does on a robot with an object, before and after."""
-        if self._settings.skip_task:
-            return None
-        out = self._settings.folder / "task"
+    def _task_beside(self) -> TaskBeside:
+        """Returns what drives a robot with an object, before and after, beside the other phases."""
         request = TransferRequest(
             drive=DriveRequest(
                 task=_TASK,
@@ -291,16 +292,20 @@ class _Run:
                 goals=_GOALS,
                 trials=_TRIALS,
                 seed=self._settings.seed,
-                out=out,
+                out=self._settings.folder / "task",
             ),
             minutes=_MINUTES,
             air_s=0.0,  # what this robot hides shows in attempts, too, and ten minutes are short
             treatments=(PLACED,),
         )
-        log = self._settings.folder / "logs" / "task.log"
-        with self._progress.phase(TASK), log.open("w") as file:
-            self._progress.say(f"{_TASK}: a policy on a robot, a diagnosis, the policy again")
-            return transfer(request, Console(file=file), self._clock, lambda: False)
+        return TaskBeside(request, self._settings.folder / "logs" / "task.log", self._clock)
+
+    def _on_task(self, beside: TaskBeside) -> Transfer | None:
+        """Returns what a policy does on a robot with an object, before and after."""
+        if self._settings.skip_task:
+            return None
+        with self._progress.phase(TASK):
+            return beside.result(self._progress.say)
 
     def _fit_inputs(
         self, recorded: Recorded, models: Mapping[CommandKind, Path], folder: str
