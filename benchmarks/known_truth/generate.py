@@ -50,8 +50,8 @@ def generate(plans: Sequence[Plan], folder: Path, discrepancy: float | None = No
         drafts = [draft(plan) for plan in missing if plan.setup.robot.joints == build]
         for some in _portions(drafts):
             _find_sizes(some)
-            drawn = [one for one in some if not one.given_up]
-            _write_all(drawn, _works(drawn, discrepancy), folder)
+            if drawn := [one for one in some if not one.given_up]:
+                _write_all(drawn, _works(drawn, discrepancy), folder)
 
 
 def _check_hand(file: Path, discrepancy: float | None) -> None:
