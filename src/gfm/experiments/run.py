@@ -10,6 +10,7 @@ from __future__ import annotations
 import shutil
 import signal
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
@@ -143,7 +144,7 @@ class _Run:
 
     def report(self) -> RunReport:
         """Runs all phases."""
-        with self._progress, self._task_beside() as beside:
+        with self._progress, closing(self._task_beside()) as beside:
             with self._supervisor() as supervisor:
                 self._start(supervisor)
                 if not self._settings.skip_task:

@@ -6,8 +6,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
-from typing import Self, final
+from typing import final
 
 from rich.console import Console
 
@@ -20,7 +19,7 @@ _LOOK_NS, _GRACE_S = 500_000_000, 10.0
 
 @final
 class TaskBeside:
-    """Closes the loop on a task in a process that does not outlive this context.
+    """Closes the loop on a task in a process that ends with `close`, or with this one.
 
     Args:
         request: What is asked for; a simulated robot that hides what a file says.
@@ -55,24 +54,13 @@ class TaskBeside:
             GfmError: of `transfer`.
         """
         while self._popen is not None and self._popen.poll() is None:
-            say(self._last_line())
+            say(self._last_words())
             self._clock.sleep_until_ns(self._clock.now_ns() + _LOOK_NS)
         with self._log.open("a") as log:
             return transfer(self._request, Console(file=log), self._clock, lambda: False)
 
-    def _last_line(self) -> str:
-        lines = self._log.read_text(encoding="utf-8", errors="replace").splitlines()
-        return next((line.strip(" ─") for line in reversed(lines) if line.strip(" ─")), "")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Ends the process where it still runs."""
         if self._popen is None:
             return
         self._popen.terminate()
@@ -83,6 +71,12 @@ class TaskBeside:
             self._popen.wait()
         if self._popen.stdin is not None:
             self._popen.stdin.close()
+
+    def _last_words(self) -> str:
+        """Returns the last line of the log that is not drawn of lines alone."""
+        lines = self._log.read_text(encoding="utf-8", errors="replace").splitlines()
+        told = (line.strip(" ─") for line in reversed(lines) if any(map(str.isalnum, line)))
+        return next(told, "")
 
 
 def _words(request: TransferRequest) -> tuple[str, ...]:
