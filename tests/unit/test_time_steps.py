@@ -89,6 +89,23 @@ def test_a_step_that_would_show_is_not_taken():
     assert cost(suited) < 0.1
 
 
+def test_a_long_segment_in_which_nothing_moves_does_not_decide_for_others():
+    stiff = turning(step=0.00025, inertia=0.001, kp=100.0, kv=4.0)
+    time_s = 0.01 * np.arange(700.0)
+    still = replace(
+        stiff.segments[0],
+        time_s=time_s,
+        position=np.zeros((len(time_s), 1)),
+        command_time_s=np.zeros(1),
+        command=np.zeros((1, 1)),
+    )
+    turning_later = replace(stiff.segments[0], recording=1)
+    suited = with_suitable_steps(replace(stiff, segments=(still, turning_later)))
+    assert suited.stepping[KIND].step_s <= 0.0005
+    alone = with_suitable_steps(replace(stiff, segments=(still,)))
+    assert alone.stepping[KIND].step_s == pytest.approx(0.002)
+
+
 def test_what_is_added_may_ask_for_a_shorter_step():
     problem = with_suitable_steps(turning(step=0.0005))
     drag = find_effect("viscous_friction")

@@ -39,8 +39,8 @@ from gfm.sim.still import unrecorded, with_still_joints
 #: torque does not; in longer ones errors add up, and fits end in the nearest of many valleys.
 SERVOED = CommandKind.POSITION, CommandKind.VELOCITY
 SHORT = {CommandKind.EFFORT: 0.5, **dict.fromkeys(SERVOED, 2.0)}
-#: Length of those on which amounts are settled, and on which errors are told. A velocity servo never
-#: regains what it loses, so that only the whole shows what adds up slowly.
+#: Length of those on which amounts are settled, and on which errors are told. A velocity servo
+#: never regains what it loses, so that only the whole shows what adds up slowly.
 LONG = {**SHORT, CommandKind.POSITION: 6.0, CommandKind.VELOCITY: float("inf")}
 WHOLE = {**SHORT, **dict.fromkeys(SERVOED, float("inf"))}
 #: Measurements that a segment has at least.

@@ -24,14 +24,13 @@ from gfm.effects import EffectInstance
 LONGEST_S = 2e-3
 #: Times that a model's own step is halved at most.
 MOST_HALVED = 4
-#: By how much a longer step may change what a joint leaves RMS: in units of the
-#: noise, and as a share of it, whichever is more.
+#: By how much a longer step may change what a joint leaves RMS: in noises, and a share, if more.
 HARDLY = (0.25, 0.02)
 #: The same of the model's own step, halved, from which on it is too long while something else does
 #: better, and from which on it is in any case.
 MUCH, TOO_MUCH = (0.5, 0.1), (10.0, 0.3)
-#: Recorded time on which steps are compared (of an arm; of smaller robots more), s.
-COMPARED_S = 6.0
+#: Recorded time, s, and segments on which steps are compared at least: one may show nothing.
+COMPARED_S, COMPARED = 6.0, 3
 
 
 def with_suitable_steps(problem: Problem, effects: Sequence[EffectInstance] = ()) -> Problem:
@@ -54,13 +53,14 @@ def _compared(problem: Problem, effects: Sequence[EffectInstance]) -> list[list[
 
     A servo comes to its limit now and then only, and only there is a step far too long for that.
     """
-    chosen = problem.sample(COMPARED_S)
+    compared_s = max(COMPARED_S, *(COMPARED * float(one.time_s[-1]) for one in problem.segments))
+    chosen = problem.sample(compared_s)
     if not effects:
         return [chosen]
     without, beside = problem.coarse().residuals([(), tuple(effects)])
-    change = [float(np.mean((beside - without)[rows] ** 2)) for rows in problem.slices()]
-    most = [int(i) for i in np.argsort(change)[::-1]]
-    return [chosen, problem.first(most, COMPARED_S)]
+    change = [np.mean((beside - without)[rows] ** 2) for rows in problem.slices()]
+    most = np.argsort(change)[::-1].tolist()
+    return [chosen, problem.first(most, compared_s)]
 
 
 def _suitable(
