@@ -3,11 +3,13 @@
     python benchmarks/halves.py --data ../shared/data/measured --out runs/measured
 
 Reads the reports that `measured.py` has left in the folder. Training recordings are dealt out in
-turn; what was named is fitted to each half anew, from the amounts of all. A half bears a name out
-if it predicts clearly better with it; both agree on an amount if the difference is within what is
-told beside it (the 95 % interval, or the spread where the model stays wrong) of both together.
-Nothing is searched for: what a half alone would name instead is not asked. What acts now and then
-is taken as it was told: a few segments judge it, which a half may lack.
+turn; what was named, and what is a suspect, is fitted to each half anew, from the amounts of all. A
+half bears a name out if it predicts clearly better with it; both agree on an amount if the
+difference is within what is told beside it (the 95 % interval, or the spread where the model stays
+wrong) of both together. Nothing is searched for: what a half alone would name instead is not asked.
+What acts now and then is taken as it was told: a few segments judge it, which a half may lack.
+
+What both halves bear out is written beside the report (`halves.json`): `calibrate.py` reads it.
 """
 
 from __future__ import annotations
@@ -19,8 +21,10 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
+from known_truth.told import HALVES
 from measured import RIGS, Rig, find_model
 from parts import commit, print_or_write
 
@@ -37,7 +41,7 @@ from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.output.claims import SPREAD_WIDTH
 from gfm.diagnosis.search.hypothesis import nominal_hypothesis, settled_hypothesis
 from gfm.diagnosis.search.moves.reduce import gains_of_each
-from gfm.effects import EffectInstance, Key
+from gfm.effects import EffectInstance, Key, find_effect
 from gfm.service.effects_file import read_effects
 
 _HEAD = """# Halves of measured recordings
@@ -47,8 +51,9 @@ Do two disjoint halves of a robot's recordings agree on what all of them togethe
     python benchmarks/halves.py --data DIR --out runs/measured
 
 at {commit}. Training recordings are dealt out in turn; what was named is fitted to each half anew,
-beginning with the amounts of all. "Standard errors": by how many of its own each half predicts
-better with the effect; more than two bear the name out. Behind the amounts stands what is told
+beginning with the amounts of all; so are suspects (a confidence below one half), beside the names.
+"Standard errors": by how many of its own each half predicts better with the effect; more than two
+bear the name out. Behind the amounts stands what is told
 beside them: the 95 % interval, or the spread where the model stays wrong; "inf" where a half does
 not tell.
 """
@@ -114,19 +119,41 @@ def rows_of(
         )
 
 
+def suspects_in(document: Mapping[str, Any]) -> list[EffectInstance]:
+    """Returns the suspects of a report that were found: those that have amounts."""
+    return [
+        EffectInstance(
+            effect=find_effect(one["effect"]), joints=tuple(one["joints"]), values=one["amounts"]
+        )
+        for one in document["suspects"]
+        if one.get("amounts")
+    ]
+
+
+def borne_out(halves: tuple[Half, Half]) -> list[dict[str, Any]]:
+    """Returns of each effect that was asked whether both halves predict clearly better with it."""
+    first, second = halves
+    return [
+        {"effect": key[0], "joints": key[1], "borne_out": gain.clear and second.gains[key].clear}
+        for key, gain in first.gains.items()
+    ]
+
+
 def section(rig: Rig, name: str, data: Path, folder: Path) -> str:
-    """Returns one robot's part of the page."""
+    """Returns one robot's part of the page, and leaves beside its report what both halves say."""
     document = json.loads((folder / "diagnosis" / "report.json").read_text())
     paths = sorted((folder / "recordings").glob("*.mcap"))
     training = [one for one in paths if not any(part in one.name for part in rig.held_out)]
-    effects = read_effects(folder / "diagnosis" / "report.json")
-    told = {(e["effect"], tuple(e["joints"])): e["confidence"] for e in document["effects"]}
+    effects = [*read_effects(folder / "diagnosis" / "report.json"), *suspects_in(document)]
+    every = document["effects"] + document["suspects"]
+    told = {(e["effect"], tuple(e["joints"])): e.get("confidence") for e in every}
     recordings = read_recordings(training)
     specs = load_specs([find_model(rig, data)])
     halves = (
         told_by(specs, recordings[::2], effects),
         told_by(specs, recordings[1::2], effects),
     )
+    (folder / "diagnosis" / HALVES).write_text(json.dumps(borne_out(halves)), encoding="utf-8")
     rows = "\n".join(rows_of(halves, effects, told))
     return f"""## {name}
 

@@ -10,6 +10,9 @@ from typing import Any
 
 from known_truth.score import is_right
 
+#: Beside the report on a measured robot: which of its names both halves of the recordings bear out.
+HALVES = "halves.json"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Told:
@@ -19,7 +22,7 @@ class Told:
         case: Name and seed of the case: the same by whoever's hand it was simulated.
         effect: The name.
         confidence: With which it is told, 0..1.
-        right: Whether it is hidden there.
+        right: Whether it is hidden there; on a measured robot, whether both halves bear it out.
         suspect: Whether it stands among the suspects, not the effects.
         evidence: Figures it rests on, as they are in the report; None where there are none.
     """
@@ -33,7 +36,10 @@ class Told:
 
 
 def all_told(folders: Sequence[Path]) -> tuple[list[Told], int]:
-    """Returns what is told in all reports of folders as `diagnosis.py` makes, and their number."""
+    """Returns what is told in all reports of folders, and their number.
+
+    Folders are as `diagnosis.py` makes them, or as `measured.py` does and `halves.py` judges them.
+    """
     reports = [
         path for folder in folders for path in sorted(folder.glob("diagnoses/*/report.json"))
     ]
@@ -41,21 +47,40 @@ def all_told(folders: Sequence[Path]) -> tuple[list[Told], int]:
     for path in reports:
         truth = path.parents[2] / "truth" / f"{path.parent.name}.json"
         told += told_in(json.loads(truth.read_text()), json.loads(path.read_text()))
-    return told, len(reports)
+    judged = [path for folder in folders for path in sorted(folder.glob(f"*/diagnosis/{HALVES}"))]
+    for path in judged:
+        report = json.loads(path.with_name("report.json").read_text())
+        told += told_of_measured(path.parents[1].name, json.loads(path.read_text()), report)
+    return told, len(reports) + len(judged)
 
 
 def told_in(truth: Mapping[str, Any], report: Mapping[str, Any]) -> list[Told]:
-    """Returns what a report tells: every effect, and suspects that carry a confidence."""
-    named = [(one, False) for one in report["effects"]]
-    named += [(one, True) for one in report["suspects"] if one.get("confidence") is not None]
-    return [
-        Told(
-            case=f"{truth['name']}@{truth.get('seed', 0)}",
-            effect=one["effect"],
-            confidence=float(one["confidence"]),
-            right=is_right(one, truth, report),
-            suspect=suspect,
-            evidence=one.get("evidence"),
-        )
-        for one, suspect in named
-    ]
+    """Returns what a report tells of a robot whose truth is known."""
+    case = f"{truth['name']}@{truth.get('seed', 0)}"
+    return [_told(case, one, is_right(one, truth, report), report) for one in _sure_of(report)]
+
+
+def told_of_measured(
+    robot: str, halves: Sequence[Mapping[str, Any]], report: Mapping[str, Any]
+) -> list[Told]:
+    """Returns what a report tells of a measured robot, as far as halves were asked about it."""
+    borne = {(one["effect"], *one["joints"]): bool(one["borne_out"]) for one in halves}
+    asked = [one for one in _sure_of(report) if (one["effect"], *one["joints"]) in borne]
+    return [_told(robot, one, borne[one["effect"], *one["joints"]], report) for one in asked]
+
+
+def _sure_of(report: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Returns every effect, and the suspects that carry a confidence."""
+    suspects = [one for one in report["suspects"] if one.get("confidence") is not None]
+    return [*report["effects"], *suspects]
+
+
+def _told(case: str, one: Mapping[str, Any], right: bool, report: Mapping[str, Any]) -> Told:
+    return Told(
+        case=case,
+        effect=one["effect"],
+        confidence=float(one["confidence"]),
+        right=right,
+        suspect=one not in report["effects"],
+        evidence=one.get("evidence"),
+    )

@@ -143,6 +143,7 @@ def test_a_doubtful_name_is_a_suspect_with_its_confidence():
     assert doubtful.confidence == pytest.approx(confidence(WEAK), abs=5e-4)
     assert doubtful.evidence["z_without"] == pytest.approx(2.1)
     assert doubtful.decided_by
+    assert doubtful.amounts == DRAG.values
     assert "coulomb_friction" not in suspects
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import reliability
-from known_truth.told import Told, all_told, told_in
+from known_truth.told import HALVES, Told, all_told, told_in
 
 
 def told(confidence, right, *, suspect=False):
@@ -76,6 +76,34 @@ def test_an_equal_is_right_only_where_the_truth_stands_beside_it():
     for suspects, right in (([equal], True), ([], False)):
         (name,) = told_in(TRUTH, {"effects": [named], "suspects": suspects})
         assert name.right is right
+
+
+def test_on_a_measured_robot_is_right_what_both_halves_bear_out(tmp_path):
+    report = {
+        "effects": [one("armature", "a", confidence=0.9), one("payload", "b", confidence=0.8)],
+        "suspects": [
+            one("backlash", "a", confidence=0.3),
+            one("joint_spring", "a", confidence=0.1),
+            one("viscous_friction", "a", reason="explains less"),
+        ],
+    }
+    halves = [
+        one("armature", "a", borne_out=True),
+        one("payload", "b", borne_out=False),
+        one("backlash", "a", borne_out=True),
+    ]
+    folder = tmp_path / "arm" / "diagnosis"
+    folder.mkdir(parents=True)
+    (folder / "report.json").write_text(json.dumps(report))
+    assert all_told([tmp_path]) == ([], 0)
+    (folder / HALVES).write_text(json.dumps(halves))
+    names, reports = all_told([tmp_path])
+    assert reports == 1
+    assert [(n.case, n.confidence, n.right, n.suspect) for n in names] == [
+        ("arm", 0.9, True, False),
+        ("arm", 0.8, False, False),
+        ("arm", 0.3, True, True),
+    ]
 
 
 def test_confidences_fall_into_bins_and_certainty_into_the_last():

@@ -201,9 +201,9 @@ def _doubtful(instance: EffectInstance, found: SearchResult) -> Suspect:
     reason = f"more likely wrong than right (confidence {sure:.2f}): {_speaks_for(evidence)}"
     if sure >= LEAST_CONFIDENCE:
         reason = "without the suspects beside it, the model predicts worse with it than without it"
-    told = _suspect(instance, reason, _explained(instance, found))
-    there = evidence.nameless
-    told = replace(told, nameless=f"{there.state} of {there.joint}" if there else "")
+    told, there = _suspect(instance, reason, _explained(instance, found)), evidence.nameless
+    law = f"{there.state} of {there.joint}" if there else ""
+    told = replace(told, amounts=instance.values, nameless=law)
     return replace(told, confidence=round(sure, 3), evidence=_figures(evidence))
 
 

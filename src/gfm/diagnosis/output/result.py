@@ -60,8 +60,7 @@ class NamedEffect(Placed):
         confidence: 0..1.
         native: Whether plain MuJoCo expresses it in `corrected.xml`.
         evidence: The figures from which its confidence comes.
-        equals: Its other names, which the recordings do not tell from it: one of them all is what
-            the confidence is about.
+        equals: Its other names here: the confidence is that one of them all is right.
     """
 
     parameters: Mapping[str, ParameterEstimate]
@@ -89,8 +88,8 @@ class Suspect(Placed):
         gain: Share of the squared residual that it alone would explain, 0..1.
         confidence: Of one that was found and is not named; None for others.
         evidence: The figures from which that comes.
-        nameless: Of which state of which joint a law without a name is there in its place, in
-            words; empty where none is.
+        amounts: In which it was found, by parameter; none of others.
+        nameless: State and joint of a law without a name in its place, in words; or empty.
     """
 
     reason: str
@@ -98,6 +97,7 @@ class Suspect(Placed):
     gain: float = 0.0
     confidence: float | None = None
     evidence: Mapping[str, float] = field(default_factory=dict)
+    amounts: Mapping[str, float] = field(default_factory=dict)
     nameless: str = ""
 
 
