@@ -20,10 +20,12 @@ import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import mujoco
+import numpy as np
 from known_truth.told import HALVES
 from measured import RIGS, Rig, find_model
 from parts import commit, print_or_write
@@ -87,14 +89,14 @@ def told_by(
     here = settled_hypothesis(problem, effects, nominal)
     fitted = here.fit
     free = [(fitted.effects[i].key, name) for i, name in free_parameters(fitted.effects)]
-    widths: Array = half_widths(
-        amounts(fitted.effects), fitted.jacobian, fitted.residual, here.problem.slices()
-    )
-    told = 1.0 if fitted.cost <= ADEQUATE_RATIO**2 else SPREAD_WIDTH
+    told = partial(half_widths, amounts(fitted.effects), fitted.jacobian, fitted.residual)
+    widths: Array = told(here.problem.slices())
+    if fitted.cost > ADEQUATE_RATIO**2:
+        widths = SPREAD_WIDTH * np.maximum(widths, told(here.problem.by_recording(), blocks=1))
     return Half(
         gains={one.key: gain for gain, one in gains_of_each(here)},
         values=dict(zip(free, amounts(fitted.effects).tolist(), strict=True)),
-        widths=dict(zip(free, (told * widths).tolist(), strict=True)),
+        widths=dict(zip(free, widths.tolist(), strict=True)),
     )
 
 

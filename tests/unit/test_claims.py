@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from gfm.diagnosis.inference.amounts import amounts
 from gfm.diagnosis.inference.constants import ADEQUATE_RATIO, ADEQUATE_SHARE, LEAST_CONFIDENCE
@@ -133,6 +134,21 @@ def test_the_spread_of_a_model_that_stays_wrong_is_wider_than_an_interval():
         expected = (told.value - width, told.value + width) if holds else None
         assert told.ci95 == expected
         assert told.spread == (None if holds else pytest.approx(SPREAD_WIDTH * width))
+
+
+def test_a_model_that_stays_wrong_may_be_wrong_alike_all_along_a_recording():
+    """Of four recordings two ask for more, two for less: blocks within them tell nothing new."""
+    one = PROBLEM.segments[0]
+    runs = replace(PROBLEM, segments=tuple(replace(one, recording=i) for i in range(4)))
+    ask = np.repeat([6.0, 4.0, -4.0, -6.0], len(TIME_S))
+    end = Fit(effects=(FRICTION,), jacobian=np.ones((len(ask), 1)), residual=ask)
+    result = replace(found((STRONG,), FRICTION), problem=runs, fit=end)
+    (spread,) = (e.parameters["torque"].spread for e in named_effects(result, (FRICTION,)))
+    (by_block,) = half_widths(np.array([0.2]), end.jacobian, ask, runs.slices())
+    assert runs.by_recording() == runs.slices()
+    error = np.sqrt(4 / 3 * (2 * 6.0**2 + 2 * 4.0**2)) / 4  # the mean of four, each its own block
+    assert spread == pytest.approx(SPREAD_WIDTH * stats.t.ppf(0.975, 59) * error, rel=1e-4)
+    assert spread > 3.0 * SPREAD_WIDTH * by_block
 
 
 def test_a_doubtful_name_is_a_suspect_with_its_confidence():

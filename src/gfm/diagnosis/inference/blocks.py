@@ -142,5 +142,4 @@ def _pieces(segment: SegmentShape, joints: int) -> list[tuple[NDArray[np.intp], 
 def _of_joint(count: Array) -> Array:
     """Returns how many numbers a cell's channel and joint have in each block, shape (B, C)."""
     octaves = len(OCTAVES_HZ)
-    whole = count.reshape(len(count), -1, octaves).sum(axis=2)
-    return np.repeat(whole, octaves, axis=1)
+    return np.repeat(count.reshape(len(count), -1, octaves).sum(axis=2), octaves, axis=1)

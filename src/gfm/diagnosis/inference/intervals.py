@@ -29,13 +29,14 @@ def half_widths(
     segments: Sequence[slice],
     *,
     whole: bool = False,
+    blocks: int = BLOCKS,
 ) -> Array:
     """Returns half the width of each parameter's 95 % interval, shape (P,).
 
     Infinite where the residual does not depend on the parameter. Arguments as of `standard_errors`.
     """
     freedom = max((len(segments) if whole else BLOCKS) - jacobian.shape[1], 1 if whole else 3)
-    errors = standard_errors(values, jacobian, residual, segments, whole=whole)
+    errors = standard_errors(values, jacobian, residual, segments, whole=whole, blocks=blocks)
     return np.asarray(stats.t.ppf(0.975, freedom) * errors)
 
 
@@ -46,6 +47,7 @@ def standard_errors(
     segments: Sequence[slice],
     *,
     whole: bool = False,
+    blocks: int = BLOCKS,
 ) -> Array:
     """Returns the standard error of each parameter, infinite where nothing depends on it, (P,).
 
@@ -60,9 +62,10 @@ def standard_errors(
         residual: At the optimum, shape (N,).
         segments: Segments of the residual that are independent of each other.
         whole: Whether each of them is one block: what is wrong in it stays wrong until its end.
+        blocks: Into which all of them are cut; none is less than one.
     """
     normal = jacobian.T @ jacobian
-    pieces = 1 if whole else max(BLOCKS // len(segments), 1)
+    pieces = 1 if whole else max(blocks // len(segments), 1)
     edges = [np.linspace(s.start, s.stop, pieces + 1).astype(int).tolist() for s in segments]
     rows = [slice(a, b) for own in edges for a, b in pairwise(own) if b > a]
     scores = [jacobian[block].T @ residual[block] for block in rows]

@@ -35,6 +35,11 @@ UNSEEN = {
     "object_damping": "the object is not let go while it moves",
     "object_friction": "the object does not slide by itself, and pushes do not tell it",
 }
+NOTE_ON_DEPTH = (
+    "Where the robot pushes the object it is {mm:.0f} mm inside it, by what was measured: one of "
+    "them is elsewhere than the model has it, or has another shape (an offset of an encoder or of "
+    "a camera, another tool, another object). So nothing is said of it."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +158,7 @@ def examine_object(
         ),
         unseen=() if elsewhere else tuple(e.name for e in unseen),
         notes=(
-            *((_note_on_depth(depth),) if elsewhere else ()),
+            *((NOTE_ON_DEPTH.format(mm=1e3 * depth),) if elsewhere else ()),
             *_notes(found.problem, own, contacts, held=held is not None),
         ),
     )
@@ -246,14 +251,6 @@ def _errors(
     return tuple(
         error_summary([size * left[:, columns]], [size * rest[:, columns]], size, unit)
         for columns, size, unit in told
-    )
-
-
-def _note_on_depth(depth: float) -> str:
-    return (
-        f"Where the robot pushes the object it is {1e3 * depth:.0f} mm inside it, by what was "
-        "measured: one of them is elsewhere than the model has it, or has another shape (an offset "
-        "of an encoder or of a camera, another tool, another object). So nothing is said of it."
     )
 
 

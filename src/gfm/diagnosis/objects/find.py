@@ -61,8 +61,7 @@ def find(
         return others(rest, (*rest.effects, instance))
 
     search = Search[ObjectProblem](report=report)
-    here = run(settled_with(problem, ()), search, [one_more, two_more])
-    return end(here, search, rivals)
+    return end(run(settled_with(problem, ()), search, [one_more, two_more]), search, rivals)
 
 
 def settled_with(problem: ObjectProblem, effects: Sequence[EffectInstance]) -> Here:

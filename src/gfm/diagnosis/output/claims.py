@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.special import expit
@@ -33,8 +34,7 @@ from gfm.effects import EffectInstance
 
 #: Width of an amount's spread where the model stays wrong, in units of how far other recordings of
 #: the same kind would put it: a wrong model is wrong in all of them alike. And how often so wide a
-#: spread held the truth on simulated robots that lack something without a name
-#: (docs/results/spreads.md).
+#: spread held the truth where something without a name is missing (docs/results/spreads.md).
 SPREAD_WIDTH, SPREADS_HELD, SPREADS_ASKED = 2.5, 28, 29
 #: More noise floors than this are left by something else than inexact laws.
 FAR_FROM_NOISE = 10.0
@@ -60,8 +60,7 @@ def verdict_on(error: ErrorSummary, named: Sequence[NamedEffect]) -> Verdict:
     inexact = near and closed_share(error) >= 1.0 - ADEQUATE_SHARE
     if error.after <= ADEQUATE_RATIO * error.noise_floor or inexact:
         return Verdict.EXPLAINED
-    better = error.after < error.before
-    return Verdict.PARTLY_EXPLAINED if better else Verdict.UNEXPLAINED
+    return Verdict.PARTLY_EXPLAINED if error.after < error.before else Verdict.UNEXPLAINED
 
 
 def verdict_on_both(robot: Verdict, thing: Verdict) -> Verdict:
@@ -114,16 +113,13 @@ def named_effects(
     if not instances:
         return ()
     fitted, problem = found.fit, found.problem
-    widths = half_widths(
-        amounts(fitted.effects),
-        fitted.jacobian,
-        fitted.residual,
-        problem.slices(),
-        whole=problem.errs_to_the_end,
-    )
+    told = partial(half_widths, amounts(fitted.effects), fitted.jacobian, fitted.residual)
+    widths = told(problem.slices(), whole=problem.errs_to_the_end)
     free = [(fitted.effects[i].key, name) for i, name in free_parameters(fitted.effects)]
-    by_place = dict(zip(free, widths.tolist(), strict=True))
     holds = fitted.cost <= ADEQUATE_RATIO**2
+    if not holds:  # what stays wrong may be wrong alike all along a recording (Liang, Zeger 1986)
+        widths = np.maximum(widths, told(problem.by_recording(), blocks=1))
+    by_place = dict(zip(free, widths.tolist(), strict=True))
     named = [
         NamedEffect(
             *instance.key,

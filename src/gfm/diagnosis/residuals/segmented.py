@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 from typing import Any, Self
 
 import numpy as np
@@ -89,6 +90,12 @@ class SegmentedProblem(LeastSquares):
         sizes = [s.channels * s.measurements * len(self.joints) for s in self.layout()]
         ends = np.cumsum(sizes).tolist()
         return [slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
+
+    def by_recording(self) -> list[slice]:
+        """Returns where the numbers of each recording lie in a residual."""
+        pairs = zip(self.layout(), self.slices(), strict=True)
+        own = [[*some] for _, some in groupby(pairs, key=lambda pair: pair[0].recording)]
+        return [slice(some[0][1].start, some[-1][1].stop) for some in own]
 
     def joint_costs(self, residual: Array) -> Array:
         """Returns the mean squared residual of each joint, shape (J,)."""

@@ -59,8 +59,7 @@ def _compared(problem: Problem, effects: Sequence[EffectInstance]) -> list[list[
         return [chosen]
     without, beside = problem.coarse().residuals([(), tuple(effects)])
     change = [np.mean((beside - without)[rows] ** 2) for rows in problem.slices()]
-    most = np.argsort(change)[::-1].tolist()
-    return [chosen, problem.first(most, compared_s)]
+    return [chosen, problem.first(np.argsort(change)[::-1].tolist(), compared_s)]
 
 
 def _suitable(
