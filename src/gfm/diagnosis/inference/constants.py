@@ -23,10 +23,10 @@ DEGREES_OF_FREEDOM = 4.0
 #: effect may differ between parts of the data; no constant is beside them: an exact law and its
 #: equal are even odds. That its law holds: a constant, how much of what is left the law leaves by
 #: not changing with the state, and how far its amount is from that which the missing torque tells.
-CONFIDENCE = (1.66, -1.54, 5.18, -6.99, -7.58)
+CONFIDENCE = (2.29, -1.69, 4.25, -5.73, -6.08)
 #: Share of what speaks for an effect that is taken to speak for it against its best rival, where
 #: no time was left to weigh one.
-UNWEIGHED = 0.71
+UNWEIGHED = 0.53
 #: Confidence from which on a name is given: below it is a suspect.
 LEAST_CONFIDENCE = 0.5
 #: Share, in squares, of what laws that hold do, that they may leave by not being quite exact: a
