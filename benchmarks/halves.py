@@ -20,12 +20,10 @@ import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import mujoco
-import numpy as np
 from known_truth.told import HALVES
 from measured import RIGS, Rig, find_model
 from parts import commit, print_or_write
@@ -33,14 +31,11 @@ from parts import commit, print_or_write
 from gfm.api.models import load_specs
 from gfm.api.recordings import read_recordings
 from gfm.core import CommandKind, Trajectory
-from gfm.core.checks import Array
 from gfm.diagnosis.data.segmentation import LONG, all_segments, prepared
 from gfm.diagnosis.found import SETTLED_S
 from gfm.diagnosis.inference.amounts import amounts, free_parameters
-from gfm.diagnosis.inference.constants import ADEQUATE_RATIO
-from gfm.diagnosis.inference.intervals import half_widths
 from gfm.diagnosis.inference.score import Difference
-from gfm.diagnosis.output.claims import SPREAD_WIDTH
+from gfm.diagnosis.output.claims import SPREAD_WIDTH, widths_of
 from gfm.diagnosis.search.hypothesis import nominal_hypothesis, settled_hypothesis
 from gfm.diagnosis.search.moves.reduce import gains_of_each
 from gfm.effects import EffectInstance, Key, find_effect
@@ -89,14 +84,12 @@ def told_by(
     here = settled_hypothesis(problem, effects, nominal)
     fitted = here.fit
     free = [(fitted.effects[i].key, name) for i, name in free_parameters(fitted.effects)]
-    told = partial(half_widths, amounts(fitted.effects), fitted.jacobian, fitted.residual)
-    widths: Array = told(here.problem.slices())
-    if fitted.cost > ADEQUATE_RATIO**2:
-        widths = SPREAD_WIDTH * np.maximum(widths, told(here.problem.by_recording(), blocks=1))
+    widths, holds = widths_of(fitted, here.problem)
+    told = 1.0 if holds else SPREAD_WIDTH
     return Half(
         gains={one.key: gain for gain, one in gains_of_each(here)},
         values=dict(zip(free, amounts(fitted.effects).tolist(), strict=True)),
-        widths=dict(zip(free, widths.tolist(), strict=True)),
+        widths=dict(zip(free, (told * widths).tolist(), strict=True)),
     )
 
 

@@ -35,6 +35,7 @@ UNSEEN = {
     "object_damping": "the object is not let go while it moves",
     "object_friction": "the object does not slide by itself, and pushes do not tell it",
 }
+#: Said where nothing is said of the object.
 NOTE_ON_DEPTH = (
     "Where the robot pushes the object it is {mm:.0f} mm inside it, by what was measured: one of "
     "them is elsewhere than the model has it, or has another shape (an offset of an encoder or of "

@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 from scipy.special import expit
 
+from gfm.core.checks import Array
 from gfm.diagnosis.inference.amounts import amounts, free_parameters
 from gfm.diagnosis.inference.constants import (
     ADEQUATE_RATIO,
@@ -20,6 +21,7 @@ from gfm.diagnosis.inference.constants import (
     CONFIDENCE,
     LEAST_CONFIDENCE,
 )
+from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.inference.intervals import half_widths
 from gfm.diagnosis.output.result import (
     ErrorSummary,
@@ -28,6 +30,7 @@ from gfm.diagnosis.output.result import (
     Suspect,
     Verdict,
 )
+from gfm.diagnosis.residuals.segmented import SegmentedProblem
 from gfm.diagnosis.search.naming import Placed, describe, first_of_each
 from gfm.diagnosis.search.trace import Evidence, SearchResult, Step, Tried
 from gfm.effects import EffectInstance
@@ -104,21 +107,12 @@ def credible(found: SearchResult) -> list[EffectInstance]:
 def named_effects(
     found: SearchResult, instances: Sequence[EffectInstance]
 ) -> tuple[NamedEffect, ...]:
-    """Returns effects with intervals and confidences, those that explain most first.
-
-    Args:
-        found: What was found, and how.
-        instances: Those of its effects that are named, with their amounts.
-    """
+    """Returns those effects of a search that are named, with what is told of them, best first."""
     if not instances:
         return ()
     fitted, problem = found.fit, found.problem
-    told = partial(half_widths, amounts(fitted.effects), fitted.jacobian, fitted.residual)
-    widths = told(problem.slices(), whole=problem.errs_to_the_end)
+    widths, holds = widths_of(fitted, problem)
     free = [(fitted.effects[i].key, name) for i, name in free_parameters(fitted.effects)]
-    holds = fitted.cost <= ADEQUATE_RATIO**2
-    if not holds:  # what stays wrong may be wrong alike all along a recording (Liang, Zeger 1986)
-        widths = np.maximum(widths, told(problem.by_recording(), blocks=1))
     by_place = dict(zip(free, widths.tolist(), strict=True))
     named = [
         NamedEffect(
@@ -140,6 +134,16 @@ def named_effects(
         for instance in instances
     ]
     return tuple(sorted(named, key=lambda one: -one.evidence["nats"]))
+
+
+def widths_of(fitted: Fit, problem: SegmentedProblem) -> tuple[Array, bool]:
+    """Returns half the width of each amount's 95 % interval, (P,), and whether one would hold."""
+    told = partial(half_widths, amounts(fitted.effects), fitted.jacobian, fitted.residual)
+    widths = told(problem.slices(), whole=problem.errs_to_the_end)
+    holds = fitted.cost <= ADEQUATE_RATIO**2
+    if not holds:  # what stays wrong may be wrong alike all along a recording (Liang, Zeger 1986)
+        widths = np.maximum(widths, told(problem.by_recording(), blocks=1))
+    return widths, holds
 
 
 def _figures(evidence: Evidence) -> dict[str, float]:

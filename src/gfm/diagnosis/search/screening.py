@@ -59,12 +59,9 @@ def goes_beside(before: Hypothesis, one: Place | EffectInstance) -> bool:
 
 
 def screen(before: Hypothesis, candidates: Sequence[Place], sample_s: float) -> list[Screened]:
-    """Returns the candidates with their best amounts to first order, best first.
+    """Returns candidates with their best amounts to first order on `sample_s` of data, best first.
 
-    Args:
-        before: Beside what they would be.
-        candidates: Where effects may act.
-        sample_s: Recorded time on which they are looked at, s.
+    Beside what there was before.
     """
     sample = before.problem.sample(sample_s, left=before.fit.residual)
     part = before.problem.subset(sample)
