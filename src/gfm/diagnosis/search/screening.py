@@ -59,10 +59,7 @@ def goes_beside(before: Hypothesis, one: Place | EffectInstance) -> bool:
 
 
 def screen(before: Hypothesis, candidates: Sequence[Place], sample_s: float) -> list[Screened]:
-    """Returns candidates with their best amounts to first order on `sample_s` of data, best first.
-
-    Beside what there was before.
-    """
+    """Returns candidates with their best amounts to first order, on `sample_s` s, best first."""
     sample = before.problem.sample(sample_s, left=before.fit.residual)
     part = before.problem.subset(sample)
     base = rows_of(before, sample)
