@@ -8,7 +8,6 @@ import pytest
 from gfm.diagnosis.inference.amounts import acting, amounts, at_bound
 from gfm.diagnosis.inference.fitting import (
     LeastSquares,
-    along_valley,
     derivatives,
     fit,
     measured,
@@ -37,20 +36,6 @@ class Regression(LeastSquares):
 def pairs(candidates):
     """Returns the first amounts of two effects, for every candidate."""
     return [[next(iter(one.values.values())) for one in effects] for effects in candidates]
-
-
-@dataclass(frozen=True)
-class Valley(LeastSquares):
-    """Two amounts x and y whose product is nearly all that counts, with lower minima along it."""
-
-    def residuals(self, candidates):
-        rows = []
-        for x, y in pairs(candidates):
-            along = np.log2(x / y)
-            rows.append(
-                [10.0 * np.log2(x * y), 1.5 - 0.2 * along + 0.5 * np.cos(np.pi * along), 0.0]
-            )
-        return np.array(rows)
 
 
 @dataclass(frozen=True)
@@ -139,14 +124,6 @@ def test_others_make_up_for_what_is_left_out_as_a_fit_without_it_would(regressio
     assert without_some(regression, found, []) == []
 
 
-def test_lower_minima_along_a_valley_are_found():
-    start = fit(Valley(), [friction(2.0**-0.5), viscous(2.0**0.5)])
-    assert start.cost > 0.4
-    best = along_valley(Valley(), start)
-    assert best.cost < 1e-3
-    assert np.prod(amounts(best.effects)) == pytest.approx(1.0, rel=0.02)
-
-
 @pytest.mark.parametrize(
     ("excess", "speed", "expected"), [(0.5, 0.05, False), (0.5, 5.0, True), (0.0, 0.05, True)]
 )
@@ -171,12 +148,6 @@ def test_a_phase_is_told_within_half_a_turn():
     cogging = effect_library()["cogging_torque"]
     told = cogging.canonical({"amplitude": 1.0, "per_revolution": 24.0, "phase": -3.58})
     assert told["phase"] == pytest.approx(2.0 * np.pi - 3.58)
-
-
-def test_what_looks_weak_where_friction_holds_begins_stronger():
-    stribeck = effect_library()["stribeck_friction"]
-    probe = {"static_excess": 0.1, "stribeck_velocity": 0.05}
-    assert stribeck.combine([probe], [1.0])["static_excess"] > 0.1
 
 
 def test_intervals_cover_the_truth_about_as_often_as_they_say():

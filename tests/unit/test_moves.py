@@ -21,7 +21,6 @@ from gfm.diagnosis.search.moves.add import (
     _beginnings,
     _together,
     add,
-    along_its_valley,
     beside,
     best_first,
     best_of,
@@ -861,23 +860,32 @@ def test_a_motor_that_is_apart_already_is_no_rival(rubbing):
     assert rivals_of(friction, rest, search) == []
 
 
-def test_an_excess_of_friction_begins_as_it_looks_and_larger(rubbing):
-    excess = instance("stribeck_friction", static_excess=0.5, stribeck_velocity=0.1)
-    dry_one = instance("coulomb_friction", torque=0.3)
-    larger, looks = _beginnings(rubbing.with_effects(), (excess, dry_one))
-    assert larger == (excess, dry_one)
-    assert looks[0].values == {"static_excess": 0.2, "stribeck_velocity": 0.1}
-    assert looks[1] == dry_one
-    assert _beginnings(rubbing.with_effects(), (dry_one,)) == [(dry_one,)]
-
-
 @pytest.fixture(scope="module")
 def sticking():
     """Dry friction, and a peak of it at low speed."""
     return Case(runs(torque=lambda q, v: dry(q, v) * (1.0 + 2.0 * np.exp(-((v / 0.1) ** 2)))))
 
 
-def peaks_beside(before, *amounts):
+def test_a_peak_of_friction_begins_also_where_rollouts_leave_least(sticking):
+    level = instance("coulomb_friction", torque=FRICTION)
+    far = instance("stribeck_friction", static_excess=4.0 * FRICTION, stribeck_velocity=0.05)
+    as_it_is, from_grid = _beginnings(sticking.with_effects(), (level, far))
+    assert as_it_is == (level, far)
+    assert from_grid[0] == level
+    assert from_grid[1].values == {
+        "static_excess": pytest.approx(2.0 * FRICTION),
+        "stribeck_velocity": pytest.approx(0.1),
+    }
+    assert _beginnings(sticking.with_effects(), (level,)) == [(level,)]
+
+
+def test_amounts_outside_their_bounds_are_no_beginning(sticking):
+    fast = instance("stribeck_friction", static_excess=0.1, stribeck_velocity=5.0)
+    _, (begun,) = _beginnings(sticking.with_effects(), (fast,))
+    assert begun.values["stribeck_velocity"] <= 5.0
+
+
+def peaks_beside(case, before, *amounts):
     """What is tried together with the level above which it comes."""
     peaks = [
         instance("stribeck_friction", static_excess=one, stribeck_velocity=speed)
@@ -885,17 +893,23 @@ def peaks_beside(before, *amounts):
     ]
     tried = [beside(before, before.fitted((*before.effects, one))) for one in peaks]
     screened = [Screened(one, Difference(9.0, 1.0)) for one in peaks]
-    return tried, _above_their_level(before, screened, tried)
+    search = case.search("coulomb_friction", torques=case.torques)
+    return [
+        (tried, _above_their_level(before, one, screened, tried))
+        for one in (search, replace(search, torques=None))
+    ]
 
 
 def test_a_peak_of_friction_that_stands_for_all_of_it_is_tried_above_its_level(sticking):
-    (alone,), ((level, peak),) = peaks_beside(sticking.with_effects(), (0.4, 4.0))
+    told, guessed = peaks_beside(sticking, sticking.with_effects(), (0.4, 0.2))
+    (alone,), ((level, peak),) = guessed
     assert level.key == ("coulomb_friction", ("j",))
     assert level.values["torque"] == alone.new[0].values["static_excess"]
-    assert peak.values == {"static_excess": 0.4, "stribeck_velocity": 4.0}
-    found = sticking.with_effects(
-        level, instance("stribeck_friction", static_excess=0.3, stribeck_velocity=0.2)
-    )
+    assert peak.values == {"static_excess": 0.4, "stribeck_velocity": 0.2}
+    _, ((level, peak),) = told  # by the missing torque
+    assert level.values["torque"] == pytest.approx(FRICTION, rel=0.1)
+    assert peak.values["stribeck_velocity"] == 0.2
+    found = sticking.with_effects(*_beginnings(sticking.with_effects(), (level, peak))[1])
     both = {one.effect.name: one.values for one in found.effects}
     assert both["coulomb_friction"]["torque"] == pytest.approx(FRICTION, rel=0.1)
     assert both["stribeck_friction"]["static_excess"] == pytest.approx(2.0 * FRICTION, rel=0.2)
@@ -909,15 +923,6 @@ def test_a_peak_above_a_level_that_is_there_is_tried_alone(sticking):
     tried = beside(before, fits[1])
     assert best_of(before, [tried]) is tried
     assert worth_more(before, tried)
-    assert _above_their_level(before, [Screened(weak, Difference(9.0, 1.0))], [tried]) == []
-
-
-def test_what_is_in_front_goes_onalong_its_valley_while_it_leaves_much():
-    peak = Case(runs(4, torque=lambda _q, v: 0.6 * dry(_q, v) * np.exp(-((v / 0.2) ** 2))))
-    before = peak.with_effects()
-    off = instance("stribeck_friction", static_excess=0.05, stribeck_velocity=0.35)
-    stuck = beside(before, measured(peak.problem, [off]))
-    (better,) = along_its_valley(before, [stuck])
-    assert better.fit.cost < 0.3 * stuck.fit.cost
-    assert better.new[0].values["static_excess"] == pytest.approx(0.6 * FRICTION, rel=0.1)
-    assert along_its_valley(before, [better]) == [better]  # it leaves nothing
+    search = sticking.search("coulomb_friction", torques=sticking.torques)
+    screened = [Screened(weak, Difference(9.0, 1.0))]
+    assert _above_their_level(before, search, screened, [tried]) == []

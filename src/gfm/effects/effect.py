@@ -186,9 +186,9 @@ class Effect(ABC):
     fixed: ClassVar[tuple[str, ...]] = ()
     #: Parameters in which a fit ends in the valley where it starts: every probe's is a start.
     valleys: ClassVar[tuple[str, ...]] = ()
-    #: Times by which its first amount is larger, at a guess, than it looks to first order. A fit
-    #: that begins too low or too high may end beside the truth: it begins from both.
-    looks_smaller: ClassVar[float] = 1.0
+    #: Whether fits of it end beside the truth, for it holds joints and small changes tell nothing:
+    #: where they begin is looked for with rollouts.
+    rugged: ClassVar[bool] = False
     #: The effect above whose level it comes: alone it would be fitted to stand for both.
     excess_of: ClassVar[str | None] = None
     #: The motion that shows it, in words.

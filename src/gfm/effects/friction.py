@@ -114,8 +114,7 @@ class StribeckFriction(Effect):
     costly = True
     valleys = ("stribeck_velocity",)
     excess_of = "coulomb_friction"
-    # Where friction holds a joint, more of it changes nothing: to first order it looks weaker.
-    looks_smaller = 2.5
+    rugged = True
     native = False
     parameters = (
         Parameter(name="static_excess", unit="N m", lower=0.0, upper=1e3),
@@ -132,10 +131,6 @@ class StribeckFriction(Effect):
         excess = 0.5 * scales.excess_nm
         speeds = [max(share * scales.velocity_rad_s, 2e-3) for share in (0.1, 0.3, 0.6)]
         return [[{"static_excess": excess, "stribeck_velocity": speed}] for speed in speeds]
-
-    @override
-    def combine(self, group: ProbeGroup, amplitudes: Sequence[float]) -> dict[str, float] | None:
-        return super().combine(group, [self.looks_smaller * one for one in amplitudes])
 
     @override
     def extra_friction(self, motion: Motion, values: Mapping[str, Array]) -> Array | None:

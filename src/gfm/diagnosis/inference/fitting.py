@@ -31,8 +31,6 @@ from gfm.effects import EffectInstance, Key
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
 #: The same where candidates are compared only.
 ROUGH = 1e-2
-#: Factor by which amounts are changed at most to begin elsewhere in a valley.
-FARTHER = 2.0
 #: Damping of the first step, and that beyond which no step helps.
 DAMPING, MOST_DAMPING = 1e-3, 1e3
 #: Share of the gain that first order promises, from which on it holds as far as the step went
@@ -193,42 +191,6 @@ def _outdated(problem: LeastSquares, end: Fit, at_hand: Mapping[Parameter, AtHan
     change = slopes(end.residual, problem.limits()) * (here - there)
     most = max(mean_square(change), end.cost)
     return mean_square(change - end.jacobian @ moved) > ROUGH * most
-
-
-def along_valley(problem: LeastSquares, fitted: Fit) -> Fit:
-    """Returns the best of a fit and others that begin on both sides of it, in its valley.
-
-    Where two effects explain nearly the same, a fit ends wherever steps along their common valley
-    become small. Amounts are doubled and halved in the proportion that changes least to first
-    order, until that leads nowhere better, or is no valley.
-    """
-    others = [fit(problem, begun) for begun in _both_sides(fitted)]
-    best = min([fitted, *others], key=lambda f: f.cost)
-    if best.cost >= (1.0 - FIT_TOLERANCE) * fitted.cost:
-        return fitted
-    return along_valley(problem, best)
-
-
-def _both_sides(fitted: Fit) -> list[tuple[EffectInstance, ...]]:
-    """Returns the effects with other amounts in the proportion that changes the residual least.
-
-    None where that changes it by more than is left: there is no valley.
-    """
-    values = amounts(fitted.effects)
-    acting = np.flatnonzero(values)
-    if len(acting) < 2:
-        return []
-    flattest = np.zeros_like(values)
-    shares = (fitted.jacobian * values)[:, acting]
-    flattest[acting] = np.linalg.svd(shares, full_matrices=False)[2][-1]
-    along = np.log(FARTHER) * flattest / np.abs(flattest).max()
-    if mean_square(fitted.jacobian @ (values * along)) > fitted.cost:
-        return []
-    bounds = bounds_of(fitted.effects)
-    return [
-        with_amounts(fitted.effects, np.clip(start, *bounds))
-        for start in (values * np.exp(along), values * np.exp(-along))
-    ]
 
 
 def without_some(problem: LeastSquares, fitted: Fit, gone: Sequence[Collection[int]]) -> list[Fit]:

@@ -11,6 +11,7 @@ Shape letters: N block means of all joints, K probes.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -61,6 +62,20 @@ def looks_like(
     basis = basis_of(domain, others)
     own = without(column(domain, instance), basis)
     return any(one.share > ALIKE for one in read_off(domain, place, own, basis))
+
+
+def most_together(
+    effects: Sequence[EffectInstance], columns: Sequence[Array], missing: Array
+) -> list[EffectInstance]:
+    """Returns effects, whose columns are the last ones, in the amounts that explain most."""
+    factors = np.linalg.lstsq(np.stack(columns, axis=1), missing)[0][-len(effects) :].tolist()
+    return [_times(x, one) for x, one in zip(factors, effects, strict=True) if x > 0.0]
+
+
+def _times(factor: float, one: EffectInstance) -> EffectInstance:
+    """Returns so many times as much of an effect."""
+    first = one.effect.parameters[0].name
+    return replace(one, values={**one.values, first: factor * one.values[first]})
 
 
 def basis_of(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> Array:

@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import partial
 
 from gfm.diagnosis.inference.amounts import acting
-from gfm.diagnosis.inference.fitting import along_valley, measured
+from gfm.diagnosis.inference.fitting import measured
 from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, P
 from gfm.diagnosis.search.moves.merge import merge
 from gfm.diagnosis.search.moves.missing_torque import fewest
@@ -72,12 +72,7 @@ def end(here: Hypothesis[P], search: Search[P], rivals: RivalsOf[P] = rivals_of)
     here, compared = _reduced(here, search, rivals)
     some = acting(here.effects)
     if len(some) < len(here.effects):
-        final = measured(here.problem, some)
-    elif not here.is_open:
-        final = here.fit  # along its valley nothing predicts better
-    else:
-        final = search.in_its_time(partial(along_valley, here.problem, here.fit), here.fit)
-    here = replace(here, fit=final)
+        here = replace(here, fit=measured(here.problem, some))
     return SearchResult(
         problem=here.problem,
         fit=here.fit,

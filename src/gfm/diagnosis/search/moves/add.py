@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from itertools import product
+
+import numpy as np
 
 from gfm.diagnosis.inference.amounts import at_bound
-from gfm.diagnosis.inference.fitting import ROUGH, Fit, along_valley, fit
+from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.promises import jumps, promise, promising
+from gfm.diagnosis.search.read_off import column, most_together, whitened
 from gfm.diagnosis.search.screening import Screened, is_whole, open_to
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
@@ -20,6 +23,8 @@ from gfm.effects import Effect, EffectInstance, Scope, find_effect
 #: Candidates that are fitted, places of one effect among those, amounts from which the fit of one
 #: begins, and kinds that are tried on several joints.
 FITTED, PLACES, STARTS, KINDS = 4, 2, 2, 2
+#: Times an amount from which the fit of what holds a joint begins.
+GRID = tuple(2.0 ** (n / 2) for n in range(-3, 4))
 #: Fits in front that are compared from initial states of their own.
 FRONT = 2
 
@@ -78,10 +83,8 @@ def _add(
     for one, again in _shortlist(screened):
         if _is_worth_a_fit(before, one, tried, gained, again=again) and search.goes_on():
             tried += _in_time(before, (one.instance,), search)
-    if search.goes_on():
-        tried = search.in_its_time(partial(along_its_valley, before, tried), tried, step=True)
     several = _together(before, screened, tried)
-    for new in (*several, *_above_their_level(before, screened, [*ranked, *tried])):
+    for new in (*several, *_above_their_level(before, search, screened, [*ranked, *tried])):
         if search.goes_on():
             tried += _in_time(before, new, search)
     return best_first(before, [*ranked, *_with_front_fitted_out(before, tried)])
@@ -115,20 +118,6 @@ def _is_worth_a_fit(
     best = best_of(before, tried)
     most = max(gained, 0.0 if best is None else best.gain.nats)
     return promised.nats > most and not (again and not worth_more(before, best))
-
-
-def along_its_valley(before: Hypothesis, tried: Sequence[Tried]) -> list[Tried]:
-    """Returns what was tried, what is in front as well as it gets along its valley.
-
-    Of a peak of friction, height and width say nearly the same: where friction holds a joint, fits
-    end between the two. That shows in what it leaves.
-    """
-    best = best_of(before, tried)
-    flat = best is not None and any(one.effect.valleys for one in best.new)
-    if best is None or not (flat and worth_more(before, best)):
-        return list(tried)
-    better = beside(before, along_valley(before.problem, best.fit))
-    return [better if one is best else one for one in tried]
 
 
 def beside(before: Hypothesis, fitted: Fit) -> Tried:
@@ -217,12 +206,12 @@ def _together(
 
 
 def _above_their_level(
-    before: Hypothesis, screened: Sequence[Screened], tried: Sequence[Tried]
+    before: Hypothesis[P], search: Search[P], screened: Sequence[Screened], tried: Sequence[Tried]
 ) -> list[tuple[EffectInstance, ...]]:
     """Returns what is in front, if it comes above the level of another effect, together with that.
 
     Alone it stands for both: a peak of friction at low speed, as wide as all speeds, is dry
-    friction. From there no step leads back to both.
+    friction. From there no step leads back to both. The missing torque tells both.
     """
     best = best_of(before, tried)
     if best is None or not worth_more(before, best):
@@ -235,7 +224,19 @@ def _above_their_level(
     values = {effect.parameters[0].name: excess.values[peak]}  # alone it has about that amount
     level = EffectInstance(effect=effect, joints=excess.joints, values=values)
     starts = [one.instance for one in screened if one.instance.key == excess.key][:STARTS]
-    return [(level, start) for start in starts]
+    return [_as_torque_tells(before, search, (level, start)) for start in starts]
+
+
+def _as_torque_tells(
+    before: Hypothesis[P], search: Search[P], new: tuple[EffectInstance, ...]
+) -> tuple[EffectInstance, ...]:
+    """Returns effects in the amounts that explain most of the missing torque, if all of them do."""
+    domain = search.witness or search.torques
+    if domain is None:
+        return new
+    columns = [column(domain, one) for one in (*before.effects, *new)]
+    told = most_together(new, columns, whitened(domain, domain.missing(before.effects)))
+    return tuple(told) if len(told) == len(new) else new
 
 
 def _kinds(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
@@ -261,18 +262,16 @@ def _tried(before: Hypothesis[P], new: tuple[EffectInstance, ...], search: Searc
     """Returns new effects fitted beside those that are there."""
     more = f" and {len(new) - 1} more" if len(new) > 1 else ""
     search.report(f"fitting {describe(new[0])}{more}")
-    fits = [before.fitted(effects) for effects in _beginnings(before, new)]
-    best: Fit = min(fits, key=lambda f: f.cost)
+    best = best_begun(before, new)
     if _separates_motor(new):
         best = before.fitted_out(best)  # a motor that rings has states that nothing else knows of
     return beside(before, best)
 
 
-def _as_it_looks(instance: EffectInstance) -> EffectInstance:
-    """Returns an effect in the amount that explains most to first order."""
-    first = instance.effect.parameters[0].name
-    amount = instance.values[first] / instance.effect.looks_smaller
-    return replace(instance, values={**instance.values, first: amount})
+def best_begun(before: Hypothesis, new: Sequence[EffectInstance]) -> Fit:
+    """Returns new effects fitted beside those that are there, as well as it gets from any start."""
+    fits = [before.fitted(effects) for effects in _beginnings(before, new)]
+    return min(fits, key=lambda f: f.cost)
 
 
 def _separates_motor(effects: Sequence[EffectInstance]) -> bool:
@@ -280,16 +279,32 @@ def _separates_motor(effects: Sequence[EffectInstance]) -> bool:
 
 
 def _beginnings(
-    before: Hypothesis, new: tuple[EffectInstance, ...]
+    before: Hypothesis, new: Sequence[EffectInstance]
 ) -> list[tuple[EffectInstance, ...]]:
     """Returns the effects with the amounts from which a fit begins.
 
-    What jumps is also fitted from positions alone, what is larger than it looks as it looks, too.
+    What jumps is also fitted from positions alone. Where friction holds a joint, small steps tell
+    nothing of how much it is: it also begins at the best of a coarse grid of rollouts.
     """
-    effects = (*before.effects, *new)
-    begun = [effects]
-    if any(one.effect.looks_smaller > 1.0 for one in new):
-        begun.append((*before.effects, *map(_as_it_looks, new)))
+    effects = told = (*before.effects, *new)
+    for one in new:
+        if one.effect.rugged:
+            told = _best_of_grid(before, told, effects.index(one))
+    begun = [effects] if told is effects else [effects, told]
     if any(jumps(before, one) for one in new):
         begun.append(fit(before.problem.positions_alone(), effects, tolerance=ROUGH).effects)
     return begun
+
+
+def _best_of_grid(
+    before: Hypothesis, effects: tuple[EffectInstance, ...], number: int
+) -> tuple[EffectInstance, ...]:
+    """Returns effects with those amounts of one, around its own, that leave least in rollouts."""
+    one, sets = effects[number], []
+    for factors in product(GRID, repeat=len(one.values)):
+        rows = zip(one.values.items(), factors, strict=True)
+        values = {name: factor * value for (name, value), factor in rows}
+        if one.effect.admissible(values):
+            sets.append((*effects[:number], replace(one, values=values), *effects[number + 1 :]))
+    left = before.problem.coarse().residuals(sets)
+    return sets[int(np.argmin(np.sum(left**2, axis=1)))]

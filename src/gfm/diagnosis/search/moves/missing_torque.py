@@ -18,15 +18,14 @@ from itertools import combinations
 
 import numpy as np
 
-from gfm.core.checks import Array
 from gfm.diagnosis.inference.amounts import at_bound
 from gfm.diagnosis.inference.fitting import Fit, without
 from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
-from gfm.diagnosis.search.moves.add import along_its_valley, beside
+from gfm.diagnosis.search.moves.add import beside, best_begun
 from gfm.diagnosis.search.naming import describe, first_of_each
-from gfm.diagnosis.search.read_off import Shown, column, read_off, whitened
+from gfm.diagnosis.search.read_off import Shown, column, most_together, read_off, whitened
 from gfm.diagnosis.search.screening import is_whole, open_to
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
@@ -53,21 +52,16 @@ def missing_torque(
     if not (new := borne_out(before, [shown(d, before, search.candidates) for d in domains])):
         return None
     search.report(f"fitting {describe(new[0])}" + f" and {len(new) - 1} more" * (len(new) > 1))
-    tried = search.in_its_time(partial(_tried, before, new), None, step=True)
-    if tried is None:
+    fitted = search.in_its_time(partial(best_begun, before, new), None, step=True)
+    if fitted is None:
         return None
+    tried = beside(before, fitted)
     return Step(
         move=Move.MISSING_TORQUE,
         before=before.fit.cost,
         ranked=(tried,),
         chosen=tried if tried.gain.clear and not all(map(at_bound, tried.new)) else None,
     )
-
-
-def _tried(before: Hypothesis, new: Sequence[EffectInstance]) -> Tried:
-    """Returns new effects fitted beside those that are there, as well as it gets."""
-    fitted = beside(before, before.fitted((*before.effects, *new)))
-    return along_its_valley(before, [fitted])[0]
 
 
 def fewest(before: Hypothesis, step: Step) -> Step:
@@ -159,7 +153,7 @@ def shown_together(
             return
         bases = [[*columns, *(column(domain, one) for one in new)] for new in rivals]
         told = [
-            _with_amounts([*found, *new], own, missing)
+            most_together([*found, *new], own, missing)
             for new, own in zip(rivals, bases, strict=True)
         ]
         best = _best_in_rollouts(before, told) if len(told) > 1 else 0
@@ -211,17 +205,3 @@ def _rolled(before: Hypothesis, sets: Sequence[Sequence[EffectInstance]]) -> lis
     """Returns what sets of effects leave in rollouts with their amounts."""
     residuals = before.problem.residuals([(*before.effects, *new) for new in sets])
     return [replace(before.fit, residual=r) for r in residuals]
-
-
-def _with_amounts(
-    effects: Sequence[EffectInstance], columns: Sequence[Array], missing: Array
-) -> list[EffectInstance]:
-    """Returns effects, whose columns are the last ones, in the amounts that explain most."""
-    factors = np.linalg.lstsq(np.stack(columns, axis=1), missing)[0][-len(effects) :].tolist()
-    return [_times(x, one) for x, one in zip(factors, effects, strict=True) if x > 0.0]
-
-
-def _times(factor: float, one: EffectInstance) -> EffectInstance:
-    """Returns so many times as much of an effect."""
-    first = one.effect.parameters[0].name
-    return replace(one, values={**one.values, first: factor * one.values[first]})
