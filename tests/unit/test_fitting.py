@@ -8,6 +8,7 @@ import pytest
 from gfm.diagnosis.inference.amounts import acting, amounts, at_bound
 from gfm.diagnosis.inference.fitting import (
     LeastSquares,
+    by_simplex,
     derivatives,
     fit,
     measured,
@@ -36,6 +37,24 @@ class Regression(LeastSquares):
 def pairs(candidates):
     """Returns the first amounts of two effects, for every candidate."""
     return [[next(iter(one.values.values())) for one in effects] for effects in candidates]
+
+
+@dataclass(frozen=True)
+class Stairs(LeastSquares):
+    """Steps down to a peak of friction of 0.3 N m and 0.1 rad/s, and to a level of 0.2 N m."""
+
+    def residuals(self, candidates):
+        truth = {"static_excess": 0.3, "stribeck_velocity": 0.1, "torque": 0.2, "coefficient": 0.1}
+        return np.array(
+            [
+                [
+                    np.ceil(100.0 * abs(np.log(value / truth[name])))
+                    for one in candidate
+                    for name, value in one.values.items()
+                ]
+                for candidate in candidates
+            ]
+        )
 
 
 @dataclass(frozen=True)
@@ -109,6 +128,21 @@ def test_without_effects_the_nominal_model_is_left(regression):
         assert found.effects == ()
         assert found.jacobian.shape == (200, 0)
         np.testing.assert_array_equal(found.residual, regression.measured)
+
+
+def test_a_simplex_goes_on_where_derivatives_of_a_peak_of_friction_tell_nothing():
+    peak = instance("stribeck_friction", static_excess=0.315, stribeck_velocity=0.103)
+    level, other = friction(0.19), viscous(0.09)
+    stuck = measured(Stairs(), [level, peak, other])
+    found = by_simplex(Stairs(), stuck)
+    *near, still = amounts(found.effects)
+    np.testing.assert_allclose(near, [0.2, 0.3, 0.1], rtol=0.02)
+    assert still == 0.09  # derivatives are asked for what is not rugged
+
+
+def test_without_a_rugged_effect_no_simplex_is_needed(regression):
+    found = fit(regression, [friction(0.1)])
+    assert by_simplex(regression, found) is found
 
 
 def test_others_make_up_for_what_is_left_out_as_a_fit_without_it_would(regression):

@@ -14,7 +14,7 @@ from typing import NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
+from scipy.optimize import lsq_linear, minimize
 
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.amounts import (
@@ -31,6 +31,8 @@ from gfm.effects import EffectInstance, Key
 FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
 #: The same where candidates are compared only.
 ROUGH = 1e-2
+#: Logarithm by which a simplex changes amounts at first, and rollouts that it takes at most.
+NEARBY, SIMPLEX_STEPS = 0.02, 120
 #: Damping of the first step, and that beyond which no step helps.
 DAMPING, MOST_DAMPING = 1e-3, 1e3
 #: Share of the gain that first order promises, from which on it holds as far as the step went
@@ -191,6 +193,34 @@ def _outdated(problem: LeastSquares, end: Fit, at_hand: Mapping[Parameter, AtHan
     change = slopes(end.residual, problem.limits()) * (here - there)
     most = max(mean_square(change), end.cost)
     return mean_square(change - end.jacobian @ moved) > ROUGH * most
+
+
+def by_simplex(problem: LeastSquares, fitted: Fit) -> Fit:
+    """Returns a fit as near as a simplex leads (Nelder and Mead 1965), for effects that are rugged.
+
+    Where such an effect holds joints, derivatives tell nothing: a fit ends a hundredth beside the
+    truth. Moved are its amounts and those of the level above which it comes.
+    """
+    effects, values = fitted.effects, amounts(fitted.effects)
+    keys = {k for e in effects if e.effect.rugged for k in (e.key, (e.effect.excess_of, e.joints))}
+    moved = np.flatnonzero([effects[i].key in keys for i in fitted.owners])
+    if not keys:
+        return fitted
+
+    def at(logs: Array) -> tuple[EffectInstance, ...]:
+        factors = np.ones_like(values)
+        factors[moved] = np.exp(logs)
+        return with_amounts(effects, np.clip(factors * values, *bounds_of(effects)))
+
+    corners = NEARBY * np.vstack([np.zeros(len(moved)), np.eye(len(moved))])
+    found = minimize(
+        lambda logs: mean_square(problem.residuals([at(logs)])[0]) / fitted.cost,
+        corners[0],
+        method="Nelder-Mead",
+        tol=FIT_TOLERANCE,
+        options={"initial_simplex": corners, "maxfev": SIMPLEX_STEPS},
+    )
+    return measured(problem, at(found.x))
 
 
 def without_some(problem: LeastSquares, fitted: Fit, gone: Sequence[Collection[int]]) -> list[Fit]:

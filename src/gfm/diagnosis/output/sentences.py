@@ -9,7 +9,7 @@ import mujoco
 from gfm.diagnosis.objects.examine import ObjectPart
 from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, Suspect, Verdict
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.diagnosis.search.naming import placed_in_words
+from gfm.diagnosis.search.naming import grouped, placed_in_words
 from gfm.effects import EffectInstance
 
 #: Parameters of an effect that a sentence tells at most.
@@ -95,10 +95,7 @@ def sentence_on_object(thing: ObjectPart) -> str:
 
 def effects_in_words(named: Sequence[NamedEffect]) -> list[str]:
     """Returns the effects in words, those of one kind on several joints as one."""
-    kinds: dict[str, list[NamedEffect]] = {}
-    for effect in named:
-        kinds.setdefault(effect.effect, []).append(effect)
-    return [_in_words(*alike) for alike in kinds.values()]
+    return [_in_words(*alike) for alike in grouped(named, lambda one: one.effect)]
 
 
 def _in_words(*alike: NamedEffect) -> str:

@@ -13,7 +13,15 @@ from typing_extensions import TypeVar
 from gfm.core.checks import Array
 from gfm.diagnosis.inference.amounts import amounts
 from gfm.diagnosis.inference.constants import INEXACT_SHARE
-from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit, mean_square, measured, without_some
+from gfm.diagnosis.inference.fitting import (
+    ROUGH,
+    Fit,
+    by_simplex,
+    fit,
+    mean_square,
+    measured,
+    without_some,
+)
 from gfm.diagnosis.inference.score import (
     Difference,
     Predictive,
@@ -174,8 +182,10 @@ def in_turn(problem: P, effects: Sequence[EffectInstance]) -> tuple[P, Fit]:
     for _ in range(IN_TURN):
         begun, problem = problem, problem.settled(effects).robust(effects)
         found = fit(problem, effects)
-        effects = found.effects
         left = room(problem.blocks, predictive(problem.blocks, found))
+        if left.clear:
+            found = by_simplex(problem, found)
+        effects = found.effects
         if problem is begun or found.cost > TURN_LEAVES * before or not left.clear:
             break
         before = found.cost

@@ -17,7 +17,7 @@ import numpy as np
 from gfm.diagnosis.inference.fitting import Fit, mean_square, without
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, P
-from gfm.diagnosis.search.naming import first_of_each
+from gfm.diagnosis.search.naming import first_of_each, grouped
 from gfm.diagnosis.search.read_off import ALIKE, basis_of, column, read_off, whitened
 from gfm.diagnosis.search.trace import Nameless
 from gfm.diagnosis.search.under_way import Search
@@ -48,11 +48,7 @@ def nameless_laws(
 
 def laws_of(effects: Sequence[EffectInstance]) -> list[list[EffectInstance]]:
     """Returns effects, those together that are laws of one state of one joint."""
-    laws = dict[object, list[EffectInstance]]()
-    for one in effects:
-        state = one.effect.law_of
-        laws.setdefault(one.key if state is None else (state, one.joints), []).append(one)
-    return list(laws.values())
+    return grouped(effects, lambda one: (one.effect.law_of or one.key, one.joints))
 
 
 def bent_by(

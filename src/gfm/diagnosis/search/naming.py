@@ -93,10 +93,15 @@ def twins(*effects: EffectInstance) -> list[EffectInstance]:
 
 def first_of_each(ranked: Iterable[Ranked], key: Callable[[Ranked], object]) -> list[Ranked]:
     """Returns the first of each key in order: of several starts of one candidate, the best."""
-    first: dict[object, Ranked] = {}
-    for one in ranked:
-        first.setdefault(key(one), one)
-    return list(first.values())
+    return [alike[0] for alike in grouped(ranked, key)]
+
+
+def grouped(some: Iterable[Ranked], key: Callable[[Ranked], object]) -> list[list[Ranked]]:
+    """Returns those of each key together, in order."""
+    groups: dict[object, list[Ranked]] = {}
+    for one in some:
+        groups.setdefault(key(one), []).append(one)
+    return list(groups.values())
 
 
 def describe(instance: EffectInstance) -> str:

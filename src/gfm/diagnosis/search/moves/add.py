@@ -12,7 +12,7 @@ from gfm.diagnosis.inference.amounts import at_bound
 from gfm.diagnosis.inference.fitting import ROUGH, Fit, fit
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
-from gfm.diagnosis.search.naming import describe, first_of_each
+from gfm.diagnosis.search.naming import describe, first_of_each, grouped
 from gfm.diagnosis.search.promises import jumps, promise, promising
 from gfm.diagnosis.search.read_off import column, most_together, whitened
 from gfm.diagnosis.search.screening import Screened, is_whole, open_to
@@ -241,12 +241,14 @@ def _as_torque_tells(
 
 def _kinds(screened: Sequence[Screened]) -> list[tuple[EffectInstance, ...]]:
     """Returns the kinds of effects that promise most on several joints, each on all of those."""
-    kinds: dict[str, list[Screened]] = {}
-    for one in first_of_each(screened, lambda one: one.instance.key):
-        effect = one.instance.effect
-        if effect.scope is Scope.JOINT and not effect.separates_motor and one.gain.nats > 0.0:
-            kinds.setdefault(effect.name, []).append(one)
-    several = [kind for kind in kinds.values() if len(kind) > 1 and promise(kind).clear]
+    of_joints = [
+        one
+        for one in first_of_each(screened, lambda one: one.instance.key)
+        if one.instance.effect.scope is Scope.JOINT and one.gain.nats > 0.0
+    ]
+    kinds = grouped(of_joints, lambda one: one.instance.effect.name)
+    several = [kind for kind in kinds if len(kind) > 1 and promise(kind).clear]
+    several = [kind for kind in several if not kind[0].instance.effect.separates_motor]
     several.sort(key=lambda kind: -sum(one.gain.nats for one in kind))
     return [tuple(one.instance for one in kind) for kind in several[:KINDS]]
 

@@ -24,7 +24,7 @@ from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.moves.add import beside, best_begun
-from gfm.diagnosis.search.naming import describe, first_of_each
+from gfm.diagnosis.search.naming import describe, first_of_each, grouped
 from gfm.diagnosis.search.read_off import Shown, column, most_together, read_off, whitened
 from gfm.diagnosis.search.screening import is_whole, open_to
 from gfm.diagnosis.search.trace import Move, Step, Tried
@@ -172,17 +172,11 @@ def _rivals(shown: Sequence[Shown]) -> list[list[EffectInstance]]:
     first = first_of_each(clear, lambda one: one.instance.key)
     rivals = [[one] for one in first]
     if first and is_whole(first[0].instance.effect):
-        rivals += _kinds(first)
+        kinds = grouped(first, lambda one: one.instance.effect.name)
+        rivals += [kind for kind in kinds if len(kind) > 1]
     near = [one for one in rivals if _explained(one) >= (1.0 - SHOWN) * first[0].explained]
     near.sort(key=lambda one: -_explained(one))
     return [[one.instance for one in some] for some in near[:NEAR]]
-
-
-def _kinds(shown: Sequence[Shown]) -> list[list[Shown]]:
-    kinds: dict[str, list[Shown]] = {}
-    for one in shown:
-        kinds.setdefault(one.instance.effect.name, []).append(one)
-    return [kind for kind in kinds.values() if len(kind) > 1]
 
 
 def _explained(some: Sequence[Shown]) -> float:
