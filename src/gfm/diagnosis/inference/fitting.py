@@ -32,7 +32,7 @@ FIT_STEPS, FIT_TOLERANCE = 8, 1e-3
 #: The same where candidates are compared only.
 ROUGH = 1e-2
 #: Logarithm by which a simplex changes amounts at first, and rollouts that it takes at most.
-NEARBY, SIMPLEX_STEPS = 0.02, 120
+NEARBY, SIMPLEX_STEPS = 0.02, 60
 #: Damping of the first step, and that beyond which no step helps.
 DAMPING, MOST_DAMPING = 1e-3, 1e3
 #: Share of the gain that first order promises, from which on it holds as far as the step went
