@@ -203,9 +203,9 @@ def by_simplex(problem: LeastSquares, fitted: Fit) -> Fit:
     """
     effects, values = fitted.effects, amounts(fitted.effects)
     keys = {k for e in effects if e.effect.rugged for k in (e.key, (e.effect.excess_of, e.joints))}
-    moved = np.flatnonzero([effects[i].key in keys for i in fitted.owners])
     if not keys:
         return fitted
+    moved = np.flatnonzero([effects[i].key in keys for i in fitted.owners])
 
     def at(logs: Array) -> tuple[EffectInstance, ...]:
         factors = np.ones_like(values)
