@@ -10,6 +10,8 @@ from gfm.diagnosis.found import Found
 from gfm.diagnosis.inference.fitting import measured
 from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.output.claims import suspects_of
+from gfm.diagnosis.output.errors import rollout_errors
+from gfm.diagnosis.output.sentences import note_on_suspects
 from gfm.diagnosis.search.trace import Evidence, SearchResult
 from gfm.effects import EffectInstance, find_effect
 from pendulum import MODEL, PERIOD_S, swung
@@ -74,3 +76,21 @@ def test_what_ruins_the_model_without_a_suspect_beside_it_is_not_given(rubbing):
 def test_suspects_that_are_asked_for_are_all_kept(rubbing):
     kept = names(ended(rubbing, RIGHT, LATE, DAMPED), keep_suspects=True)
     assert sorted(kept) == ["coulomb_friction", "servo_delay", "viscous_friction"]
+
+
+def test_a_report_says_how_near_the_model_comes_with_suspects_in_it(rubbing):
+    _, problem = rubbing
+    both = ended(rubbing, RIGHT, instance("armature", inertia=1e-4)).every
+    without = rollout_errors(problem, ()).summary
+    (told,) = note_on_suspects(problem, (), both, without)
+    kept = rollout_errors(problem, both).summary.after
+    assert kept < 0.1 * without.after
+    assert f"{kept:.3g} rad" in told
+    assert "--keep-suspects" in told
+
+
+def test_a_report_says_nothing_of_suspects_that_come_no_nearer(rubbing):
+    _, problem = rubbing
+    right = rollout_errors(problem, (RIGHT,)).summary
+    assert note_on_suspects(problem, (RIGHT,), (RIGHT, DAMPED), right) == []
+    assert note_on_suspects(problem, (RIGHT,), (RIGHT,), right) == []

@@ -30,7 +30,13 @@ from gfm.diagnosis.output.claims import credible, suspects_of, verdict_on, verdi
 from gfm.diagnosis.output.correction import corrected_model
 from gfm.diagnosis.output.errors import RolloutErrors, rollout_errors
 from gfm.diagnosis.output.result import Diagnosis, EvidencePlot, ModelPair, NamedEffect, Verdict
-from gfm.diagnosis.output.sentences import OUT_OF_TIME, notes_on, sentence_on, sentence_on_object
+from gfm.diagnosis.output.sentences import (
+    OUT_OF_TIME,
+    note_on_suspects,
+    notes_on,
+    sentence_on,
+    sentence_on_object,
+)
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.trace import parts_of
 from gfm.effects import EffectInstance, Scope
@@ -132,13 +138,7 @@ def _judged(
 ) -> Diagnosis:
     """Returns the diagnosis of the robot: named effects judged on held-out recordings.
 
-    Args:
-        specs: The models as given.
-        beside: The same with what they lack of the object.
-        found: In the training recordings.
-        holdout: To judge on.
-        named: What they lack of the robot.
-        thing: What they lack of the object.
+    `beside` are the models with what they lack of the object.
     """
     given, result, effects = found.long.given, found.result, tuple(e.instance() for e in named)
     held = prepared(
@@ -176,6 +176,7 @@ def _judged(
         notes=(
             *((OUT_OF_TIME,) if result and result.out_of_time else ()),
             *doubts(findings),
+            *note_on_suspects(held, effects, found.every, errors.summary),
             *notes_on(verdict, held, effects, outside=bool(first.effects)),
             *_note_on_touching(beside, holdout, held, effects),
         ),

@@ -51,6 +51,11 @@ class Found:
         """What was found of the robot by itself."""
         return self.results[0] if self.results else None
 
+    @property
+    def every(self) -> tuple[EffectInstance, ...]:
+        """What was found, suspects among it, with amounts fitted together."""
+        return tuple(e for one in self.results for e in one.fit.effects)
+
     def named(self, *, keep_suspects: bool) -> tuple[NamedEffect, ...]:
         """Returns the effects that are named, with amounts fitted without the others."""
         return tuple(e for one in self.results for e in _named(one, keep_suspects=keep_suspects))

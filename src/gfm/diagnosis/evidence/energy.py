@@ -122,12 +122,8 @@ def _powers(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> list[flo
 def _works(plant: Plant, recording: Trajectory, motion: Array) -> tuple[float, ...]:
     """Returns what the drives do along a recording, what goes through them, is stored, and lost, J.
 
-    What cancels the weight of a part stores energy as a spring does.
-
-    Args:
-        plant: The model.
-        recording: Of which it is.
-        motion: Position, velocity and drive, shape (T, 3, J).
+    What cancels the weight of a part stores energy as a spring does. A motion is position, velocity
+    and drive, shape (T, 3, J).
     """
     position, velocity, drive = np.moveaxis(motion, 1, 0)
     damping, holding = np.empty_like(position), np.empty_like(position)

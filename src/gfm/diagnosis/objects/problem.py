@@ -155,11 +155,8 @@ class ObjectProblem(SegmentedProblem):
 def _unknown(columns: Array, segment: ObjectSegment) -> Array:
     """Returns what of a residual is its initial state, as far as it is unknown, shape (3 P, K).
 
-    What is left without it has the covariance of noise alone.
-
-    Args:
-        columns: By how much steps of what is unknown change the residual, shape (3 P, 3 or 6).
-        segment: Whose it is.
+    What is left without it has the covariance of noise alone. `columns` are by how much steps of
+    what is unknown change the residual, shape (3 P, 3 or 6).
     """
     if segment.place_error is None:
         return np.asarray(orth(columns, rcond=1e-3))

@@ -171,14 +171,8 @@ def _nearer(
 ) -> tuple[R, list[float]]:
     """Returns the problem with initial states some Gauss-Newton steps better.
 
-    And the share of its squared residual that each segment gained; none where it is followed.
-
-    Args:
-        problem: Whose initial states are looked for.
-        effects: Of the model.
-        columns: By how much each step of an initial state changes residuals, (N, S) each.
-        steps: See `state_columns`, shape (S, 4, J).
-        ringing: Springs whose motors have states of their own.
+    And the share of its squared residual that each segment gained; none where it is followed. By
+    how much each of `steps`, (S, 4, J), changes residuals say `columns`, (N, S) each.
     """
     predictions = problem.predictions([effects])[0]
     left = problem.whitened(predictions)

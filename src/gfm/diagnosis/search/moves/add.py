@@ -105,12 +105,7 @@ def _is_worth_a_fit(
 ) -> bool:
     """Returns whether a fit may gain anything clear; of a motor, which takes long, most so far.
 
-    Args:
-        before: Beside what it would be.
-        one: The candidate.
-        tried: What was fitted so far.
-        gained: By how much the best step so far predicts better, nats.
-        again: Whether it is another start of one that was fitted.
+    `gained` is by how many nats the best step so far predicts better; `again`, another start.
     """
     promised = promise((one,))
     if not promised.clear or not one.instance.effect.separates_motor:

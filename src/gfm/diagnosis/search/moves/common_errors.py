@@ -84,12 +84,8 @@ def _from_grid(before: Hypothesis[P], search: Search[P], without: str) -> list[E
     """Returns every common error on every open joint, with the best of its grid.
 
     All joints are tried side by side: each takes what leaves least on itself. What is there already
-    is left out; what comes to none on the grid may be found beside the others by a fit.
-
-    Args:
-        before: Beside what they are tried.
-        search: With all candidates.
-        without: What is none to begin with.
+    is left out; what comes to none on the grid may be found beside the others by a fit. What is
+    called `without` is none to begin with.
     """
     problem, taken = before.problem, {e.key for e in before.effects}
     places = [

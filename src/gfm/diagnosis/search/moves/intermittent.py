@@ -95,11 +95,7 @@ def _likely(screened: Sequence[Screened]) -> tuple[list[EffectInstance], list[Ef
 def _step(before: Hypothesis[Problem], part: Problem, left: float, tried: Sequence[Tried]) -> Step:
     """Returns the step that adds the best of what was tried; what acts always is none of it.
 
-    Args:
-        before: What was found so far.
-        part: Segments that stay far off.
-        left: What they leave before.
-        tried: What may explain them.
+    It explains `part`, segments that stay far off and `left` so much before.
     """
     ranked = tuple(sorted(tried, key=lambda one: -one.gain.nats))
     best = ranked[0]

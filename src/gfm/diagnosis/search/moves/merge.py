@@ -101,12 +101,8 @@ def _best_for(
 ) -> tuple[float, EffectInstance] | None:
     """Returns what is left, in squares, with what explains most in the place of several effects.
 
-    And that effect; None where so little is explained that no fit makes up for the rest.
-
-    Args:
-        rest: The other effects, with what is left with all of them.
-        lost: What is left without the several, shape (N,).
-        changes: Candidates, with what each of their probes changes.
+    And that effect; None where so little is explained that no fit makes up for the rest. `lost` is
+    what is left without the several, shape (N,); `changes`, what each candidate's probes change.
     """
     basis = np.linalg.qr(rest.jacobian)[0]
     residual, least = without(lost, basis), float(rest.residual @ rest.residual)
