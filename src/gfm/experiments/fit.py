@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
 
@@ -63,11 +63,13 @@ class Beginning:
         words: What the first policy is called.
         critic_first_steps: In which only the critic learns: the policy is the first one still.
         learning: The learner's other settings, lines of TOML.
+        regression: How the first policy is regressed; without epochs it has learned nothing.
     """
 
     words: str
     critic_first_steps: int
     learning: str
+    regression: RegressionSettings = field(default_factory=RegressionSettings)
 
     @property
     def settings(self) -> str:
@@ -95,6 +97,7 @@ COLD = Beginning(
 policy_learning_rate = 3e-4
 samples = 20
 """,
+    regression=RegressionSettings(epochs=0),
 )
 
 
@@ -269,7 +272,7 @@ class ForceFit:
         self._began_ns, self._began_utc_s = clock.now_ns(), clock.utc_ns() * 1e-9
         assets = load_assets(inputs.environment)
         self._trajectories: Sequence[Trajectory] = assets.trajectories
-        regression = RegressionSettings(epochs=0) if inputs.began is COLD else RegressionSettings()
+        regression = inputs.began.regression
         self._warm: WarmStart = warm_start(inputs.environment, assets, inputs.seed, regression)
         settings = self._warm.settings
         spec = make_environment(NAME, settings, num_envs=1, seed=0, assets=assets).spec
