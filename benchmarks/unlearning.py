@@ -257,58 +257,66 @@ def measure(
     critic_minutes: float,
 ) -> Told:
     """Makes the warm start with one size of the noise, and measures all that is asked of it."""
-    critics = replace(
-        inputs, folder=inputs.folder / "critic", began=beginning(stddev, _CRITIC_ONLY)
+    critic, learning = (
+        replace(inputs, folder=inputs.folder / name, began=beginning(stddev, waited))
+        for name, waited in (("critic", _CRITIC_ONLY), ("learning", WARM.critic_first_steps))
     )
-    only = fitted(critics, critic_minutes)
-    problem, policy = only.problem, GaussianPolicy.from_weights(only.snapshots[0].weights)
-    rollouts = Rollouts(problem, policy, inputs.seed)
-    shape = (STATES, problem.action_size)
-    discount = LearnerSettings().discount
+    only, learned = fitted(critic, critic_minutes), fitted(learning, minutes)
+    problem = only.problem
+    first = GaussianPolicy.from_weights(only.snapshots[0].weights)
+    last = GaussianPolicy.from_weights(learned.snapshots[-1].weights)
+    warm, after = (Rollouts(problem, one, inputs.seed) for one in (first, last))
+    right = Rollouts(true_problem(inputs, problem, effect, inputs.seed), first, inputs.seed)
+    networks, steps = critic_of(critic.folder, GfmFit(problem, 1, seed=0).spec)
+    none = np.zeros((HORIZON, STATES, problem.action_size))
+    noise = np.random.default_rng(3).standard_normal(none.shape) * stddev
+    return Told(
+        stddev=stddev,
+        without=float(warm.rewards(none, forced=False).mean()),
+        true=float(right.rewards(none, forced=False).mean()),
+        mean=float(warm.rewards(none).mean()),
+        noisy=float(warm.rewards(noise).mean()),
+        learned=float(after.rewards(none).mean()),
+        **of_one_action(warm, networks, none.shape[1:], stddev),
+        steps=steps,
+        errors=[(one.weights.version, one.error) for one in learned.snapshots],
+        nominal=learned.nominal_error,
+        held_out=errors_held_out(learned, held_out),
+    )
 
-    kept: dict[str, Array32] = {}
+
+def of_one_action(
+    warm: Rollouts, networks: Networks, shape: tuple[int, ...], stddev: float
+) -> dict[str, float]:
+    """Returns what one action does to a return beside all else, and what a critic hears of it."""
+    discount, kept = LearnerSettings().discount, dict[str, Array32]()
 
     def keep(period: int, observation: Array32, mean: Array32) -> None:
         if period == BEFORE:
             kept.update(observation=observation, mean=mean)
 
-    none = np.zeros((HORIZON, *shape))
-    right = Rollouts(true_problem(inputs, problem, effect, inputs.seed), policy, inputs.seed)
-    noise = np.random.default_rng(3).standard_normal(none.shape) * stddev
-    mean = rollouts.rewards(none, seen=keep)
-    changes, there, back = changed(rollouts, shape, stddev, discount)
+    rewards = warm.rewards(np.zeros((BEFORE + AFTER, *shape)), seen=keep)
+    changes, there, back = changed(warm, shape, stddev, discount)
     straight, bent = split(there, back)
-    networks, steps = critic_of(critics.folder, GfmFit(problem, 1, seed=0).spec)
     at = [says(networks, kept["observation"], kept["mean"] + sign * changes) for sign in (1, -1)]
-    heard = float(np.corrcoef(straight.ravel(), (0.5 * (at[0] - at[1])).ravel())[0, 1])
+    said, _ = split(*at)
+    return {
+        "across": float((discount ** np.arange(AFTER) @ rewards[BEFORE:]).std()),
+        "later": float(noisy_returns(warm, shape, stddev, discount).std(axis=0).mean()),
+        "straight": float(np.sqrt(np.mean(straight**2))),
+        "bent": float(np.sqrt(np.mean(bent**2))),
+        "heard": float(np.corrcoef(straight.ravel(), said.ravel())[0, 1]),
+    }
 
-    learning = replace(
-        inputs,
-        folder=inputs.folder / "learning",
-        began=beginning(stddev, WARM.critic_first_steps),
-    )
-    learned = fitted(learning, minutes)
+
+def errors_held_out(
+    learned: FittedForces, held_out: Sequence[Trajectory]
+) -> tuple[float, float, float]:
+    """Returns errors without forces, of the warm start, and of the last policy, rad."""
     first, last = (one.weights for one in (learned.snapshots[0], learned.snapshots[-1]))
-    models = [force_model(problem, one) for one in (silent(first), first, last)]
-    in_the_end = Rollouts(problem, GaussianPolicy.from_weights(last), inputs.seed)
+    models = [force_model(learned.problem, one) for one in (silent(first), first, last)]
     without, warm, after = (training_error(one, held_out) for one in models)
-    return Told(
-        stddev=stddev,
-        without=float(rollouts.rewards(none, forced=False).mean()),
-        true=float(right.rewards(none, forced=False).mean()),
-        mean=float(mean.mean()),
-        noisy=float(rollouts.rewards(noise).mean()),
-        across=float((discount ** np.arange(AFTER) @ mean[BEFORE : BEFORE + AFTER]).std()),
-        later=float(noisy_returns(rollouts, shape, stddev, discount).std(axis=0).mean()),
-        straight=float(np.sqrt(np.mean(straight**2))),
-        bent=float(np.sqrt(np.mean(bent**2))),
-        heard=heard,
-        steps=steps,
-        errors=[(one.weights.version, one.error) for one in learned.snapshots],
-        nominal=learned.nominal_error,
-        learned=float(in_the_end.rewards(none).mean()),
-        held_out=(without, warm, after),
-    )
+    return without, warm, after
 
 
 def page(rows: list[Told]) -> Iterator[str]:
