@@ -53,6 +53,7 @@ from gfm.rl.regression import RegressionSettings
 from gfm.service.assets import load_assets
 from gfm.sim.plant import stepping_spec
 from gfm.sim.sawyer import READY
+from gfm_learner.checkpoint import CHECKPOINT
 from gfm_robot_bridge.simulated.hidden import draw
 
 #: Noise on the actions, in units of the forces' limits: as `gfm fit` has it at least, and less.
@@ -68,7 +69,7 @@ _HEAD = """# Why learning makes a warm start of forces worse
 
 {count} recordings of a simulated Sawyer that hides {effect} (seed {seed}). Written by
 
-    python benchmarks/unlearning.py --minutes {minutes:g} --effect {effect} --seed {seed}
+    python benchmarks/unlearning.py {flags} --effect {effect} --seed {seed}
 
 at {commit}. "Noise" is the standard deviation of each action, in units of the force's limit; the
 reward's scale belongs to it, so that noise alone costs about as much reward in every row.
@@ -234,7 +235,7 @@ def noisy_returns(
 
 def critic_of(folder: Path, spec: EnvironmentSpec) -> tuple[Networks, int]:
     """Returns the networks of a run's newest checkpoint, and their learner step."""
-    meta, arrays = read_arrays(folder / "checkpoint.npz", _FORMAT)
+    meta, arrays = read_arrays(folder / CHECKPOINT, _FORMAT)
     networks = Networks(spec, LearnerSettings())
     own = {k.removeprefix("networks/"): v for k, v in arrays.items() if k.startswith("networks/")}
     networks.load_state_dict({name: torch.tensor(array) for name, array in own.items()})
@@ -392,11 +393,12 @@ def main() -> None:
 
     parts = done_parts(asked.out, list(stddevs), made)
     rows = [Told(**{k: v for k, v in part.items() if k != "commit"}) for part in parts.values()]
+    flags = f"--minutes {asked.minutes:g} --critic-minutes {asked.critic_minutes:g}"
     head = _HEAD.format(
+        flags=" ".join([flags, *(f"--stddev {one:g}" for one in stddevs.values())]),
         effect=asked.effect,
         seed=asked.seed,
         count=TRAJECTORIES,
-        minutes=asked.minutes,
         commit=commits(parts),
     )
     print_or_write("\n".join([head, *page(rows), ""]), asked.page)

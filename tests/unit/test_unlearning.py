@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from unlearning import AFTER, BEFORE, PAIRS, Told, changed, noisy_returns, page, split
+from unlearning import AFTER, PAIRS, Told, changed, noisy_returns, page, split
 
 SHAPE, STDDEV, DISCOUNT = (4, 2), 0.1, 0.8
 
@@ -35,7 +35,6 @@ def test_later_noise_is_that_of_the_periods_after_the_action():
     told = noisy_returns(Plain(np.array([1.0, 0.0]), 0.0), (2000, 2), STDDEV, DISCOUNT)
     weights = DISCOUNT ** np.arange(1, AFTER)
     assert told.std() == pytest.approx(STDDEV * np.linalg.norm(weights), rel=0.02)
-    assert BEFORE > 0
 
 
 def test_the_tables_tell_the_best_after_learning_began():
