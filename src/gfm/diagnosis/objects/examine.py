@@ -242,10 +242,8 @@ def _errors(
 ) -> tuple[ErrorSummary, ...]:
     """Returns the errors of all together in units of the noise, of the place, and of the yaw.
 
-    Args:
-        before: What the nominal model leaves in units of the noise, by segment, shape (3 P,) each.
-        after: The same of the corrected one.
-        noise: Of x, y (m) and yaw (rad), shape (3,).
+    Given is what models leave in units of the noise, by segment, shape (3 P,) each, and the noise
+    of x, y (m) and yaw (rad), shape (3,).
     """
     left, rest = (np.concatenate(parts).reshape(-1, 3) for parts in (before, after))
     told = ((slice(3), np.ones(3), "noise"), (slice(2), noise[:2], "m"), (2, noise[2:], "rad"))

@@ -100,15 +100,18 @@ def rollout_errors(
         as_measured: Whether rollouts begin as measured: nothing of them is fitted away. Else they
             begin as fits best.
     """
-
-    def errors_of(problem: Problem, effects: Sequence[EffectInstance]) -> list[Array]:
-        begun = problem.as_measured() if as_measured else problem.settled(effects)
-        return begun.position_errors(effects)
-
-    before = after = errors_of(problem, ())
-    if effects:
-        after = errors_of(with_suitable_steps(problem, effects), effects)
+    before = errors_under(problem, (), as_measured=as_measured)
+    after = errors_under(problem, effects, as_measured=as_measured) if effects else before
     return RolloutErrors(problem=problem, before=before, after=after)
+
+
+def errors_under(
+    problem: Problem, effects: Sequence[EffectInstance], *, as_measured: bool = False
+) -> list[Array]:
+    """Returns the errors of the model with `effects` alone, see `rollout_errors`."""
+    stepped = with_suitable_steps(problem, effects) if effects else problem
+    begun = stepped.as_measured() if as_measured else stepped.settled(effects)
+    return begun.position_errors(effects)
 
 
 def _one_behind_the_other(times_s: Sequence[Array]) -> Array:

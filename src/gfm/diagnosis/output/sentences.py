@@ -8,11 +8,12 @@ import mujoco
 import numpy as np
 
 from gfm.diagnosis.objects.examine import ObjectPart
-from gfm.diagnosis.output.errors import rollout_errors
+from gfm.diagnosis.output.errors import errors_under
 from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, Suspect, Verdict
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.naming import grouped, placed_in_words
 from gfm.effects import EffectInstance
+from gfm.signals.smoothing import rms
 
 #: Parameters of an effect that a sentence tells at most.
 IN_A_SENTENCE = 3
@@ -131,7 +132,7 @@ def note_on_suspects(
         every: The same and suspects.
         error: Before and after the correction.
     """
-    kept = rollout_errors(held, every).summary.after if len(every) > len(named) else np.inf
+    kept = rms(errors_under(held, every)) if len(every) > len(named) else np.inf
     if kept >= error.after:
         return []
     return [f"With suspects in it (--keep-suspects) the model is {kept:.3g} rad off, held out."]
