@@ -93,14 +93,14 @@ class Point:
     Attributes:
         time_s: Since the fit began.
         learner_step: Steps of the learner until then.
-        training: Error on the recordings that are followed, see `FittedForces.unit`.
+        compared: Error by which policies are compared, see `FittedForces.unit`.
         held_out: On those held out: open-loop position RMSE, rad.
         object_m: The same of an object's place, m; None where there is none.
     """
 
     time_s: float
     learner_step: int
-    training: float
+    compared: float
     held_out: float
     object_m: float | None = None
 
@@ -211,6 +211,7 @@ def _fit(
         actors=request.actors,
         control_period_s=request.period_s,
         began=request.began,
+        holds_back=request.learning_s > 0.0,
     )
     with progress.phase(_BEGIN):
         progress.say(request.began.words)
@@ -237,7 +238,7 @@ def _point(judge: Judge, fitted: FittedForces, snapshot: Snapshot) -> Point:
     return Point(
         time_s=snapshot.time_s,
         learner_step=snapshot.weights.version,
-        training=snapshot.error,
+        compared=snapshot.error,
         held_out=found.overall,
         object_m=None if found.pushed is None else found.pushed.place_m,
     )
