@@ -155,7 +155,7 @@ def draw(reports: dict[str, dict[str, Any]], path: Path) -> None:
 def row(name: str, report: dict[str, Any]) -> str:
     """Returns a fit's line: where it began, what it kept, and where it ended."""
     curve, nominal = report["curve"], report["models"][0]["overall"]
-    best = min(curve, key=lambda point: point["compared"])
+    best = min(curve, key=lambda point: point["training"])
     cells = [f"{p['held_out']:.3g} ({p['time_s']:.0f} s)" for p in (curve[0], best, curve[-1])]
     ratio, steps = best["held_out"] / nominal, curve[-1]["learner_step"]
     return f"| {WAYS[name].title} | {' | '.join(cells)} | {steps} | {ratio:.2f} |"

@@ -40,8 +40,9 @@ from gfm.experiments.fit import (
     FittedForces,
     ForceFit,
     force_model,
+    silent,
+    training_error,
 )
-from gfm.experiments.fit_unseen import yardstick
 from gfm.experiments.run import KINDS, nominal_arm
 from gfm.launch import Supervisor, own_system, replay_process, router_process
 from gfm.recording import read_recording
@@ -313,11 +314,10 @@ def errors_held_out(
     learned: FittedForces, held_out: Sequence[Trajectory]
 ) -> tuple[float, float, float]:
     """Returns errors without forces, of the warm start, and of the last policy, rad."""
-    problem, looks = learned.problem, learned.snapshots
-    models = (force_model(problem, one.weights) for one in (looks[0], looks[-1]))
-    compared = yardstick(problem.model, held_out)
-    warm, after = map(compared.error, models)
-    return compared.error(), warm, after
+    first, last = (one.weights for one in (learned.snapshots[0], learned.snapshots[-1]))
+    models = [force_model(learned.problem, one) for one in (silent(first), first, last)]
+    without, warm, after = (training_error(one, held_out) for one in models)
+    return without, warm, after
 
 
 def page(rows: list[Told]) -> Iterator[str]:
@@ -379,7 +379,6 @@ def main() -> None:
             folder=asked.out / name,
             seed=asked.seed,
             actors=1,
-            holds_back=False,
         )
         return asdict(
             measure(

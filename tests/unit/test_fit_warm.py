@@ -8,8 +8,7 @@ import pytest
 
 from gfm.core import CommandKind, Trajectory
 from gfm.envs.registry import EnvironmentAssets, EnvironmentSettings
-from gfm.experiments.fit import COLD, WARM, environment_flags, force_model
-from gfm.experiments.fit_unseen import yardstick
+from gfm.experiments.fit import COLD, WARM, environment_flags, force_model, training_error
 from gfm.experiments.fit_warm import joint_errors, rollout_rmse, warm_start
 from gfm.rl.learner_state import LearnerSettings
 from gfm.rl.policy_numpy import GaussianPolicy
@@ -91,10 +90,7 @@ def test_only_the_joint_that_errs_gets_a_force_and_it_predicts_the_robot(damped)
     new = [recording(7, 3.2)]
     without = joint_errors(damped.problem.model, new)
     forces = force_model(damped.problem, damped.tensors)
-    compared = yardstick(damped.problem.model, new)
-    assert compared.unit == "rad"
-    assert compared.error() == pytest.approx(float(np.sqrt(np.square(without).mean())))
-    assert compared.error(forces) < 0.1 * compared.error()
+    assert training_error(forces, new) < 0.1 * float(np.sqrt(np.square(without).mean()))
 
 
 def test_the_force_begins_with_its_own_joint_alone(damped):
@@ -116,9 +112,7 @@ def test_policies_are_compared_by_what_they_leave_of_each_recording(damped):
     recordings = assets(3.2).trajectories
     policy = GaussianPolicy.from_weights(damped.tensors)
     each = rollout_rmse(damped.problem, policy, recordings)
-    together = yardstick(damped.problem.model, recordings).error(
-        force_model(damped.problem, damped.tensors)
-    )
+    together = training_error(force_model(damped.problem, damped.tensors), recordings)
     assert np.sqrt(np.mean(each**2)) == pytest.approx(together)
 
 

@@ -176,18 +176,13 @@ def snapshot(version: int, error: float) -> Snapshot:
 
 
 def fitted(
-    *snapshots: Snapshot,
-    lacking: bool = True,
-    foretells: bool = True,
-    began: Beginning = WARM,
-    unseen: int = 1,
+    *snapshots: Snapshot, lacking: bool = True, foretells: bool = True, began: Beginning = WARM
 ) -> FittedForces:
     # What is kept does not depend on the problem.
     return FittedForces(
         problem=None,  # type: ignore[arg-type]
         about="forces on a",
         began=began,
-        unseen=unseen,
         unit="rad",
         nominal_error=0.5,
         lacking=lacking,
@@ -197,13 +192,12 @@ def fitted(
     )
 
 
-def test_the_policy_with_the_smallest_error_is_kept():
+def test_the_policy_with_the_smallest_training_error_is_kept():
     outcome = fitted(snapshot(0, 0.2), snapshot(1600, 0.1), snapshot(1700, 0.3))
     assert outcome.best.weights.version == 1600
     assert outcome.detail == (
-        "warm start (missing forces, regressed) refined by 1600 learner steps; error on a "
-        "recording held back from the fit 0.5 rad without forces, 0.2 at first, 0.1 after "
-        "learning; forces on a"
+        "warm start (missing forces, regressed) refined by 1600 learner steps; training error "
+        "0.5 rad without forces, 0.2 at first, 0.1 after learning; forces on a"
     )
 
 
@@ -211,19 +205,18 @@ def test_a_policy_that_had_learned_nothing_is_called_so():
     """Its critic learns alone for fewer steps than that of a warm start."""
     outcome = fitted(snapshot(0, 0.5), snapshot(1200, 0.4), began=COLD)
     assert outcome.detail == (
-        "policy that had learned nothing refined by 1200 learner steps; error on a "
-        "recording held back from the fit 0.5 rad without forces, 0.5 at first, 0.4 after "
-        "learning; forces on a"
+        "policy that had learned nothing refined by 1200 learner steps; training error "
+        "0.5 rad without forces, 0.5 at first, 0.4 after learning; forces on a"
     )
 
 
 def test_the_warm_start_is_kept_where_learning_does_not_improve_it():
-    outcome = fitted(snapshot(0, 0.2), snapshot(1600, 0.25), snapshot(1700, 0.3), unseen=2)
+    outcome = fitted(snapshot(0, 0.2), snapshot(1600, 0.25), snapshot(1700, 0.3))
     assert outcome.best.weights.version == 0
     assert outcome.detail == (
         "warm start (missing forces, regressed) kept: reinforcement learning did not improve it; "
-        "error on 2 recordings held back from the fit 0.5 rad without forces, 0.2 at first, 0.25 "
-        "at best after learning; forces on a"
+        "training error 0.5 rad without forces, 0.2 at first, 0.25 at best after learning; "
+        "forces on a"
     )
 
 
@@ -234,25 +227,24 @@ def test_no_force_is_kept_where_none_does_any_good():
     assert (outcome.kept.tensors["mean.bias"] == 0.0).all()
     assert (outcome.kept.tensors["first.bias"] == 1.0).all()
     assert outcome.detail == (
-        "no force kept: none did any good; error on a recording held back from the fit 0.5 rad "
-        "without forces, 0.6 at first; forces on a"
+        "no force kept: none did any good; training error 0.5 rad without forces, 0.6 at first; "
+        "forces on a"
     )
 
 
 def test_no_force_is_kept_where_only_noise_is_left():
     outcome = fitted(snapshot(0, 0.1), lacking=False)
     assert (outcome.kept.tensors["mean.weight"] == 0.0).all()
-    assert outcome.detail == ("no force kept: nothing but noise is left on any joint (0.5 rad)")
-
-
-def test_a_first_policy_that_foretells_nothing_is_not_kept_for_what_it_saw():
-    outcome = fitted(snapshot(0, 0.2), foretells=False, unseen=0)
-    assert (outcome.kept.tensors["mean.weight"] == 0.0).all()
-    assert outcome.detail.startswith(
-        "no force kept: none did any good; error on what was fitted 0.5"
+    assert outcome.detail == (
+        "no force kept: nothing but noise is left on any joint (0.5 rad in training recordings)"
     )
-    assert fitted(snapshot(0, 0.2), snapshot(1600, 0.1), foretells=False, unseen=0).helps
-    assert fitted(snapshot(0, 0.2), foretells=False).helps  # others are followed more closely
+
+
+def test_a_first_policy_that_foretells_nothing_is_not_kept():
+    outcome = fitted(snapshot(0, 0.2), foretells=False)
+    assert (outcome.kept.tensors["mean.weight"] == 0.0).all()
+    assert outcome.detail.startswith("no force kept: none did any good")
+    assert fitted(snapshot(0, 0.2), snapshot(1600, 0.1), foretells=False).helps
 
 
 def test_a_fit_without_learning_says_so():

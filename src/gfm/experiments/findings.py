@@ -98,7 +98,7 @@ class Findings:
         if self.fitted is not None:
             notes.append(
                 f"Generalized forces (no named effect in their model): {self.fitted.detail}. "
-                f"Kept in checkpoints/{BEST}."
+                f"Chosen on training recordings; kept in checkpoints/{BEST}."
             )
         return notes
 

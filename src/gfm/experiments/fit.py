@@ -1,16 +1,16 @@
 """Learns generalized forces through the services, and keeps the best of what was learned.
 
 The warm start (`gfm.experiments.fit_warm`) comes first. From there MPO goes on in the learner, with
-actors in `gfm_fit`. Every now and then the learner's policy is rolled out along recordings that
-nothing was fitted to (`gfm.experiments.fit_unseen`); the best one is kept, the warm start among
-them, or no force at all where none of them does any good. Where an object is pushed, its place in
-pushes from rest counts (`gfm.envs.pushes`). Held-out recordings are never looked at here.
+actors in `gfm_fit`. Every now and then the learner's policy is rolled out along the *training*
+recordings; the best one is kept, the warm start among them, or no force at all where none of them
+does any good. Where an object is pushed, its place in pushes from rest counts
+(`gfm.envs.pushes`). Held-out recordings are never looked at here.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
@@ -21,10 +21,10 @@ from gfm.core import Clock, CommandKind, GfmError, Trajectory, UnreachableError,
 from gfm.core.checks import Array32
 from gfm.envs.fit_problem import FitProblem
 from gfm.envs.gfm_fit import NAME
+from gfm.envs.pushes import errors_under, make_pushes
 from gfm.envs.registry import EnvironmentSettings, make_environment
 from gfm.experiments.fit_curves import error_curves, learning_curves, metric_rows
-from gfm.experiments.fit_unseen import divided, yardstick
-from gfm.experiments.fit_warm import warm_start
+from gfm.experiments.fit_warm import WarmStart, warm_start
 from gfm.experiments.joint_control import ForceModel
 from gfm.launch import (
     Keeper,
@@ -39,6 +39,7 @@ from gfm.rl.policy_numpy import GaussianPolicy
 from gfm.rl.regression import RegressionSettings
 from gfm.service.assets import load_assets
 from gfm.service.force_files import write_forces
+from gfm.sim.rollout import rollout_errors
 from gfm.transport import Transport, ask
 from gfm_wire import Role, WeightsRequest
 
@@ -107,8 +108,6 @@ class FitInputs:
     Attributes:
         models: MJCF of the nominal model by kind of command.
         recordings: To be fitted.
-        holds_back: Whether policies are compared on some of them that nothing is fitted to; else,
-            and where there is one alone, on those that are fitted.
         folder: For policies and checkpoints.
         seed: Of everything random.
         actors: Processes.
@@ -126,7 +125,6 @@ class FitInputs:
     control_period_s: float = 0.02
     horizon: int = HORIZON
     began: Beginning = WARM
-    holds_back: bool = True
 
     @property
     def environment(self) -> EnvironmentSettings:
@@ -163,7 +161,7 @@ class Snapshot:
     Attributes:
         weights: Its parameters; version 0 is the warm start.
         time_s: Since the fit began.
-        error: On what policies are compared on, in the unit of the fit.
+        error: On the training recordings, in the unit of the fit.
     """
 
     weights: Weights
@@ -179,11 +177,9 @@ class FittedForces:
         problem: The model, features and recordings that were fitted with.
         about: Where forces act and what they depend on, in words.
         began: What learning began with.
-        unseen: How many recordings were held back for policies to be compared on; with none, they
-            are compared on those that are fitted.
-        unit: Of errors: rad, of the joints' positions in rollouts of whole recordings; or m, of an
-            object's place in pushes from rest.
-        nominal_error: That without any forces.
+        unit: Of training errors: rad, of the joints' positions in rollouts of whole recordings; or
+            m, of an object's place in pushes from rest.
+        nominal_error: Training error without any forces.
         lacking: Whether that is more than noise on any joint, or of the object's place.
         foretells: Whether the first policy foretells anything of recordings that it was not
             regressed on.
@@ -194,7 +190,6 @@ class FittedForces:
     problem: FitProblem
     about: str
     began: Beginning
-    unseen: int
     unit: str
     nominal_error: float
     lacking: bool
@@ -204,16 +199,16 @@ class FittedForces:
 
     @property
     def best(self) -> Snapshot:
-        """The one with the smallest error."""
+        """The one with the smallest training error."""
         return min(self.snapshots, key=lambda snapshot: snapshot.error)
 
     @property
     def helps(self) -> bool:
         """Whether there was something to learn, and the best one is better than no force.
 
-        A first policy that foretells nothing is better by chance where it saw the recordings.
+        A first policy that foretells nothing is better by chance.
         """
-        known = self.foretells or self.unseen > 0 or self.best is not self.snapshots[0]
+        known = self.foretells or self.best is not self.snapshots[0]
         return self.lacking and known and self.best.error < self.nominal_error
 
     @property
@@ -231,7 +226,7 @@ class FittedForces:
     def detail(self) -> str:
         """What was kept, and what learning added to the first policy, in words."""
         if not self.lacking:
-            left = f"{self.nominal_error:.3g} {self.unit}"
+            left = f"{self.nominal_error:.3g} {self.unit} in training recordings"
             return f"no force kept: nothing but noise is left on any joint ({left})"
         first, best = self.snapshots[0], self.best
         waited = self.began.critic_first_steps
@@ -246,16 +241,9 @@ class FittedForces:
             outcome = f"{self.began.words} refined by {best.weights.version} learner steps"
             after = f", {best.error:.3g} after learning"
         return (
-            f"{outcome}; error {self._where} {self.nominal_error:.3g} {self.unit} without forces, "
+            f"{outcome}; training error {self.nominal_error:.3g} {self.unit} without forces, "
             f"{first.error:.3g} at first{after}; {self.about}"
         )
-
-    @property
-    def _where(self) -> str:
-        if self.unseen == 0:
-            return "on what was fitted"
-        some = "a recording" if self.unseen == 1 else f"{self.unseen} recordings"
-        return f"on {some} held back from the fit"
 
 
 def silent(weights: Weights) -> Weights:
@@ -282,11 +270,10 @@ class ForceFit:
         """
         self._inputs, self._clock = inputs, clock
         self._began_ns, self._began_utc_s = clock.now_ns(), clock.utc_ns() * 1e-9
-        settings, assets = inputs.environment, load_assets(inputs.environment)
-        self._unseen: tuple[Trajectory, ...] = ()
-        if inputs.holds_back:
-            settings, assets, self._unseen = divided(settings, assets)
-        self._warm = warm_start(settings, assets, inputs.seed, inputs.began.regression)
+        assets = load_assets(inputs.environment)
+        self._trajectories: Sequence[Trajectory] = assets.trajectories
+        regression = inputs.began.regression
+        self._warm: WarmStart = warm_start(inputs.environment, assets, inputs.seed, regression)
         settings = self._warm.settings
         spec = make_environment(NAME, settings, num_envs=1, seed=0, assets=assets).spec
         weights = Weights(
@@ -296,7 +283,9 @@ class ForceFit:
             tensors=self._warm.tensors,
         )
         write_weights(inputs.folder / WARM_START, weights)
-        self._compared = yardstick(self._warm.problem.model, self._unseen or assets.trajectories)
+        errors = self._warm.object_errors
+        joints = float(np.sqrt(np.square(self._warm.nominal_errors).mean()))
+        self._unit, self._nominal_error = ("m", errors.place_m) if errors else ("rad", joints)
         first_s = self.time_s
         self._snapshots = [Snapshot(weights=weights, time_s=first_s, error=self._error(weights))]
 
@@ -361,14 +350,14 @@ class ForceFit:
         self._clock.sleep_until_ns(self._clock.now_ns() + _POLL_NS)
         rows = metric_rows(self._inputs.folder)
         first, last = self._snapshots[0].error, self._snapshots[-1].error
-        errors = f"error {first:.3g} {self._compared.unit} at first, {last:.3g} now"
+        errors = f"training error {first:.3g} rad at first, {last:.3g} now"
         if not rows:
             return f"waiting for sequences; {errors}"
         newest = rows[-1]
         return f"step {newest['learner_step']:.0f}, reward {newest['reward_mean']:.3f}, {errors}"
 
     def snapshot(self, transport: Transport) -> Snapshot:
-        """Asks the learner for its policy and measures it."""
+        """Asks the learner for its policy and measures it on the training recordings."""
         answer = ask(
             transport,
             "weights/current",
@@ -385,20 +374,18 @@ class ForceFit:
     def finish(self) -> FittedForces:
         """Returns the outcome, and writes the best policy, alone and as a force model."""
         points = [(s.time_s, s.weights.version, s.error) for s in self._snapshots]
-        nominal, unit = self._compared.error(), self._compared.unit
         fitted = FittedForces(
             problem=self._warm.problem,
             about=self._warm.about,
             began=self._inputs.began,
-            unseen=len(self._unseen),
-            unit=unit,
-            nominal_error=nominal,
+            unit=self._unit,
+            nominal_error=self._nominal_error,
             lacking=self._warm.lacking,
             foretells=self._warm.foretells,
             snapshots=tuple(self._snapshots),
             curves=(
                 *learning_curves(metric_rows(self._inputs.folder), self._began_utc_s),
-                *error_curves(points, nominal, unit),
+                *error_curves(points, self._nominal_error, self._unit),
             ),
         )
         write_weights(self._inputs.folder / BEST, fitted.kept)
@@ -407,4 +394,16 @@ class ForceFit:
         return fitted
 
     def _error(self, weights: Weights) -> float:
-        return self._compared.error(force_model(self._warm.problem, weights))
+        forces = force_model(self._warm.problem, weights)
+        if self._unit == "m":
+            pushes = make_pushes(forces.model, self._trajectories)
+            return errors_under(forces.policy, forces.features, forces.model, pushes).place_m
+        return training_error(forces, self._trajectories)
+
+
+def training_error(forces: ForceModel, trajectories: Sequence[Trajectory]) -> float:
+    """Returns the position RMSE of whole open-loop rollouts, rad."""
+    errors = rollout_errors(
+        forces.model, trajectories, policy=forces.policy, features=forces.features
+    )
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))

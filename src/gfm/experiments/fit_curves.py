@@ -53,7 +53,7 @@ def learning_curves(
 def error_curves(
     points: Sequence[tuple[float, int, float]], without_forces: float, unit: str
 ) -> tuple[TrainingCurve, ...]:
-    """Returns the error of the policy, and that without any forces beside it.
+    """Returns the training error of the policy, and that without any forces beside it.
 
     Args:
         points: Time s, learner steps and error of each measured policy.
@@ -62,7 +62,7 @@ def error_curves(
     """
     times, steps, errors = np.array(points, np.float64).reshape(-1, 3).T
     values = {
-        "with the forces": errors,
+        "with the forces, training recordings": errors,
         "without forces": np.full_like(errors, without_forces),
     }
     return tuple(

@@ -93,14 +93,14 @@ class Point:
     Attributes:
         time_s: Since the fit began.
         learner_step: Steps of the learner until then.
-        compared: Error by which policies are compared, see `FittedForces.unit`.
+        training: Error on the recordings that are followed, see `FittedForces.unit`.
         held_out: On those held out: open-loop position RMSE, rad.
         object_m: The same of an object's place, m; None where there is none.
     """
 
     time_s: float
     learner_step: int
-    compared: float
+    training: float
     held_out: float
     object_m: float | None = None
 
@@ -211,7 +211,6 @@ def _fit(
         actors=request.actors,
         control_period_s=request.period_s,
         began=request.began,
-        holds_back=request.learning_s > 0.0,
     )
     with progress.phase(_BEGIN):
         progress.say(request.began.words)
@@ -238,7 +237,7 @@ def _point(judge: Judge, fitted: FittedForces, snapshot: Snapshot) -> Point:
     return Point(
         time_s=snapshot.time_s,
         learner_step=snapshot.weights.version,
-        compared=snapshot.error,
+        training=snapshot.error,
         held_out=found.overall,
         object_m=None if found.pushed is None else found.pushed.place_m,
     )

@@ -94,7 +94,12 @@ def warm_start(
         regression: How to regress; without epochs, the policy is one that has learned nothing.
     """
     recordings = assets.trajectories
-    nominal = nominal_model(settings, assets)
+    nominal = HybridModel(
+        models=assets.models,
+        joint_names=recordings[0].joint_names,
+        control_period_s=settings.control_period_s,
+        effects=assets.effects,
+    )
     errors = joint_errors(nominal, recordings)
     forced = np.flatnonzero(errors > _ABOVE_NOISE * measure_noise(recordings).position)
     if nominal.layout.has_object:
@@ -127,16 +132,6 @@ def warm_start(
         lacking=lacking,
         foretells=not tried or _share(left, examples[1]) < 1.0,
         about=_about(chosen, best, how, left, examples[1]),
-    )
-
-
-def nominal_model(settings: EnvironmentSettings, assets: EnvironmentAssets) -> HybridModel:
-    """Returns the model without forces."""
-    return HybridModel(
-        models=assets.models,
-        joint_names=assets.trajectories[0].joint_names,
-        control_period_s=settings.control_period_s,
-        effects=assets.effects,
     )
 
 

@@ -11,7 +11,7 @@ import shutil
 import signal
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
@@ -282,7 +282,7 @@ class _Run:
         with self._progress.phase(LEARN_REST):
             self._progress.say("inverse dynamics of the corrected model, regressed")
             inputs = self._fit_inputs(recorded, corrected, "checkpoints/corrected")
-            return ForceFit(replace(inputs, holds_back=False), self._clock).finish()
+            return ForceFit(inputs, self._clock).finish()
 
     def _task_beside(self) -> TaskBeside:
         """Returns what drives a robot with an object, before and after, beside the other phases."""
