@@ -12,7 +12,6 @@ from gfm.core import CommandKind
 from gfm.diagnosis.data.segmentation import WHOLE, all_segments, prepared
 from gfm.diagnosis.evidence.adequacy import energy_by, slow_share
 from gfm.diagnosis.evidence.domains import Agreement, two_domains
-from gfm.diagnosis.evidence.energy import energy_balance
 from gfm.diagnosis.evidence.links import evidence_chain
 from gfm.diagnosis.evidence.searched import confusable_sets, stopping
 from gfm.diagnosis.inference.fitting import Fit
@@ -20,6 +19,7 @@ from gfm.diagnosis.inference.score import Difference
 from gfm.diagnosis.output.claims import SPREAD_WIDTH, SPREADS_ASKED, SPREADS_HELD
 from gfm.diagnosis.search.trace import Evidence, Move, SearchResult, Step, Tried
 from gfm.effects import EffectInstance, find_effect
+from gfm.signals.energy import energy_balance
 from gfm.signals.torque_domain import regressed, torque_domain
 from one_joint import problem
 from pendulum import MODEL, PERIOD_S, swung

@@ -306,6 +306,24 @@ AT_REST = Motion(position=_ZERO, velocity=_ZERO, drive=_ZERO, other_velocity=_ZE
 Key: TypeAlias = tuple[str, tuple[str, ...]]
 
 
+@dataclass(frozen=True)
+class Placed:
+    """What is said of an effect somewhere: made of its `key`, and what else is said.
+
+    Attributes:
+        effect: Name in the effect library.
+        joints: Where it acts; empty for an effect of the whole robot.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+
+    @property
+    def key(self) -> Key:
+        """What makes it the same effect in the same place."""
+        return self.effect, self.joints
+
+
 @dataclass(frozen=True, kw_only=True)
 class EffectInstance:
     """An effect somewhere, in some amount.

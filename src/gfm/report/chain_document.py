@@ -9,11 +9,11 @@ from scipy.stats import beta
 
 from gfm.diagnosis.evidence.adequacy import WORDS, JointAdequacy, Residual
 from gfm.diagnosis.evidence.domains import Agreement, TwoDomains
-from gfm.diagnosis.evidence.energy import EnergyBalance
 from gfm.diagnosis.evidence.links import EvidenceChain
 from gfm.diagnosis.output.claims import SPREAD_WIDTH, SPREADS_ASKED, SPREADS_HELD
 from gfm.diagnosis.output.result import Diagnosis
 from gfm.report import words
+from gfm.signals.energy import EnergyBalance
 
 #: Simulated robots without any hidden effect that were diagnosed (docs/results/known_truth.md), and
 #: those of them on which anything was named.

@@ -6,7 +6,6 @@ import pytest
 from gfm.core import Status
 from gfm.diagnosis.evidence.adequacy import JointAdequacy, JointRegions, Residual
 from gfm.diagnosis.evidence.domains import Agreement, TwoDomains
-from gfm.diagnosis.evidence.energy import Dissipation, EnergyBalance
 from gfm.diagnosis.evidence.links import EvidenceChain
 from gfm.diagnosis.evidence.searched import Alternative, ConfusableSet, StepRow, Stopping
 from gfm.diagnosis.output.result import (
@@ -33,6 +32,7 @@ from gfm.report import (
     SystemFacts,
     TrainingCurve,
 )
+from gfm.signals.energy import Dissipation, EnergyBalance
 
 JOINTS = tuple(f"right_j{index}" for index in range(7))
 FLOOR = 0.0011

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from gfm.diagnosis.evidence.energy import Dissipation
 from gfm.report import diagnosis_html, diagnosis_json
 from gfm.report.chain_document import (
     CLEAN_ROBOTS,
@@ -19,6 +18,7 @@ from gfm.report.chain_document import (
     largest_rate,
 )
 from gfm.report.findings import delays_found, doubts_found
+from gfm.signals.energy import Dissipation
 from gfm.signals.finding import EVERYWHERE, Finding
 
 RESULTS = Path(__file__).parents[3] / "docs" / "results"

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from gfm.diagnosis.output.result import ErrorSummary, NamedEffect, Suspect, Verdict
-from gfm.diagnosis.search.naming import Placed
+from gfm.effects import Placed
 from gfm.report import print_diagnosis, print_run
 from gfm.report.document import diagnosis_html
 

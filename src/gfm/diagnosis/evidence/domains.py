@@ -17,9 +17,9 @@ from enum import StrEnum
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.search.naming import Placed, describe, first_of_each, twins
+from gfm.diagnosis.search.naming import describe, first_of_each, twins
 from gfm.diagnosis.search.trace import SearchResult
-from gfm.effects import EffectInstance, Key
+from gfm.effects import EffectInstance, Key, Placed
 from gfm.signals.torque_domain import TorqueDomain, regressed
 
 #: Share of the missing torque from which on a regression on it says anything: below, it is made of

@@ -9,11 +9,11 @@ from gfm.core import Trajectory
 from gfm.core.checks import Array
 from gfm.diagnosis.evidence.adequacy import JointAdequacy, JointRegions, adequacy, localisation
 from gfm.diagnosis.evidence.domains import TwoDomains, two_domains
-from gfm.diagnosis.evidence.energy import EnergyBalance, energy_balance
 from gfm.diagnosis.evidence.searched import ConfusableSet, Stopping, confusable_sets, stopping
 from gfm.diagnosis.residuals.problem import Problem
 from gfm.diagnosis.search.trace import SearchResult
 from gfm.effects import EffectInstance, Scope
+from gfm.signals.energy import EnergyBalance, energy_balance
 from gfm.signals.torque_domain import torque_domain
 
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 from gfm.diagnosis.inference.amounts import at_bound
 from gfm.diagnosis.inference.constants import CLEARLY
-from gfm.diagnosis.search.naming import Placed, describe, twins
+from gfm.diagnosis.search.naming import describe, twins
 from gfm.diagnosis.search.trace import Move, SearchResult, Step
-from gfm.effects import EffectInstance
+from gfm.effects import EffectInstance, Placed
 
 #: Standard errors up to which two hypotheses predict equally well.
 EQUAL = 1.0

@@ -9,9 +9,8 @@ from itertools import groupby
 import numpy as np
 
 from gfm.diagnosis.inference.constants import CLEARLY
-from gfm.diagnosis.search.naming import Placed
 from gfm.diagnosis.search.sets import Course
-from gfm.effects import find_effect
+from gfm.effects import Placed, find_effect
 
 #: What people call effects whose names say less.
 _CALLED = {"coulomb_friction": "dry friction", "actuator_gain": "drive torque"}

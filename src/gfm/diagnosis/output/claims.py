@@ -31,9 +31,9 @@ from gfm.diagnosis.output.result import (
     Verdict,
 )
 from gfm.diagnosis.residuals.segmented import SegmentedProblem
-from gfm.diagnosis.search.naming import Placed, describe, first_of_each
+from gfm.diagnosis.search.naming import describe, first_of_each
 from gfm.diagnosis.search.trace import Evidence, SearchResult, Step, Tried
-from gfm.effects import EffectInstance
+from gfm.effects import EffectInstance, Placed
 
 #: Width of an amount's spread where the model stays wrong, in units of how far other recordings of
 #: the same kind would put it: a wrong model is wrong in all of them alike. And how often so wide a

@@ -15,8 +15,7 @@ from gfm.diagnosis.evidence.links import EvidenceChain
 from gfm.diagnosis.learned import LearnedReport
 from gfm.diagnosis.output.changes import Changes
 from gfm.diagnosis.output.motion import Motion
-from gfm.diagnosis.search.naming import Placed
-from gfm.effects import EffectInstance, find_effect
+from gfm.effects import EffectInstance, Placed, find_effect
 from gfm.excitation.blind_spots import BlindSpot
 from gfm.signals.finding import Finding
 

@@ -19,7 +19,7 @@ from gfm.core.checks import Array
 from gfm.diagnosis.inference.amounts import free_parameters
 from gfm.diagnosis.inference.fitting import Fit
 from gfm.diagnosis.residuals.problem import Problem
-from gfm.effects import Effect, EffectInstance, Key, effect_library, find_effect
+from gfm.effects import Effect, EffectInstance, effect_library, find_effect
 
 Ranked = TypeVar("Ranked")
 OFFSET, ASYMMETRY = "torque_offset", "asymmetric_friction"
@@ -27,24 +27,6 @@ OFFSET, ASYMMETRY = "torque_offset", "asymmetric_friction"
 DRY = ("coulomb_friction", "stribeck_friction", "load_dependent_friction")
 #: Shifts that differ by less are the same, s.
 SAME_S = 1e-9
-
-
-@dataclass(frozen=True)
-class Placed:
-    """What is said of an effect somewhere: made of its `key`, and what else is said.
-
-    Attributes:
-        effect: Name in the effect library.
-        joints: Where it acts; empty for an effect of the whole robot.
-    """
-
-    effect: str
-    joints: tuple[str, ...]
-
-    @property
-    def key(self) -> Key:
-        """What makes it the same effect in the same place."""
-        return self.effect, self.joints
 
 
 def fitly_named(fit: Fit, specs: Mapping[CommandKind, mujoco.MjSpec]) -> Fit:

@@ -17,8 +17,7 @@ import numpy as np
 
 from gfm.core import Trajectory
 from gfm.core.checks import Array
-from gfm.diagnosis.search.naming import Placed
-from gfm.effects import EffectInstance
+from gfm.effects import EffectInstance, Placed
 from gfm.effects.effect import sign
 from gfm.effects.friction import SIGN_WIDTH_RAD_S
 from gfm.effects.nominal_parameters import covers
