@@ -307,6 +307,14 @@ def test_probes_have_every_parameter_and_units_are_told(effect):
     assert effect.shown_by
 
 
+def test_amounts_that_say_how_much_there_is_of_an_effect():
+    told = {name: effect.how_much for name, effect in effect_library().items()}
+    assert told["gravity_direction"] == ("tilt_x", "tilt_y")
+    assert told["payload"] == ("mass",)
+    assert told["joint_spring"] == ("stiffness",)
+    assert told["actuator_gain"] == told["torque_saturation"] == told["surface_contact"] == ()
+
+
 SINGLE = [e for e in effect_library().values() if len(e.probes(SCALES)[0]) == 1]
 
 

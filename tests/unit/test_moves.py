@@ -28,7 +28,7 @@ from gfm.diagnosis.search.moves.add import (
 )
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.merge import merge
-from gfm.diagnosis.search.moves.missing_torque import borne_out, fewest, missing_torque
+from gfm.diagnosis.search.moves.missing_torque import begun_anew, borne_out, fewest, missing_torque
 from gfm.diagnosis.search.moves.reduce import (
     Compared,
     _not_told_apart,
@@ -41,7 +41,7 @@ from gfm.diagnosis.search.nameless import STATES, _adding_nothing, _shown
 from gfm.diagnosis.search.read_off import ALIKE
 from gfm.diagnosis.search.screening import Screened
 from gfm.diagnosis.search.steps import run
-from gfm.diagnosis.search.support import support
+from gfm.diagnosis.search.support import _does, support
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, Motion, find_effect
@@ -575,6 +575,35 @@ def test_only_lookalikes_that_the_data_do_not_decide_between_are_named_together(
     )
 
 
+def test_a_fit_that_stays_behind_begins_anew_with_what_the_missing_torque_tells(rubbing):
+    behind = replace(
+        rubbing.with_effects(),
+        fit=measured(rubbing.problem, [instance("coulomb_friction", torque=0.02)]),
+    )
+    anew = begun_anew(behind, rubbing.search(torques=rubbing.torques))
+    assert anew.effects[0].values["torque"] == pytest.approx(FRICTION, rel=0.01)
+    assert begun_anew(behind, rubbing.search()) is behind  # nobody tells another beginning
+
+
+def test_what_leaves_nothing_is_not_begun_anew(rubbing):
+    here = rubbing.with_effects(instance("coulomb_friction", torque=0.3))
+    assert begun_anew(here, rubbing.search(torques=rubbing.torques)) is here
+
+
+@pytest.mark.parametrize(("asked", "taken"), [(0.28, True), (0.1, False)])
+def test_of_two_ends_that_predict_as_well_that_nearer_to_the_missing_torque_is_taken(
+    rubbing, asked, taken
+):
+    here = replace(
+        rubbing.with_effects(),
+        fit=measured(rubbing.problem, [instance("coulomb_friction", torque=0.15)]),
+    )
+    other = (instance("coulomb_friction", torque=asked),)
+    there = replace(here, fit=replace(here.fit, effects=other))
+    search = rubbing.search(torques=rubbing.torques, after=lambda _here, _step: there)
+    assert begun_anew(here, search) is (there if taken else here)
+
+
 def test_laws_of_one_state_are_as_steady_as_they_are_together(rubbing):
     """Dry friction alone holds everywhere; as part of one law with a wrong one it is asked anew."""
     dry_one, wrong = (
@@ -601,6 +630,21 @@ def test_an_amount_is_as_unsure_as_what_more_of_it_would_do():
     own = np.array([True])
     of_all_it_does = apart(here.fit, case.problem.blocks, own, without - with_it)
     assert support(here, case.search(), ())[damping.key].apart > 2.0 * of_all_it_does > 0.0
+
+
+def test_what_an_effect_does_is_told_by_its_amount_and_not_by_where_it_begins(pulled):
+    """A spring whose rest is far away: moving that is another law, not more of the same."""
+    spring = instance("joint_spring", stiffness=0.5, rest_angle=1.5)
+    here = replace(pulled.with_effects(), fit=measured(pulled.problem, (spring,)))
+    assert _does(here, (spring,), np.ones(1)) == pytest.approx(0.5 * here.fit.jacobian[:, 0])
+
+
+def test_what_a_weaker_drive_does_is_what_is_missing_without_it(pulled):
+    """No gain is none: its scale, as a number, would say that it does ten times as much."""
+    gain = instance("actuator_gain", scale=0.9)
+    here = replace(pulled.with_effects(), fit=measured(pulled.problem, (gain,)))
+    with_it, without = pulled.problem.plain().residuals([here.effects, ()])
+    assert _does(here, (gain,), np.ones(1)) == pytest.approx(without - with_it)
 
 
 def bent(case, *effects):

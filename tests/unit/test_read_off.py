@@ -13,7 +13,7 @@ from gfm.diagnosis.inference.fitting import without
 from gfm.diagnosis.search.candidates import Place, joint_scales
 from gfm.diagnosis.search.hypothesis import FAR_OFF, nominal_hypothesis
 from gfm.diagnosis.search.moves.missing_torque import missing_torque
-from gfm.diagnosis.search.read_off import basis_of, column, looks_like, read_off
+from gfm.diagnosis.search.read_off import basis_of, column, looks_like, read_off, told_together
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, find_effect
 from gfm.signals.torque_domain import torque_domain, torque_views
@@ -143,3 +143,22 @@ def test_a_disc_between_magnets_is_found_where_rollouts_say_little():
     (magnets,) = missing_torque(nominal, search).chosen.new
     assert magnets.values["amplitude"] == pytest.approx(AMPLITUDE, rel=0.01)
     assert magnets.values["per_revolution"] == ORDER
+
+
+def test_amounts_are_told_together_and_what_nothing_is_told_of_stays():
+    late = EffectInstance(
+        effect=find_effect("joint_elasticity"), joints=("j",), values={"stiffness": 50.0}
+    )
+    weak = replace(MAGNETS, values={**MAGNETS.values, "amplitude": 0.4 * AMPLITUDE})
+    magnets, friction, same = told_together(TORQUES, [weak, FRICTION, late])
+    assert magnets.values["amplitude"] == pytest.approx(AMPLITUDE, rel=0.1)
+    assert friction == FRICTION  # there is none: a fit has to begin somewhere
+    assert same == late
+
+
+def test_amounts_are_told_within_their_bounds_and_a_gain_is_no_multiple():
+    outside = replace(MAGNETS, values={**MAGNETS.values, "phase": -12.0})
+    (told,) = told_together(TORQUES, [outside])
+    assert told.values["phase"] == -10.0
+    gain = instance("actuator_gain", scale=0.9)
+    assert told_together(TORQUES, [gain]) == (gain,)

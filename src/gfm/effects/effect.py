@@ -208,6 +208,18 @@ class Effect(ABC):
     #: What stepped simulations leave out of it, in words, if that is known and no error.
     not_stepped: ClassVar[str | None] = None
 
+    @property
+    def how_much(self) -> tuple[str, ...]:
+        """Its parameters that say how much of it there is: the first, and others in its unit.
+
+        None where no such amount is nothing (a limit, a stiffness behind a motor, a gain), and of
+        what acts now and then, which is somewhere.
+        """
+        first = self.parameters[0]
+        if self.intermittent or not first.lower <= 0.0 <= first.upper:
+            return ()
+        return tuple(p.name for p in self.parameters if p.unit == first.unit)
+
     def apply(self, spec: mujoco.MjSpec, joints: Sequence[str], values: Values) -> None:  # noqa: B027
         """Adds the effect to `spec` in place. Nothing by default."""
 

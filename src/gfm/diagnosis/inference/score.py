@@ -92,6 +92,10 @@ class Difference(NamedTuple):
         return self.nats > self.error
 
 
+#: Two hypotheses predict alike.
+NOTHING = Difference(0.0, 0.0)
+
+
 def predictive(blocks: Blocks, fitted: Fit) -> Predictive:
     """Returns how well effects, fitted to all other parts, predict each part of the data."""
     return _predictive(blocks, blocks.spectrum(_left_elsewhere(blocks, fitted)))

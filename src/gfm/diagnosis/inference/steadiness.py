@@ -35,7 +35,7 @@ def apart(fitted: Fit, blocks: Blocks, own: NDArray[np.bool_], response: Array) 
         fitted: The effect, and what else the parts know of.
         blocks: How the residual is divided.
         own: Which parameters are the effect's, shape (P,).
-        response: What the effect changes in the residual; to first order, if less, shape (N,).
+        response: What the effect does in the residual, shape (N,).
     """
     scaled = fitted.jacobian / (np.linalg.norm(fitted.jacobian, axis=0) + 1e-9)
     square = scaled[:, own].T @ scaled[:, own]

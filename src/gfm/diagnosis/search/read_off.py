@@ -15,8 +15,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import nnls
 
 from gfm.core.checks import Array
+from gfm.diagnosis.inference.amounts import amounts, bounds_of, with_amounts
 from gfm.diagnosis.inference.fitting import times_each, without
 from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
@@ -72,10 +74,25 @@ def most_together(
     return [_times(x, one) for x, one in zip(factors, effects, strict=True) if x > 0.0]
 
 
+def told_together(
+    domain: TorqueDomain, effects: Sequence[EffectInstance]
+) -> tuple[EffectInstance, ...]:
+    """Returns effects in the amounts that explain most of the missing torque, none below nothing.
+
+    Within their bounds. One of which the missing torque tells nothing is as it was, and so is one
+    of which no amount is none.
+    """
+    columns = np.stack([column(domain, one) for one in effects], axis=1)
+    factors = nnls(columns, whitened(domain, domain.missing()))[0].tolist()
+    pairs = zip(factors, effects, strict=True)
+    told = [_times(x, one) if x > 0.0 and one.effect.how_much else one for x, one in pairs]
+    return with_amounts(told, np.clip(amounts(told), *bounds_of(told)))
+
+
 def _times(factor: float, one: EffectInstance) -> EffectInstance:
     """Returns so many times as much of an effect."""
-    first = one.effect.parameters[0].name
-    return replace(one, values={**one.values, first: factor * one.values[first]})
+    names = one.effect.how_much or (one.effect.parameters[0].name,)
+    return replace(one, values={**one.values, **{n: factor * one.values[n] for n in names}})
 
 
 def basis_of(domain: TorqueDomain, effects: Sequence[EffectInstance]) -> Array:

@@ -15,12 +15,13 @@ from gfm.diagnosis.inference.amounts import acting
 from gfm.diagnosis.inference.fitting import measured
 from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, P
 from gfm.diagnosis.search.moves.merge import merge
-from gfm.diagnosis.search.moves.missing_torque import fewest
+from gfm.diagnosis.search.moves.missing_torque import begun_anew, fewest
 from gfm.diagnosis.search.moves.reduce import Compared, RivalsOf, exchange, remove, rivals_of
 from gfm.diagnosis.search.naming import describe
 from gfm.diagnosis.search.support import support
 from gfm.diagnosis.search.trace import Move, SearchResult, Step
 from gfm.diagnosis.search.under_way import MoveFrom, Search
+from gfm.effects import Key
 
 #: Steps at most.
 MOST_STEPS = 24
@@ -87,9 +88,12 @@ def end(here: Hypothesis[P], search: Search[P], rivals: RivalsOf[P] = rivals_of)
 def _reduced(
     here: Hypothesis[P], search: Search[P], rivals: RivalsOf[P]
 ) -> tuple[Hypothesis[P], list[Compared]]:
+    begun = frozenset[Key]()
     while True:
         merged = merge(here, search)
+        if (keys := frozenset(e.key for e in merged.effects)) != begun:
+            begun, merged = keys, begun_anew(merged, search)
         after, compared = exchange(merged, search, rivals)
-        last, here = after is here, remove(after, search)
+        last, here = after is merged, remove(after, search)
         if last or not search.in_time():
             return here, compared

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from gfm.core.checks import Array
-from gfm.diagnosis.inference.amounts import amounts
+from gfm.diagnosis.inference.amounts import amounts, free_parameters
 from gfm.diagnosis.inference.constants import UNWEIGHED
 from gfm.diagnosis.inference.fitting import always
 from gfm.diagnosis.inference.score import Difference
@@ -62,24 +62,34 @@ def _steadiness(here: Hypothesis, domain: TorqueDomain | None) -> dict[Key, tupl
     And how much of what is left on its joint its law would explain if it were bent. Laws of one
     state of one joint are one law, as terms of a series are: they are asked together.
     """
-    fitted, blocks, laws = here.fit, here.problem.blocks, laws_of(here.effects)
-    others = [[one for one in fitted.effects if one not in law] for law in laws]
-    whole, *rest = here.problem.plain().residuals([fitted.effects, *others])
-    weights, steady = slopes(fitted.residual, here.problem.limits()), always(fitted)
+    fitted, blocks, steady = here.fit, here.problem.blocks, always(here.fit)
+    weights = slopes(fitted.residual, here.problem.limits())
     told = dict[Key, tuple[float, float]]()
-    for law, without in zip(laws, rest, strict=True):
+    for law in laws_of(here.effects):
         own = np.array([one in law for one in fitted.effects])[fitted.owners]
         beside = own | steady  # what acts now and then, a part may not know
         known = replace(fitted, jacobian=fitted.jacobian[:, beside])
-        linear = fitted.jacobian[:, own] @ amounts(fitted.effects)[own]  # less where more is alike
-        does = min((without - whole) * weights, linear, key=np.linalg.norm)
-        parts = apart(known, blocks, own[beside], does)
+        parts = apart(known, blocks, own[beside], _does(here, law, weights))
         bend = 0.0
         if straight := list(bent_by(here, law, domain).values()):
             joint = here.problem.joints.index(law[0].joints[0])
             bend = bends(known, _ways(here, straight) * weights[:, None], blocks, joint)
         told |= dict.fromkeys((one.key for one in law), (parts, bend))
     return told
+
+
+def _does(here: Hypothesis, law: Sequence[EffectInstance], weights: Array) -> Array:
+    """Returns what a law does in the residual, by which other amounts of it are measured, (N,).
+
+    To first order, as what other amounts would do; by rollouts without it where no amount is none.
+    """
+    fitted, told = here.fit, free_parameters(here.effects)
+    if all(one.effect.how_much for one in law):
+        own = [(e := here.effects[i]) in law and name in e.effect.how_much for i, name in told]
+        return np.asarray(fitted.jacobian[:, own] @ amounts(here.effects)[own])
+    sets = [here.effects, [one for one in here.effects if one not in law]]
+    whole, without = here.problem.plain().residuals(sets)
+    return np.asarray((without - whole) * weights)
 
 
 def _ways(here: Hypothesis, straight: Sequence[EffectInstance]) -> Array:
