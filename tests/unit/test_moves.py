@@ -26,9 +26,10 @@ from gfm.diagnosis.search.moves.add import (
     best_of,
     worth_more,
 )
+from gfm.diagnosis.search.moves.begin_anew import begun_anew
 from gfm.diagnosis.search.moves.common_errors import common_errors
 from gfm.diagnosis.search.moves.merge import merge
-from gfm.diagnosis.search.moves.missing_torque import begun_anew, borne_out, fewest, missing_torque
+from gfm.diagnosis.search.moves.missing_torque import borne_out, fewest, missing_torque
 from gfm.diagnosis.search.moves.reduce import (
     Compared,
     _not_told_apart,
@@ -588,6 +589,14 @@ def test_a_fit_that_stays_behind_begins_anew_with_what_the_missing_torque_tells(
 def test_what_leaves_nothing_is_not_begun_anew(rubbing):
     here = rubbing.with_effects(instance("coulomb_friction", torque=0.3))
     assert begun_anew(here, rubbing.search(torques=rubbing.torques)) is here
+
+
+def test_what_the_missing_torque_tells_nothing_of_is_not_begun_anew(rubbing):
+    stiff = replace(
+        rubbing.with_effects(),
+        fit=measured(rubbing.problem, [instance("joint_elasticity", stiffness=50.0)]),
+    )
+    assert begun_anew(stiff, rubbing.search(torques=rubbing.torques)) is stiff
 
 
 @pytest.mark.parametrize(("asked", "taken"), [(0.28, True), (0.1, False)])

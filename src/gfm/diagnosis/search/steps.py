@@ -14,8 +14,9 @@ from functools import partial
 from gfm.diagnosis.inference.amounts import acting
 from gfm.diagnosis.inference.fitting import measured
 from gfm.diagnosis.search.hypothesis import FAR_OFF, Hypothesis, P
+from gfm.diagnosis.search.moves.begin_anew import begun_anew
 from gfm.diagnosis.search.moves.merge import merge
-from gfm.diagnosis.search.moves.missing_torque import begun_anew, fewest
+from gfm.diagnosis.search.moves.missing_torque import fewest
 from gfm.diagnosis.search.moves.reduce import Compared, RivalsOf, exchange, remove, rivals_of
 from gfm.diagnosis.search.naming import describe
 from gfm.diagnosis.search.support import support

@@ -20,7 +20,6 @@ import numpy as np
 
 from gfm.diagnosis.inference.amounts import at_bound
 from gfm.diagnosis.inference.fitting import Fit, without
-from gfm.diagnosis.inference.score import NOTHING, difference
 from gfm.diagnosis.residuals.initial_states import orthonormal
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
@@ -31,7 +30,6 @@ from gfm.diagnosis.search.read_off import (
     column,
     most_together,
     read_off,
-    told_together,
     whitened,
 )
 from gfm.diagnosis.search.screening import is_whole, open_to
@@ -100,28 +98,6 @@ def _fewer(before: Hypothesis, tried: Tried) -> Tried | None:
         if not here.over(fitted).clear:
             return beside(before, fitted)
     return None
-
-
-def begun_anew(here: Hypothesis[P], search: Search[P]) -> Hypothesis[P]:
-    """Returns a hypothesis with amounts from a fit that begins with what the missing torque tells.
-
-    Where laws stand for one another, rollouts have several valleys and a linear regression has
-    none. Of two ends that predict as well, to within one standard error, the one whose amounts are
-    nearer to the missing torque is taken: that is the other witness.
-    """
-    domain = search.witness or search.torques
-    if domain is None or not (here.effects and here.room.clear):
-        return here
-    search.report("settling amounts anew, from those that the missing torque tells")
-    begun = Tried(
-        new=(), fit=replace(here.fit, effects=told_together(domain, here.effects)), gain=NOTHING
-    )
-    step = Step(move=Move.MISSING_TORQUE, before=here.fit.cost, chosen=begun)
-    there = search.in_its_time(partial(search.after, here, step), here)
-    gain = difference(here.problem.blocks, there.predictive, here.predictive)
-    unlike = [sum(domain.disagreement(one.effects).values()) for one in (there, here)]
-    nearer = unlike[0] < unlike[1] and not (-gain).notable
-    return there if gain.notable or nearer else here
 
 
 def shown(
