@@ -93,7 +93,7 @@ def _reduced(
     while True:
         merged = merge(here, search)
         if (keys := frozenset(e.key for e in merged.effects)) != begun:
-            begun, merged = keys, begun_anew(merged, search)
+            begun, merged = keys, begun_anew(merged, search)  # once for what stands there
         after, compared = exchange(merged, search, rivals)
         last, here = after is merged, remove(after, search)
         if last or not search.in_time():

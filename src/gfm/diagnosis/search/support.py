@@ -81,15 +81,19 @@ def _steadiness(here: Hypothesis, domain: TorqueDomain | None) -> dict[Key, tupl
 def _does(here: Hypothesis, law: Sequence[EffectInstance], weights: Array) -> Array:
     """Returns what a law does in the residual, by which other amounts of it are measured, (N,).
 
-    To first order, as what other amounts would do; by rollouts without it where no amount is none.
+    To first order, as what other amounts would do. Where no amount is none, by rollouts without it;
+    or to first order, if that is less: any larger amount would do as well.
     """
-    fitted, told = here.fit, free_parameters(here.effects)
+    free, linear = free_parameters(here.effects), here.fit.jacobian * amounts(here.effects)
+    told = {(one.key, name) for one in law for name in one.effect.how_much}
     if all(one.effect.how_much for one in law):
-        own = [(e := here.effects[i]) in law and name in e.effect.how_much for i, name in told]
-        return np.asarray(fitted.jacobian[:, own] @ amounts(here.effects)[own])
+        own = [(here.effects[i].key, name) in told for i, name in free]
+        return np.asarray(linear[:, own].sum(axis=1))
+    own = [here.effects[i] in law for i, _ in free]
     sets = [here.effects, [one for one in here.effects if one not in law]]
     whole, without = here.problem.plain().residuals(sets)
-    return np.asarray((without - whole) * weights)
+    both = (without - whole) * weights, linear[:, own].sum(axis=1)
+    return np.asarray(min(both, key=np.linalg.norm))
 
 
 def _ways(here: Hypothesis, straight: Sequence[EffectInstance]) -> Array:

@@ -25,13 +25,7 @@ from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.hypothesis import Hypothesis, P
 from gfm.diagnosis.search.moves.add import beside, best_begun
 from gfm.diagnosis.search.naming import describe, first_of_each, grouped
-from gfm.diagnosis.search.read_off import (
-    Shown,
-    column,
-    most_together,
-    read_off,
-    whitened,
-)
+from gfm.diagnosis.search.read_off import Shown, column, most_together, read_off, whitened
 from gfm.diagnosis.search.screening import is_whole, open_to
 from gfm.diagnosis.search.trace import Move, Step, Tried
 from gfm.diagnosis.search.under_way import Search
