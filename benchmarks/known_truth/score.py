@@ -66,11 +66,12 @@ def score(truth: Report, report: Report, wall_s: float) -> Score:
     """Returns how a report compares with the truth.
 
     What cannot be told apart counts as right if the truth stands among the suspects as its equal.
+    What the report tells as one of several names is none of nothing that is there if one of them is
+    right; first, and right, it is only where physics cannot tell them apart.
     """
     there, named = truth["effects"], report["effects"]
     pairs = [(hidden, one) for hidden in there for one in named if _means(one, hidden, report)]
-    right = [one for _, one in pairs]
-    strange = [one for one in named if not any(one is r for r in right)]
+    strange = [one for one in named if not is_right(one, truth, report)]
     first = named[0] if named else None
     errors, covered, spread = _parameters(pairs)
     return Score(
@@ -120,11 +121,12 @@ def _means(one: Report, hidden: Report, report: Report) -> bool:
 
 
 def is_right(one: Report, truth: Report, report: Report) -> bool:
-    """Returns whether a name or a suspect is hidden, on its joints.
+    """Returns whether a name, one of those told with it, or a suspect is hidden, on its joints.
 
-    What cannot be told apart counts as in `score`.
+    That is what a confidence says. What physics cannot tell apart counts as in `score`.
     """
-    return any(_means(one, hidden, report) for hidden in truth["effects"])
+    names = (one, *one.get("equals", ()))
+    return any(_means(n, hidden, report) for hidden in truth["effects"] for n in names)
 
 
 def _named(one: Report, hidden: Report, report: Report) -> bool:

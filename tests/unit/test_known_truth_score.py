@@ -112,6 +112,16 @@ def test_an_equal_counts_if_the_truth_is_listed_as_its_equal() -> None:
     assert not judged([hidden], found, (lost,)).effect
 
 
+def test_one_of_several_names_is_not_wrong_if_another_is_there_and_not_right_first() -> None:
+    together = named("drive_dead_zone", "elbow")
+    together["equals"] = [{"effect": "backlash", "joints": ["elbow"]}]
+    for joint, surplus in (("elbow", 0), ("shoulder", 1)):
+        told = judged([effect("backlash", joint)], [together])
+        assert (told.surplus, told.claimed) == (surplus, bool(surplus))
+        assert not told.effect
+        assert not told.complete
+
+
 def test_anything_named_on_clean_data_is_wrong() -> None:
     assert page.is_wrong(judged([], [named("armature", "elbow", confidence=0.1)], category="none"))
     assert not page.is_wrong(judged([], [], category="none"))

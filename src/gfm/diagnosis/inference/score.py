@@ -83,8 +83,8 @@ class Difference(NamedTuple):
 
     @property
     def open(self) -> bool:
-        """Whether it is less than its own error to either side: the data do not decide."""
-        return abs(self.nats) <= self.error
+        """Whether it is clear to neither side: the data do not decide."""
+        return not (self.clear or (-self).clear)
 
     @property
     def notable(self) -> bool:
