@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from gfm.diagnosis.inference.amounts import acting, amounts, at_bound
+from gfm.diagnosis.inference.amounts import acting, amounts, at_bound, bounds_of
 from gfm.diagnosis.inference.fitting import (
     LeastSquares,
     by_simplex,
@@ -164,6 +164,18 @@ def test_others_make_up_for_what_is_left_out_as_a_fit_without_it_would(regressio
 def test_a_value_at_its_bound_has_not_been_found(excess, speed, expected):
     stribeck = instance("stribeck_friction", static_excess=excess, stribeck_velocity=speed)
     assert at_bound(stribeck) is expected
+
+
+def test_where_a_model_allows_for_less_a_fit_looks_no_further_and_ends_at_that_bound(regression):
+    within = replace(friction(0.02), most={"torque": 0.05})
+    (found,) = fit(regression, [within]).effects
+    assert amounts([found]) == pytest.approx([0.05])
+    assert at_bound(found)
+    assert not at_bound(within)
+    assert [end.tolist() for end in bounds_of([within])] == [[0.0], [0.05]]
+    load = instance("payload", mass=1.0, com_x=0.0, com_y=0.1, com_z=-0.3)
+    low, high = bounds_of([replace(load, most={"com_z": 0.4})])
+    assert (low[3], high[3], low[1]) == (-0.4, 0.4, -2.0)
 
 
 @pytest.mark.parametrize(("lag_s", "expected"), [(5e-5, True), (5e-4, False)])

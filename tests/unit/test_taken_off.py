@@ -1,6 +1,7 @@
 """One thing that a model has too much of is a candidate beside those that it lacks."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -13,10 +14,11 @@ from gfm.diagnosis.inference.fitting import fit
 from gfm.diagnosis.search.candidates import Place
 from gfm.diagnosis.search.screening import weigh
 from gfm.effects import EffectInstance, find_effect
-from gfm.effects.nominal_parameters import KEPT, least_amounts
+from gfm.effects.nominal_parameters import KEPT, least_amounts, most_amounts
 from gfm.effects.plugins import USUAL_SCALES
 from pendulum import MODEL, PERIOD_S, ROTOR, swung
 
+MODELS = Path(__file__).parents[2] / "models"
 NOISE = 1e-4
 #: What the model says of the joint's damping, and what there is of it.
 SAID_DAMPING, DAMPING = 0.6, 0.2
@@ -63,6 +65,19 @@ def test_a_damping_that_the_model_has_too_much_of_is_named_alone(runs):
     assert low < DAMPING - SAID_DAMPING < high
     assert one.confidence > 0.8
     assert found.sentence.startswith("The model has too much viscous friction on j (")
+
+
+def test_a_load_is_no_farther_out_than_the_largest_model_is_large():
+    """The XL330's pendulum hangs 13 cm down from its axis, its disc included."""
+    pendulum = mujoco.MjSpec.from_file(str(MODELS / "xl330_pendulum.xml"))
+    arm = mujoco.MjSpec.from_file(str(MODELS / "sawyer_position.xml"))
+    most = most_amounts([pendulum], find_effect("payload"))
+    assert list(most) == ["com_x", "com_y", "com_z"]
+    assert 0.26 < most["com_z"] < 0.52
+    both = most_amounts([pendulum, arm], find_effect("payload"))
+    assert both == most_amounts([arm], find_effect("payload"))
+    assert both["com_z"] > 2.0
+    assert most_amounts([pendulum], find_effect("armature")) == {}
 
 
 def test_no_more_is_taken_off_than_every_model_has(runs):

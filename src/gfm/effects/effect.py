@@ -348,6 +348,7 @@ class EffectInstance:
             it misleads a gravity compensation, say) is to be added.
         least: Amounts to which a fit looks, where its parameter does not allow for as little: by so
             much the model may have too much of it.
+        most: Sizes, to either side, up to which a fit looks, where its parameter allows for more.
     """
 
     effect: Effect
@@ -355,6 +356,7 @@ class EffectInstance:
     values: Mapping[str, float] = field(default_factory=dict)
     in_model: bool = False
     least: Mapping[str, float] = field(default_factory=dict)
+    most: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def key(self) -> Key:

@@ -1,4 +1,4 @@
-"""What a model itself says of its joints: it may say too much.
+"""What a model itself says of its joints, where it may say too much, and of its size.
 
 Effects add to a model. Where its own damping, dry friction or motor inertia is larger than the
 robot's, less than nothing is to be added, and no less than takes off all that the model says.
@@ -34,6 +34,18 @@ def least_amounts(
     kept = KEPT if effect.name == "armature" else 0.0
     most = (1.0 - kept) * min(_said(spec, effect.name, joints[0]) for spec in specs)
     return {effect.parameters[0].name: -most} if most > 0.0 else {}
+
+
+def most_amounts(specs: Collection[mujoco.MjSpec], effect: Effect) -> dict[str, float]:
+    """Returns the largest sizes of amounts that a model's own size allows for, m.
+
+    What a robot carries is no farther from its last link than the robot is large: a gram two metres
+    out is a rotor's inertia, which has no weight. How large it is: the longest side of its box.
+    """
+    if effect.name != "payload":
+        return {}
+    size = 2.0 * max(float(spec.copy().compile().stat.extent) for spec in specs)
+    return dict.fromkeys(("com_x", "com_y", "com_z"), size)
 
 
 def covers(spec: mujoco.MjSpec, instance: EffectInstance) -> bool:

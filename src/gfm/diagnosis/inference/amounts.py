@@ -35,10 +35,12 @@ def rough_below(effects: Sequence[EffectInstance]) -> Array:
 def at_bound(instance: EffectInstance) -> bool:
     """Returns whether a fitted parameter is none, or ran into its bound: any beyond would do."""
     return any(
-        min(abs(instance.values[p.name] - p.lower), abs(p.upper - instance.values[p.name]))
-        < max(AT_BOUND * min(p.upper - p.lower, abs(instance.values[p.name]) + 1e-9), p.least)
-        or abs(instance.values[p.name]) < p.least
+        min(abs(value - low), abs(high - value))
+        < max(AT_BOUND * min(high - low, abs(value) + 1e-9), p.least)
+        or abs(value) < p.least
         for p in _free(instance)
+        for value in (instance.values[p.name],)
+        for low, high in (_ends(instance, p, p.lower),)
     )
 
 
@@ -69,5 +71,11 @@ def with_amounts(effects: Sequence[EffectInstance], vector: Array) -> tuple[Effe
 
 def bounds_of(effects: Sequence[EffectInstance]) -> tuple[Array, Array]:
     """Returns the least and the largest value of every free parameter, shape (P,) each."""
-    both = [(e.least.get(p.name, p.lower), p.upper) for e in effects for p in _free(e)]
+    both = [_ends(e, p, e.least.get(p.name, p.lower)) for e in effects for p in _free(e)]
     return np.array([low for low, _ in both]), np.array([high for _, high in both])
+
+
+def _ends(instance: EffectInstance, parameter: EffectParameter, low: float) -> tuple[float, float]:
+    """Returns `low` and the largest value of a parameter, or the largest size to either side."""
+    most = instance.most.get(parameter.name, np.inf)
+    return max(low, -most), min(parameter.upper, most)

@@ -44,12 +44,14 @@ class Place:
         joints: Where it acts.
         scales: Typical sizes of the signals there, on the first of its joints.
         least: Amounts, less than none, that would take off all that the model itself says there.
+        most: Largest sizes of amounts there, to either side, see `most_amounts`.
     """
 
     effect: Effect
     joints: tuple[str, ...]
     scales: Scales
     least: Mapping[str, float] = field(default_factory=dict)
+    most: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def key(self) -> Key:
@@ -64,7 +66,11 @@ class Place:
     def instance(self, values: Values) -> EffectInstance:
         """Returns the effect there, in some amount."""
         return EffectInstance(
-            effect=self.effect, joints=self.joints, values=values, least=self.least
+            effect=self.effect,
+            joints=self.joints,
+            values=values,
+            least=self.least,
+            most=self.most,
         )
 
 

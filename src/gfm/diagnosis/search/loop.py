@@ -27,7 +27,7 @@ from gfm.diagnosis.search.steps import end, run
 from gfm.diagnosis.search.trace import SearchResult, Step, parts_of
 from gfm.diagnosis.search.under_way import Search
 from gfm.effects import EffectInstance, effect_library
-from gfm.effects.nominal_parameters import least_amounts
+from gfm.effects.nominal_parameters import least_amounts, most_amounts
 from gfm.signals.torque_domain import torque_domain, torque_views
 
 #: Share of the time that is kept for rivals of what was found.
@@ -128,7 +128,11 @@ def _begun(
     pushing = problem.pushing
     under_way = Search(
         candidates=[
-            replace(place, least=least_amounts(problem.specs.values(), effect, place.joints))
+            replace(
+                place,
+                least=least_amounts(problem.specs.values(), effect, place.joints),
+                most=most_amounts(problem.specs.values(), effect),
+            )
             for effect in looked_for(library, recorded(problem))
             for place in places(effect, problem.joints, scales, problem.driven, pushing=pushing)
         ],
