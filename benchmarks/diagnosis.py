@@ -207,7 +207,8 @@ purpose). Seed 0 was looked at while the diagnosis and the settings of the peers
 other seeds were not.
 
 A name is right if it is that of the hidden effect, or of one that physics cannot tell from it, with
-the hidden one listed beside it as its equal. "Claimed": with a confidence above 0.5.
+the hidden one listed beside it as its equal. "Claimed": with a confidence above 0.5, and not told
+with one that is there.
 
 ## All of it
 

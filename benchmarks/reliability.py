@@ -205,9 +205,9 @@ def document(told: Sequence[Told], reports: int, figure: str, made: str = "") ->
     sections = [
         "# Whether confidences are what they say",
         f"Names told about robots (reports: {reports}). On a simulated one a name is right if it "
-        "is hidden there on these joints, or if physics cannot tell it from the truth and the "
-        "truth stands beside it as its equal; on a measured one, if both halves of the recordings "
-        "bear it out.",
+        "or one that is told with it is hidden there on these joints, or if physics cannot tell "
+        "it from the truth and the truth stands beside it as its equal; on a measured one, if both "
+        "halves of the recordings bear it out.",
         *([made] if made else []),
         f"![share of right names over confidence; bars are 95 % intervals, numbers count names]"
         f"({figure})",
