@@ -66,8 +66,8 @@ def score(truth: Report, report: Report, wall_s: float) -> Score:
     """Returns how a report compares with the truth.
 
     What cannot be told apart counts as right if the truth stands among the suspects as its equal.
-    What the report tells as one of several names is none of nothing that is there if one of them is
-    right; first, and right, it is only where physics cannot tell them apart.
+    A name that is told with others is not wrong if one of them is there; it is right, as the first
+    name, only where physics cannot tell the two apart.
     """
     there, named = truth["effects"], report["effects"]
     pairs = [(hidden, one) for hidden in there for one in named if _means(one, hidden, report)]
