@@ -34,14 +34,16 @@ def rough_below(effects: Sequence[EffectInstance]) -> Array:
 
 def at_bound(instance: EffectInstance) -> bool:
     """Returns whether a fitted parameter is none, or ran into its bound: any beyond would do."""
-    return any(
-        min(abs(value - low), abs(high - value))
-        < max(AT_BOUND * min(high - low, abs(value) + 1e-9), p.least)
-        or abs(value) < p.least
-        for p in _free(instance)
-        for value in (instance.values[p.name],)
-        for low, high in (_ends(instance, p, p.lower),)
+    return any(_is_at_bound(instance, parameter) for parameter in _free(instance))
+
+
+def _is_at_bound(instance: EffectInstance, parameter: EffectParameter) -> bool:
+    value, (low, high) = (
+        instance.values[parameter.name],
+        _ends(instance, parameter, parameter.lower),
     )
+    near = max(AT_BOUND * min(high - low, abs(value) + 1e-9), parameter.least)
+    return min(abs(value - low), abs(high - value)) < near or abs(value) < parameter.least
 
 
 def acting(effects: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
